@@ -53,7 +53,7 @@ constexpr absl::Duration kPollInterval = absl::Microseconds(50);
 // A cancelled frame may still be on its way from the coordinator to an agent: agents count as idle
 // when none has had a frame for this long.
 constexpr absl::Duration kQuiet = absl::Milliseconds(5);
-constexpr absl::Duration kMaxWait = absl::Minutes(1);
+constexpr absl::Duration kMaxCancelWait = absl::Minutes(1);
 constexpr int kFollowingFrameCount = 3;  // whose median is the time of a following frame
 // Frames that are complete before their moment don't count: more are asked for than are to be
 // cancelled, up to this many times as many.
@@ -90,7 +90,8 @@ class CancelBench {
     cluster_.reset();
     ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
     client::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
-    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, client.GetDataset("", kMaxWait));
+    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset,
+                              client.GetDataset("", kMaxCancelWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
@@ -179,10 +180,10 @@ class CancelBench {
         idle_at = now;
       }
       was_busy = is_busy;
-      if (is_busy && now - since > kMaxWait) {
+      if (is_busy && now - since > kMaxCancelWait) {
         return absl::DeadlineExceededError(
             absl::StrCat("agents still had ", cluster_->frames_in_work(), " frames in work ",
-                         absl::FormatDuration(kMaxWait), " after the frame was cancelled"));
+                         absl::FormatDuration(kMaxCancelWait), " after the frame was cancelled"));
       }
       absl::SleepFor(kPollInterval);
     }

@@ -126,7 +126,7 @@ absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(cli::FlagSet* set) {
+cli::Action RegisterCancelBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<CancelBenchFlags>();
   cli::AddFlag(set, "input", "INPUT|DIR", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it, or a dataset folder");
@@ -168,7 +168,7 @@ cli::Command CancelBenchCommand() {
           "client's cancel until its call has returned, and until all agents are idle.\n"
           "Without camera flags the default camera turns by --azimuth 30 --elevation 20, and by\n"
           "7 degrees more after each frame.\n",
-      .register_flags = RegisterFlags};
+      .register_flags = RegisterCancelBenchFlags};
 }
 
 }  // namespace isoscope::bench

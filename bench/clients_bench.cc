@@ -35,7 +35,7 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-constexpr absl::Duration kMaxWait = absl::Minutes(2);
+constexpr absl::Duration kMaxClientsWait = absl::Minutes(2);
 
 // What one client met. Written by its thread alone, and read when that has ended.
 struct ClientLog {
@@ -74,15 +74,16 @@ class ClientsBench {
     ISOSCOPE_ASSIGN_OR_RETURN(token_, cli::ReadToken(connection, *plan_.session.server));
     ISOSCOPE_ASSIGN_OR_RETURN(dialing_, rpc::MakeDialing(connection.transport, /*own_role=*/""));
     const std::unique_ptr<client::ServiceClient> client = Connect();
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
-                              client->GetDataset(plan_.session.dataset.value_or(""), kMaxWait));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const v1::Dataset dataset,
+        client->GetDataset(plan_.session.dataset.value_or(""), kMaxClientsWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
                               client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     request_ = client::MakeRequest(plan_.request, dataset.name(), camera);
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                              client->RenderIsosurface(request_, kMaxWait));
+                              client->RenderIsosurface(request_, kMaxClientsWait));
     expected_ = std::move(*response.mutable_png());
     return absl::OkStatus();
   }
@@ -117,7 +118,7 @@ class ClientsBench {
         return;
       }
       const absl::StatusOr<v1::RenderIsosurfaceResponse> response =
-          log->client->RenderIsosurface(request_, kMaxWait);
+          log->client->RenderIsosurface(request_, kMaxClientsWait);
       const absl::Time done = absl::Now();
       if (!response.ok()) {
         if (log->failed_count++ == 0) {

@@ -91,7 +91,7 @@ absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(cli::FlagSet* set) {
+cli::Action RegisterClientsBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<ClientsBenchFlags>();
   cli::AddSessionFlags(set, &flags->session);
   cli::AddFlag(set, "--clients", "N,...", &flags->counts, ParseCounts,
@@ -115,7 +115,7 @@ cli::Command ClientsBenchCommand() {
               "--seconds 30\n"
               "\nEach client has a connection of its own, and comes again as told when it is "
               "refused. Fails if a\nframe fails or a picture has other bytes than the first one.\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterClientsBenchFlags};
 }
 
 }  // namespace isoscope::bench

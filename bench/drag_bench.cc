@@ -36,7 +36,7 @@ namespace {
 namespace v1 = isoscope::v1;
 
 constexpr absl::Duration kWarmUp = absl::Seconds(1);
-constexpr absl::Duration kMaxWait = absl::Minutes(1);
+constexpr absl::Duration kMaxDragWait = absl::Minutes(1);
 
 class DragBench {
  public:
@@ -48,17 +48,17 @@ class DragBench {
         session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
     client::ServiceClient& client = session_->client();
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
-                              client.GetDataset(session_->dataset_name(), kMaxWait));
+                              client.GetDataset(session_->dataset_name(), kMaxDragWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
     ISOSCOPE_ASSIGN_OR_RETURN(camera_,
                               client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
-                              client.GetClusterStatus(kMaxWait));
+                              client.GetClusterStatus(kMaxDragWait));
     result_.agent_count = cluster.agents_size();
     result_.renderer = cluster.agents().empty() ? "" : cluster.agents(0).renderer();
-    ISOSCOPE_RETURN_IF_ERROR(client.RenderIsosurface(FrameOf(0), kMaxWait).status());
+    ISOSCOPE_RETURN_IF_ERROR(client.RenderIsosurface(FrameOf(0), kMaxDragWait).status());
     stream_ = client.Interact();
     std::thread reader([this] { Read(); });
     const absl::Status dragged = Drag();
@@ -103,7 +103,7 @@ class DragBench {
     }
     const base::MutexLock lock(&mutex_);
     const bool came = exact_came_.AwaitUntil(
-        &mutex_, absl::Now() + kMaxWait,
+        &mutex_, absl::Now() + kMaxDragWait,
         [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return exact_.has_value() || is_over_; });
     return came && exact_.has_value()
                ? absl::OkStatus()
@@ -168,7 +168,7 @@ class DragBench {
       ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse rendered,
-                              client->RenderIsosurface(FrameOf(last_state_), kMaxWait));
+                              client->RenderIsosurface(FrameOf(last_state_), kMaxDragWait));
     result_.exact_is_that_of_render = exact_->png() == rendered.png();
     return std::move(result_);
   }

@@ -84,7 +84,7 @@ absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(cli::FlagSet* set) {
+cli::Action RegisterDragBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<DragBenchFlags>();
   cli::AddSessionFlags(set, &flags->session);
   cli::AddRendererFlag(set, &flags->session);
@@ -114,7 +114,7 @@ cli::Command DragBenchCommand() {
               "\nWithout --server, coordinator and agents run in this process. The client sends 60 "
               "views a second,\n"
               "each a degree further, and acknowledges frames as they come.\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterDragBenchFlags};
 }
 
 }  // namespace isoscope::bench

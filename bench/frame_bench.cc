@@ -30,12 +30,12 @@
 namespace isoscope::bench {
 namespace {
 
-using Json = nlohmann::json;
+using AnyJson = nlohmann::json;
 
 // Reads numbers by name and remembers the first that is missing.
 class NumberReader {
  public:
-  double Get(const Json& object, const char* key) {
+  double Get(const AnyJson& object, const char* key) {
     if (object.is_object() && object.contains(key) && object[key].is_number()) {
       return object[key].get<double>();
     }
@@ -50,7 +50,7 @@ class NumberReader {
   std::string missing_;
 };
 
-FrameFigures FrameFromJson(const Json& frame, NumberReader* reader) {
+FrameFigures FrameFromJson(const AnyJson& frame, NumberReader* reader) {
   FrameFigures figures;
   figures.wall_ms = reader->Get(frame, "wall_ms");
   figures.active_block_count = reader->Get(frame, "active_block_count");
@@ -59,11 +59,11 @@ FrameFigures FrameFromJson(const Json& frame, NumberReader* reader) {
   figures.read_bytes = reader->Get(frame, "read_bytes");
   figures.network_bytes = reader->Get(frame, "network_bytes");
   figures.png_bytes = reader->Get(frame, "png_bytes");
-  const Json durations = frame.value("durations_ms", Json::object());
+  const AnyJson durations = frame.value("durations_ms", AnyJson::object());
   for (std::size_t i = 0; i < kFrameSteps.size(); ++i) {
     figures.step_ms[i] = reader->Get(durations, kFrameSteps[i]);
   }
-  for (const Json& agent : frame.value("agents", Json::array())) {
+  for (const AnyJson& agent : frame.value("agents", AnyJson::array())) {
     figures.busy_ms.push_back(reader->Get(agent, "busy_ms"));
   }
   return figures;
@@ -169,15 +169,15 @@ struct CaseRuns {
 }  // namespace
 
 absl::StatusOr<std::vector<FrameFigures>> FramesFromJson(absl::string_view text) {
-  const Json json = Json::parse(text.begin(), text.end(), /*cb=*/nullptr,
-                                /*allow_exceptions=*/false);
+  const AnyJson json = AnyJson::parse(text.begin(), text.end(), /*cb=*/nullptr,
+                                      /*allow_exceptions=*/false);
   if (!json.is_object() || !json.contains("frames") || !json["frames"].is_array()) {
     return absl::InternalError("statistics of frames: not a JSON object with an array \"frames\"");
   }
   std::vector<FrameFigures> frames;
   NumberReader reader;
-  for (const Json& frame : json["frames"]) {
-    frames.push_back(FrameFromJson(frame.is_object() ? frame : Json::object(), &reader));
+  for (const AnyJson& frame : json["frames"]) {
+    frames.push_back(FrameFromJson(frame.is_object() ? frame : AnyJson::object(), &reader));
   }
   if (!reader.missing().empty()) {
     return absl::InternalError(

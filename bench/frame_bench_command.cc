@@ -234,7 +234,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(cli::FlagSet* set) {
+cli::Action RegisterFrameBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<FrameBenchFlags>();
   const auto parse_side = [](absl::string_view text) {
     return client::ParseInteger(text, 1, view::kMaxViewportPx);
@@ -299,7 +299,7 @@ cli::Command FrameBenchCommand() {
           "(--spacing, --azimuth and --elevation where they are not 1,1,1, 30 and 20) and\n"
           "prints a JSON object with \"cold_total\" and \"next_total\" in milliseconds. \"cold "
           "x\" and\n\"next x\" are its times over ours.\n",
-      .register_flags = RegisterFlags};
+      .register_flags = RegisterFrameBenchFlags};
 }
 
 }  // namespace isoscope::bench

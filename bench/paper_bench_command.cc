@@ -289,7 +289,7 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(cli::FlagSet* set) {
+cli::Action RegisterPaperBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<PaperBenchFlags>();
   const auto parse_agent_count = [](absl::string_view text) {
     return client::ParseInteger(text, 1, kMaxAgentCount);
@@ -346,7 +346,7 @@ cli::Command PaperBenchCommand() {
           "from the side), each as CSV, and through gnuplot as SVG and PNG. Agents are measured\n"
           "one at a time, each on one thread, whatever the number of cores. Takes minutes.\n"
           "Without camera flags the default camera turns by --azimuth 30 --elevation 20.\n",
-      .register_flags = RegisterFlags};
+      .register_flags = RegisterPaperBenchFlags};
 }
 
 }  // namespace isoscope::bench

@@ -32,7 +32,7 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-constexpr absl::Duration kMaxWait = absl::Minutes(1);
+constexpr absl::Duration kMaxSliderWait = absl::Minutes(1);
 constexpr int kUncounted = 2;
 
 absl::Duration KernelTime() {
@@ -51,14 +51,14 @@ class SliderBench {
         session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
     client::ServiceClient& client = session_->client();
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
-                              client.GetDataset(session_->dataset_name(), kMaxWait));
+                              client.GetDataset(session_->dataset_name(), kMaxSliderWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
     ISOSCOPE_ASSIGN_OR_RETURN(camera_,
                               client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
-                              client.GetClusterStatus(kMaxWait));
+                              client.GetClusterStatus(kMaxSliderWait));
     result_.agent_count = cluster.agents_size();
     result_.renderer = cluster.agents().empty() ? "" : cluster.agents(0).renderer();
     result_.is_in_process = !plan_.session.server.has_value();
@@ -92,7 +92,7 @@ class SliderBench {
     const absl::Duration kernel = KernelTime();
     const absl::Time start = absl::Now();
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                              session_->client().RenderIsosurface(request, kMaxWait));
+                              session_->client().RenderIsosurface(request, kMaxSliderWait));
     const absl::Time end = absl::Now();
     pngs->push_back(std::move(*response.mutable_png()));
     return SliderFrame{

@@ -85,7 +85,7 @@ absl::Status Run(const SliderBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(cli::FlagSet* set) {
+cli::Action RegisterSliderBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<SliderBenchFlags>();
   cli::AddSessionFlags(set, &flags->session);
   cli::AddRendererFlag(set, &flags->session);
@@ -110,7 +110,7 @@ cli::Command SliderBenchCommand() {
               "  isoscope-bench slider --server localhost:50051 --isovalue 50 --to 70 "
               "--json slider.json\n"
               "\nWithout --server, coordinator and agents run in this process.\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterSliderBenchFlags};
 }
 
 }  // namespace isoscope::bench

@@ -10,6 +10,13 @@ if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
 endif()
 
+# Debug builds are for those who edit, and clang's for tools: one source, one unit.
+set(batch_size 6)
+if(CMAKE_BUILD_TYPE STREQUAL Debug OR CMAKE_CXX_COMPILER_ID MATCHES Clang)
+  set(batch_size 1)
+endif()
+set(ISOSCOPE_BATCH_SIZE ${batch_size} CACHE STRING "Compile so many sources of a library as one")
+
 option(ISOSCOPE_PRECOMPILED_HEADERS "Compile what most tests include once" ON)
 
 find_program(ISOSCOPE_CCACHE ccache)

@@ -1,14 +1,58 @@
 # The only way to make a target in this project. Every helper adds the include root (the top of the
 # repository), the warnings, strict floating point and the sanitizers.
 
+# Sets `compiled` to sources that include those of `target` by some, and to those that are compiled alone. What a unit
+# includes takes half of its time to compile (docs/lab/compile_time.md). The includes are relative to the repository,
+# so that compiler caches know them in another folder.
+#
+# Alone are kernels, which include themselves for each instruction set, what the build generates, and `apart`.
+function(isoscope_batches compiled target sources apart)
+  set(units ${sources})
+  if(ISOSCOPE_BATCH_SIZE GREATER 1)
+    set(units "")
+    set(batch "")
+    set(index 0)
+    list(LENGTH sources left)
+    foreach(source IN LISTS sources)
+      math(EXPR left "${left} - 1")
+      cmake_path(ABSOLUTE_PATH source OUTPUT_VARIABLE path)
+      cmake_path(IS_PREFIX CMAKE_BINARY_DIR "${path}" NORMALIZE is_generated)
+      set(kernel "")
+      if(NOT is_generated)
+        file(STRINGS "${path}" kernel REGEX "foreach_target\\.h" LIMIT_COUNT 1)
+      endif()
+      if(is_generated OR kernel OR source IN_LIST apart)
+        list(APPEND units "${source}")
+      else()
+        cmake_path(RELATIVE_PATH path BASE_DIRECTORY "${PROJECT_SOURCE_DIR}")
+        string(APPEND batch "#include \"${path}\"\n")
+        math(EXPR index "${index} + 1")
+      endif()
+      math(EXPR rest "${index} % ${ISOSCOPE_BATCH_SIZE}")
+      if(batch AND (rest EQUAL 0 OR left EQUAL 0))
+        math(EXPR number "(${index} + ${ISOSCOPE_BATCH_SIZE} - 1) / ${ISOSCOPE_BATCH_SIZE}")
+        set(unit "${CMAKE_CURRENT_BINARY_DIR}/${target}_${number}.cc")
+        file(CONFIGURE OUTPUT "${unit}" CONTENT "${batch}" @ONLY)
+        # A class in an included file may have members of types that only that file knows.
+        set_source_files_properties("${unit}" PROPERTIES
+          COMPILE_OPTIONS "$<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>")
+        list(APPEND units "${unit}")
+        set(batch "")
+      endif()
+    endforeach()
+  endif()
+  set(${compiled} ${units} PARENT_SCOPE)
+endfunction()
+
 # isoscope_library(NAME store SRCS a.cc HDRS a.h DEPS isoscope::base PRIVATE_DEPS PkgConfig::ZSTD)
 #
 # Makes the static library isoscope_store with the alias isoscope::store.
 function(isoscope_library)
-  cmake_parse_arguments(ARG "" "NAME" "SRCS;HDRS;DEPS;PRIVATE_DEPS" ${ARGN})
+  cmake_parse_arguments(ARG "" "NAME" "SRCS;APART;HDRS;DEPS;PRIVATE_DEPS" ${ARGN})
   set(target isoscope_${ARG_NAME})
   if(ARG_SRCS)
-    add_library(${target} STATIC ${ARG_SRCS} ${ARG_HDRS})
+    isoscope_batches(units ${target} "${ARG_SRCS}" "${ARG_APART}")
+    add_library(${target} STATIC ${units} ${ARG_HDRS})
     set(scope PUBLIC)
     target_link_libraries(${target}
       PUBLIC ${ARG_DEPS} isoscope::fp_strict isoscope::sanitizers

@@ -19,7 +19,7 @@
 // once.
 //
 // ExtractSurfaceCall has one task, on extraction_executor_: it extracts batch by batch and sends
-// messages of about 1 MiB. Both calls wait while kMaxQueuedBytes wait for the network.
+// messages of about 256 KiB. Both calls wait while kMaxQueuedBytes wait for the network.
 
 #include "partition-agent/partition_agent_service_impl.h"
 
@@ -77,7 +77,7 @@ constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
 // A message has at most this many bytes of bands, or one band.
 constexpr std::size_t kMaxBandsBytes = 1 * base::kMiB;
 // A message of ExtractSurface is sent once it has this many bytes.
-constexpr std::size_t kSurfaceMessageBytes = 1 * base::kMiB;
+constexpr std::size_t kSurfaceMessageBytes = base::kMiB / 4;
 // The longest time of a question about histograms or active blocks.
 constexpr absl::Duration kMaxQueryDuration = absl::Minutes(1);
 
@@ -240,7 +240,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     const bool begins = incoming_.has_begin() && incoming_.begin().request().with_trace();
     const base::MutexLock lock(&mutex_);
     if (begins && phase_ == Phase::kExpectBegin) {
-      trace_ = std::make_unique<base::TraceRecorder>();
+      trace_ = std::make_unique<base::TraceRecorder>(
+          rpc::MaxSpansOfAgent(incoming_.begin().agent_count()));
       trace_zero_ = base::TraceClock::now();
     }
     if (trace_ != nullptr) {

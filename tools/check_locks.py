@@ -36,8 +36,8 @@ def locks(path):
     return any(LOCKS.search(text) for text in texts)
 
 
-def command_of(entry):
-    """clang's command for an entry of compile_commands.json."""
+def command_of(entry, source):
+    """clang's command for a source, by the entry of compile_commands.json that compiles it."""
     words = shlex.split(entry["command"])
     compiler = next(i for i, word in enumerate(words) if re.search(r"(g\+\+|clang\+\+|c\+\+)[-\d]*$", word))
     kept, skips = [CLANG], 0
@@ -47,12 +47,22 @@ def command_of(entry):
         elif word in ("-o", "-MF", "-MT", "-MQ", "-include"):
             skips = 1
         elif not DROPPED.fullmatch(word):
-            kept.append(word)
+            kept.append(str(source) if word == entry["file"] else word)
     return kept + FLAGS
 
 
-def check(entry):
-    return subprocess.run(command_of(entry), cwd=entry["directory"], capture_output=True, text=True)
+def sources_of(entry):
+    """The sources that an entry compiles: its own, or those that a batch of the build includes."""
+    path = (pathlib.Path(entry["directory"]) / entry["file"]).resolve()
+    lines = path.read_text().splitlines() if path.suffix == ".cc" and path.is_file() else []
+    included = [re.fullmatch(r'#include "(.*\.cc)"', line) for line in lines]
+    if included and all(included):
+        return [ROOT / match[1] for match in included]
+    return [path]
+
+
+def check(source, entry):
+    return subprocess.run(command_of(entry, source), cwd=entry["directory"], capture_output=True, text=True)
 
 
 def main():
@@ -71,20 +81,20 @@ def main():
     wanted = {source.resolve() for source in options.sources}
     entries = {}
     for entry in json.loads(database.read_text()):
-        path = (pathlib.Path(entry["directory"]) / entry["file"]).resolve()
-        try:
-            relative = path.relative_to(ROOT)
-        except ValueError:
-            relative = path
-        is_product = relative.parts[0] in PRODUCT and str(relative) not in LEFT_OUT
-        if path in wanted or (not wanted and is_product and locks(path)):
-            entries[path] = entry
+        for path in sources_of(entry):
+            try:
+                relative = path.relative_to(ROOT)
+            except ValueError:
+                relative = path
+            is_product = relative.parts[0] in PRODUCT and str(relative) not in LEFT_OUT
+            if path in wanted or (not wanted and is_product and locks(path)):
+                entries[path] = entry
     if not entries or wanted - set(entries):
         print(f"check_locks.py: {database} has none of {sorted(map(str, wanted)) or 'the product'}", file=sys.stderr)
         return 2
     failed = 0
     with concurrent.futures.ThreadPoolExecutor(options.jobs) as pool:
-        for path, done in zip(entries, pool.map(check, entries.values())):
+        for path, done in zip(entries, pool.map(check, entries, entries.values())):
             if done.returncode != 0:
                 failed += 1
                 print(f"{path}:\n{done.stdout}{done.stderr}", file=sys.stderr)

@@ -18,6 +18,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/peer.h"
+#include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -25,11 +26,6 @@ namespace {
 constexpr std::size_t kTokenBytes = 16;
 constexpr char kGatewayTokenVariable[] = "ISOSCOPE_GATEWAY_TOKEN";
 constexpr absl::string_view kBearerProtocol = "isoscope.bearer.";
-constexpr std::size_t kMaxQuotedBytes = 100;
-
-std::string Quoted(absl::string_view text) {
-  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)), "'");
-}
 
 // "host:8080" or "[::1]:8080" without the port.
 absl::string_view HostOf(absl::string_view host_and_port) {

@@ -22,7 +22,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -40,6 +39,7 @@
 #include "web-gateway/json.h"
 #include "web-gateway/render_query.h"
 #include "web-gateway/static_files.h"
+#include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -47,12 +47,7 @@ namespace {
 namespace v1 = isoscope::v1;
 using OutputOptions = v1::OutputOptions;
 
-constexpr std::size_t kMaxQuotedBytes = 100;
 constexpr std::int64_t kMaxMeshBytes = std::int64_t{1} << 30;
-
-std::string Quoted(absl::string_view text) {
-  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)), "'");
-}
 
 HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allowed) {
   HttpResponse response =

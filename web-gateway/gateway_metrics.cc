@@ -1,7 +1,6 @@
 #include "web-gateway/gateway_metrics.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -60,6 +59,14 @@ std::vector<MetricFamily> GatewayMetrics::Collect(const GatewayGauges& gauges) c
   families.push_back(Of(Type::kGauge, "isoscope_limit_pictures",
                         "Most pictures, picks and meshes in work (--max-pictures).",
                         {Value(gauges.max_pictures)}));
+  families.push_back(Of(Type::kGauge, "isoscope_certificate_days_left",
+                        "Days until the own certificate expires; 0 if it can't be read, infinity "
+                        "without one.",
+                        {Value(gauges.certificate_days_left)}));
+  families.push_back(
+      Of(Type::kCounter, "isoscope_reload_failures_total",
+         "Files that were wrong, or could not be read, after a change; what was read before holds.",
+         {Value(static_cast<double>(gauges.certificate_failures), {{"file", "certificate"}})}));
   families.push_back(
       Of(Type::kGauge, "isoscope_viewers", "Views that move: open WebSockets.", {Value(viewers)}));
   families.push_back(

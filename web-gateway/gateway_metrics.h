@@ -7,6 +7,7 @@
 #include <array>
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "absl/time/time.h"
@@ -21,6 +22,8 @@ struct GatewayGauges {
   int max_connections = 0;
   int pictures = 0;
   int max_pictures = 0;
+  double certificate_days_left = 0;  // of that for browsers
+  std::int64_t certificate_failures = 0;
 };
 
 // Updated while the gateway works, by atomics alone. Thread-safe.

@@ -17,6 +17,7 @@
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/certificate_watch.h"
 #include "core/rpc/host_port.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/peer_stream.h"
@@ -54,6 +55,7 @@ class GatewayServerImpl final : public GatewayServer {
               .is_private = parts_.access.asks_token(),
               .passes_tokens = !parts_.access.has_token()},
              &client_),
+        certificate_(options.certificate_file),
         listener_(PeerListener::Make()) {}
   ~GatewayServerImpl() override {
     Shutdown(absl::ZeroDuration());
@@ -85,7 +87,9 @@ class GatewayServerImpl final : public GatewayServer {
     return metrics_.Collect({.connections = connections_.count(),
                              .max_connections = parts_.limits.max_connections,
                              .pictures = api_.pictures_in_work(),
-                             .max_pictures = parts_.limits.max_pictures});
+                             .max_pictures = parts_.limits.max_pictures,
+                             .certificate_days_left = certificate_.DaysLeft(),
+                             .certificate_failures = certificate_.failures()});
   }
 
   void Shutdown(absl::Duration grace) override {
@@ -125,6 +129,7 @@ class GatewayServerImpl final : public GatewayServer {
   GatewayParts parts_;
   Api api_;
   bool has_tls_ = false;
+  rpc::CertificateWatch certificate_;
   std::unique_ptr<PeerListener> listener_;  // ends first: its threads use the parts
 };
 

@@ -9,7 +9,6 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
@@ -28,6 +27,7 @@
 #include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
 #include "core/rpc/proto_convert.h"
+#include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -68,7 +68,6 @@ absl::Status ParameterError(const absl::Status& status) {
 
 absl::Status UnknownParameter(const std::string& name,
                               const std::vector<cli::FlagDescription>& parameters) {
-  constexpr std::size_t kMaxQuotedBytes = 64;
   std::vector<std::string> names;
   for (const cli::FlagDescription& parameter : parameters) {
     names.push_back(std::string(absl::StripPrefix(parameter.names[0], "--")));
@@ -76,8 +75,7 @@ absl::Status UnknownParameter(const std::string& name,
   std::sort(names.begin(), names.end());
   const std::string nearest = cli::NearestName(name, names);
   return absl::InvalidArgumentError(
-      absl::StrCat("there is no parameter '",
-                   absl::CHexEscape(absl::string_view(name).substr(0, kMaxQuotedBytes)), "'",
+      absl::StrCat("there is no parameter ", Quoted(name),
                    nearest.empty() ? ";" : absl::StrCat(", did you mean '", nearest, "'?"),
                    " there are: ", absl::StrJoin(names, ", ")));
 }

@@ -1,10 +1,10 @@
 #include "web-gateway/static_files.h"
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "web-gateway/etag.h"
+#include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -46,10 +46,9 @@ HttpResponse ServeStaticFile(const HttpRequest& request) {
     response.body = std::string(file.content);
     return response;
   }
-  constexpr std::size_t kMaxQuotedBytes = 100;
   return ErrorResponse(absl::NotFoundError(
-      absl::StrCat("there is no page '/", absl::CHexEscape(name.substr(0, kMaxQuotedBytes)),
-                   "' here: '/' is the page, '/v1/datasets' lists the datasets")));
+      absl::StrCat("there is no page ", Quoted(absl::StrCat("/", name)),
+                   " here: '/' is the page, '/v1/datasets' lists the datasets")));
 }
 
 }  // namespace isoscope::gateway

@@ -17,12 +17,6 @@ namespace {
 
 constexpr std::size_t kMaxQuotedBytes = 100;
 
-// The text with what is not printable escaped, cut to a length for messages.
-std::string Quoted(absl::string_view text) {
-  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)),
-                      text.size() > kMaxQuotedBytes ? "...'" : "'");
-}
-
 int HexDigit(char c) {
   if (c >= '0' && c <= '9') {
     return c - '0';
@@ -125,6 +119,11 @@ absl::StatusOr<Target> ParseTarget(absl::string_view target) {
     ISOSCOPE_ASSIGN_OR_RETURN(parsed.query, ParseQuery(parts[1]));
   }
   return parsed;
+}
+
+std::string Quoted(absl::string_view text) {
+  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)),
+                      text.size() > kMaxQuotedBytes ? "...'" : "'");
 }
 
 std::string EscapeQueryValue(absl::string_view text) {

@@ -33,6 +33,9 @@ struct Target {
 // more than kMaxQueryParameters parameters.
 absl::StatusOr<Target> ParseTarget(absl::string_view target);
 
+// Returns text of a client in quotes, its bytes escaped; of a long one the first 100, and "...".
+std::string Quoted(absl::string_view text);
+
 // Escapes all bytes but letters, digits, '-', '_', '.', '~', ',' and ':', for a value in a query.
 std::string EscapeQueryValue(absl::string_view text);
 

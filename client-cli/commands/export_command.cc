@@ -272,7 +272,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterExportFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
   AddSessionFlags(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
@@ -319,7 +319,7 @@ Command ExportCommand() {
               "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
               "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
               "  isoscope export --server localhost:50051 --isovalue 60 --output head.stl\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterExportFlags};
 }
 
 }  // namespace isoscope::cli

@@ -191,7 +191,7 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterGenerateFlags(FlagSet* set) {
   const auto flags = std::make_shared<GenerateFlags>();
   AddFlag(set, "field", "FIELD", &flags->field, ParseField,
           "random, gyroid, marschner-lobb, shells or mixing; see below");
@@ -252,7 +252,7 @@ Command GenerateCommand() {
           .summary = "Writes a test volume of any size: random fields, gyroids, shells and more",
           .usage = "FIELD --dims X,Y,Z --output FILE [OPTIONS]",
           .examples = HelpOfFields(),
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterGenerateFlags};
 }
 
 }  // namespace isoscope::cli

@@ -267,7 +267,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterInfoFlags(FlagSet* set) {
   const auto flags = std::make_shared<InfoFlags>();
   AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
           "a volume, as 'partition' takes it, or a dataset folder");
@@ -309,7 +309,7 @@ Command InfoCommand() {
               "  isoscope info head\n"
               "  isoscope info head.nii.gz --histogram --log --histogram-svg head.svg\n"
               "  isoscope info --server localhost:50051 --json\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterInfoFlags};
 }
 
 }  // namespace isoscope::cli

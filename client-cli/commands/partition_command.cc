@@ -89,7 +89,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterPartitionFlags(FlagSet* set) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(set, "input", "INPUT", &flags->input, ParseText,
           "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
@@ -125,7 +125,7 @@ Command PartitionCommand() {
               "  isoscope partition head.nii.gz --output head --shards 4\n"
               "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
               "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterPartitionFlags};
 }
 
 }  // namespace isoscope::cli

@@ -177,7 +177,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterPickFlags(FlagSet* set) {
   const auto flags = std::make_shared<PickFlags>();
   AddSessionFlags(set, &flags->session);
   AddRendererFlag(set, &flags->session);
@@ -202,7 +202,7 @@ Command PickCommand() {
           "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface --pixel 9,8\n"
           "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
           "--json\n",
-      .register_flags = RegisterFlags};
+      .register_flags = RegisterPickFlags};
 }
 
 }  // namespace isoscope::cli

@@ -546,7 +546,7 @@ absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& co
   return RunFrames(flags, display, session.get(), context);
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterRenderFlags(FlagSet* set) {
   const auto flags = std::make_shared<RenderFlags>();
   AddSessionFlags(set, &flags->session);
   AddRendererFlag(set, &flags->session);
@@ -603,7 +603,7 @@ Command RenderCommand() {
               "--legend \\\n"
               "    --output height.png\n"
               "  isoscope render head.nii.gz --like head.png --output again.png\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterRenderFlags};
 }
 
 }  // namespace isoscope::cli

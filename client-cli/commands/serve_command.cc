@@ -78,7 +78,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterServeFlags(FlagSet* set) {
   const auto flags = std::make_shared<ServeFlags>();
   AddFlag(set, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
   AddFlag(
@@ -110,7 +110,7 @@ Command ServeCommand() {
           "    --tls-key coordinator.key --tls-ca ca.pem --tokens tokens.json\n"
           "\nPrints the address on standard output once frames can be rendered; log lines go to\n"
           "standard error. SIGTERM and SIGINT let frames in work finish, then it ends with 0.\n",
-      .register_flags = RegisterFlags};
+      .register_flags = RegisterServeFlags};
 }
 
 }  // namespace isoscope::cli

@@ -220,7 +220,7 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
   return Top(flags, context).Run();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterTopFlags(FlagSet* set) {
   const auto flags = std::make_shared<TopFlags>();
   AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort, "a coordinator");
   AddConnectionFlags(set, &flags->connection);
@@ -243,7 +243,7 @@ Command TopCommand() {
           .examples =
               "  isoscope top --server localhost:50051\n"
               "  isoscope top --server localhost:50051 --once\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterTopFlags};
 }
 
 }  // namespace isoscope::cli

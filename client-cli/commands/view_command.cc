@@ -49,7 +49,7 @@ namespace v1 = isoscope::v1;
 constexpr char kFirstAddress[] = "127.0.0.1:8080";
 constexpr char kOtherAddress[] = "127.0.0.1:0";
 // How long answers in work may take at the end.
-constexpr absl::Duration kGrace = absl::Seconds(2);
+constexpr absl::Duration kClosingGrace = absl::Seconds(2);
 
 struct ViewFlags {
   SessionFlags session;
@@ -200,11 +200,11 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
     }
   }
   context.interrupt->Wait();
-  server->Shutdown(kGrace);
+  server->Shutdown(kClosingGrace);
   return absl::OkStatus();
 }
 
-Action RegisterFlags(FlagSet* set) {
+Action RegisterViewFlags(FlagSet* set) {
   const auto flags = std::make_shared<ViewFlags>();
   AddSessionFlags(set, &flags->session);
   AddRendererFlag(set, &flags->session);
@@ -258,7 +258,7 @@ Command ViewCommand() {
               "\nStarts everything in this process and prints the address of the page, alone, on\n"
               "standard output. The address has a token that the page asks for: whoever is to see\n"
               "the page needs it. Ctrl-C ends it.\n",
-          .register_flags = RegisterFlags};
+          .register_flags = RegisterViewFlags};
 }
 
 }  // namespace isoscope::cli

@@ -8,12 +8,12 @@
 namespace isoscope::cli {
 namespace {
 
-std::string Number(double value) { return absl::StrFormat("%.9g", value); }
+std::string ExactNumber(double value) { return absl::StrFormat("%.9g", value); }
 
 }  // namespace
 
 std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isovalue) {
-  const std::string head = absl::StrCat("isovalue ", Number(isovalue), " has no surface: ");
+  const std::string head = absl::StrCat("isovalue ", ExactNumber(isovalue), " has no surface: ");
   if (!dataset.has_value_range()) {
     return absl::StrCat(head, "every sample of the volume is NaN");
   }
@@ -23,7 +23,8 @@ std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isova
   if (min < isovalue && isovalue <= max) {
     return "";
   }
-  return absl::StrCat(head, "the values of the volume are in [", Number(min), ", ", Number(max),
+  return absl::StrCat(head, "the values of the volume are in [", ExactNumber(min), ", ",
+                      ExactNumber(max),
                       "], and it must be above the smallest and at most the largest");
 }
 

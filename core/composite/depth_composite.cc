@@ -13,7 +13,7 @@
 namespace isoscope::composite {
 namespace {
 
-constexpr int kTilePx = image::TileSet::kTilePx;
+constexpr int kImageTilePx = image::TileSet::kTilePx;
 
 // Composites one row of a tile.
 void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_colors, int count,
@@ -49,14 +49,14 @@ void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
                           const image::FragmentOrder& order, image::FrameImage* into) {
   ISOSCOPE_DCHECK(from.width == into->width && from.height == into->height);
   from.touched.ForEachInRow(tile_row, [&](int column) {
-    const int begin_x = column * kTilePx;
-    const int count = std::min(kTilePx, from.width - begin_x);
+    const int begin_x = column * kImageTilePx;
+    const int count = std::min(kImageTilePx, from.width - begin_x);
     const image::TileMask& covered = from.CoveredOf(column, tile_row);
-    for (int y = 0; y < kTilePx; ++y) {
+    for (int y = 0; y < kImageTilePx; ++y) {
       if (covered[static_cast<std::size_t>(y)] == 0) {
         continue;
       }
-      const std::size_t first = from.IndexOf(begin_x, tile_row * kTilePx + y);
+      const std::size_t first = from.IndexOf(begin_x, tile_row * kImageTilePx + y);
       CompositeRow(from.keys.data() + first, from.colors.data() + first, count, order,
                    into->keys.data() + first, into->colors.data() + first);
     }
@@ -69,11 +69,11 @@ void CompositeTileRowInto(const image::LayerStack& from, int tile_row, image::La
   for (const image::FrameImage* level : from.Levels()) {
     level->touched.ForEachInRow(tile_row, [&](int column) {
       const image::TileMask& covered = level->CoveredOf(column, tile_row);
-      for (int y = 0; y < kTilePx; ++y) {
+      for (int y = 0; y < kImageTilePx; ++y) {
         for (std::uint32_t rest = covered[static_cast<std::size_t>(y)]; rest != 0;
              rest &= rest - 1) {
-          const int x_px = column * kTilePx + std::countr_zero(rest);
-          const int y_px = tile_row * kTilePx + y;
+          const int x_px = column * kImageTilePx + std::countr_zero(rest);
+          const int y_px = tile_row * kImageTilePx + y;
           const std::size_t pixel = level->IndexOf(x_px, y_px);
           if (level->keys[pixel] != image::kBackgroundKey) {
             into->Insert(x_px, y_px, level->keys[pixel], level->colors[pixel]);
@@ -97,7 +97,7 @@ void FlattenOver(image::Rgba8 background, image::FrameImage* image) {
   if (background == image::Rgba8{}) {
     return;
   }
-  tbb::parallel_for(tbb::blocked_range<int>(0, image->height, kTilePx),
+  tbb::parallel_for(tbb::blocked_range<int>(0, image->height, kImageTilePx),
                     [&](const tbb::blocked_range<int>& rows) {
                       const std::size_t begin = image->IndexOf(0, rows.begin());
                       const std::size_t end = image->IndexOf(0, rows.end());

@@ -17,7 +17,7 @@ namespace isoscope::io {
 namespace {
 
 // Linux moves at most 2^31 - 4096 bytes in one call.
-constexpr auto kMaxTransferBytes = static_cast<std::size_t>(base::kGiB);
+constexpr auto kMaxScratchTransferBytes = static_cast<std::size_t>(base::kGiB);
 
 }  // namespace
 
@@ -44,7 +44,7 @@ ScratchFile::~ScratchFile() { close(fd_); }
 
 absl::Status ScratchFile::WriteAt(std::int64_t offset, const char* bytes, std::size_t size) {
   while (size > 0) {
-    const ssize_t count = pwrite(fd_, bytes, std::min(size, kMaxTransferBytes), offset);
+    const ssize_t count = pwrite(fd_, bytes, std::min(size, kMaxScratchTransferBytes), offset);
     if (count < 0 && errno == EINTR) {
       continue;
     }
@@ -61,7 +61,7 @@ absl::Status ScratchFile::WriteAt(std::int64_t offset, const char* bytes, std::s
 
 absl::Status ScratchFile::ReadAt(std::int64_t offset, std::size_t size, char* out) const {
   while (size > 0) {
-    const ssize_t count = pread(fd_, out, std::min(size, kMaxTransferBytes), offset);
+    const ssize_t count = pread(fd_, out, std::min(size, kMaxScratchTransferBytes), offset);
     if (count < 0 && errno == EINTR) {
       continue;
     }

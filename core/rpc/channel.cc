@@ -66,6 +66,21 @@ std::shared_ptr<grpc::Channel> Dial(const std::string& target, const Dialing& di
   return grpc::CreateCustomChannel(target, dialing.credentials, arguments);
 }
 
+grpc::ChannelArguments FreshChannelArguments() {
+  grpc::ChannelArguments arguments = MakeChannelArguments();
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  return arguments;
+}
+
+std::shared_ptr<grpc::Channel> DialAgent(const std::string& target, const Dialing& dialing,
+                                         std::size_t lookahead_bytes) {
+  grpc::ChannelArguments arguments = FreshChannelArguments();
+  // With the probe each stream may read 16 MiB ahead, or more.
+  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, static_cast<int>(lookahead_bytes));
+  return Dial(target, dialing, arguments);
+}
+
 }  // namespace
 
 grpc::ChannelArguments MakeChannelArguments() {
@@ -91,18 +106,16 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dial
 }
 
 std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target, const Dialing& dialing) {
-  grpc::ChannelArguments arguments = MakeChannelArguments();
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  return Dial(target, dialing, arguments);
+  return Dial(target, dialing, FreshChannelArguments());
 }
 
 std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const Dialing& dialing) {
-  grpc::ChannelArguments arguments = MakeChannelArguments();
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  // With the probe each stream may read 16 MiB ahead, or more.
-  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
-  arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 4 << 20);
-  return Dial(target, dialing, arguments);
+  return DialAgent(target, dialing, 4 * base::kMiB);
+}
+
+std::shared_ptr<grpc::Channel> MakeExportChannel(const std::string& target,
+                                                 const Dialing& dialing) {
+  return DialAgent(target, dialing, base::kMiB / 4);
 }
 
 void EnableServerPlugins() {

@@ -42,6 +42,9 @@ std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
 // Does the same for a coordinator's agents, which are near and many: a stream reads 4 MiB ahead at
 // most, so that the coordinator's memory is what it reserves.
 std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const Dialing& dialing);
+// The same for exports, which hold a stream of each agent for as long as the slowest client reads:
+// a stream reads 256 KiB ahead at most.
+std::shared_ptr<grpc::Channel> MakeExportChannel(const std::string& target, const Dialing& dialing);
 
 // Switches on health and reflection for all servers built later. Call before a ServerBuilder is
 // made. Thread-safe; any number of times.

@@ -120,14 +120,6 @@ v1::IsovalueSuggestion::Method ToProto(volume::SuggestionMethod method) {
   return v1::IsovalueSuggestion::METHOD_UNSPECIFIED;
 }
 
-v1::Dimensions ToProto(const math::Index3& index) {
-  v1::Dimensions proto;
-  proto.set_x(index.x);
-  proto.set_y(index.y);
-  proto.set_z(index.z);
-  return proto;
-}
-
 }  // namespace
 
 absl::StatusOr<HistogramQuery> HistogramQueryFromProto(const v1::GetHistogramRequest& request) {

@@ -55,14 +55,6 @@ absl::StatusOr<math::Index3> DimensionsFromProto(const isoscope::v1::Dimensions&
   return dims;
 }
 
-isoscope::v1::Dimensions ToProto(const math::Index3& dims) {
-  isoscope::v1::Dimensions proto;
-  proto.set_x(dims.x);
-  proto.set_y(dims.y);
-  proto.set_z(dims.z);
-  return proto;
-}
-
 absl::StatusOr<std::uint8_t> ChannelFromProto(float value, absl::string_view path) {
   if (!(value >= 0.0F && value <= 1.0F)) {
     return Invalid(path, value, "must be in [0, 1]");
@@ -71,6 +63,14 @@ absl::StatusOr<std::uint8_t> ChannelFromProto(float value, absl::string_view pat
 }
 
 }  // namespace
+
+isoscope::v1::Dimensions ToProto(const math::Index3& dims) {
+  isoscope::v1::Dimensions proto;
+  proto.set_x(dims.x);
+  proto.set_y(dims.y);
+  proto.set_z(dims.z);
+  return proto;
+}
 
 absl::Status CheckFinite(double value, absl::string_view path) {
   if (!std::isfinite(value)) {

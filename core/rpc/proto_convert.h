@@ -36,6 +36,7 @@ absl::Status CheckFinite(double value, absl::string_view path);
 
 absl::StatusOr<math::Vec3d> VectorFromProto(const isoscope::v1::Vec3& proto,
                                             absl::string_view path);
+isoscope::v1::Dimensions ToProto(const math::Index3& dims);
 isoscope::v1::Vec3 ToProto(const math::Vec3d& vector);
 
 // Degrees become radians; an unset `up` is (0, 1, 0). The same message gives the same bits on every

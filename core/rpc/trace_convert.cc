@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -109,6 +110,31 @@ v1::ProcessTrace AlignAgentTrace(internal::AgentTrace trace, const MessageTimes&
     *aligned.mutable_clock_error_duration() = ToProto(alignment.error());
   }
   return aligned;
+}
+
+void KeepFirstSpans(std::size_t max_spans, v1::ProcessTrace* trace) {
+  std::vector<absl::Duration> starts;
+  for (const v1::TraceTrack& track : trace->tracks()) {
+    for (const v1::TraceSpan& span : track.spans()) {
+      starts.push_back(DurationFromProto(span.start_duration()));
+    }
+  }
+  if (starts.size() <= max_spans) {
+    return;
+  }
+  std::nth_element(starts.begin(), starts.begin() + static_cast<std::ptrdiff_t>(max_spans),
+                   starts.end());
+  const absl::Duration first_dropped = starts[max_spans];
+  std::int64_t dropped = 0;
+  for (v1::TraceTrack& track : *trace->mutable_tracks()) {
+    auto& spans = *track.mutable_spans();
+    const auto end = std::remove_if(spans.begin(), spans.end(), [&](const v1::TraceSpan& span) {
+      return DurationFromProto(span.start_duration()) >= first_dropped;
+    });
+    dropped += spans.end() - end;
+    spans.erase(end, spans.end());
+  }
+  trace->set_dropped_span_count(trace->dropped_span_count() + dropped);
 }
 
 }  // namespace isoscope::rpc

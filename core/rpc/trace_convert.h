@@ -10,6 +10,8 @@
 #ifndef ISOSCOPE_CORE_RPC_TRACE_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_TRACE_CONVERT_H_
 
+#include <algorithm>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -37,6 +39,18 @@ isoscope::internal::v1::AgentTrace ToProto(const base::RecordedTrace& trace,
 isoscope::v1::ProcessTrace AlignAgentTrace(isoscope::internal::v1::AgentTrace trace,
                                            const MessageTimes& times, base::TraceTime zero,
                                            const std::string& agent_address);
+
+// Drops and counts the last of all spans, by their begin, so that at most `max_spans` are left.
+void KeepFirstSpans(std::size_t max_spans, isoscope::v1::ProcessTrace* trace);
+
+// Returns how many spans each of the agents of a frame records, so that what they tell one
+// coordinator is bounded.
+inline std::size_t MaxSpansOfAgent(int agent_count) {
+  constexpr std::size_t kOfAllAgents = 2 * base::TraceRecorder::kMaxSpans;
+  constexpr std::size_t kLeast = 256;
+  return std::clamp(kOfAllAgents / static_cast<std::size_t>(std::max(agent_count, 1)), kLeast,
+                    base::TraceRecorder::kMaxSpans);
+}
 
 }  // namespace isoscope::rpc
 

@@ -195,8 +195,8 @@ class Scanner {
 
   // A value of digits and dots, as far as it is one.
   absl::StatusOr<std::string> ReadUid(std::uint32_t length) {
-    constexpr std::uint32_t kMaxUidBytes = 64;
-    std::string uid(std::min(length, kMaxUidBytes), '\0');
+    constexpr std::uint32_t kMaxSeriesUidBytes = 64;
+    std::string uid(std::min(length, kMaxSeriesUidBytes), '\0');
     ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, uid.size(), uid.data()));
     return uid.substr(0, uid.find_first_not_of("0123456789."));
   }

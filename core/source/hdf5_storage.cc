@@ -97,7 +97,7 @@ std::vector<std::string> VirtualPaths(const std::string& file, const std::string
 }
 
 // The name of the `i`-th source: "%b" is where sources are counted, "%%" is "%" (H5Pset_virtual).
-std::string NumberedName(absl::string_view name, std::int64_t i, bool* is_numbered) {
+std::string NumberedPart(absl::string_view name, std::int64_t i, bool* is_numbered) {
   const std::string numbered = absl::StrReplaceAll(name, {{"%b", absl::StrCat(i)}, {"%%", "%"}});
   *is_numbered |= numbered != absl::StrReplaceAll(name, {{"%b", ""}, {"%%", "%"}});
   return numbered;
@@ -198,8 +198,8 @@ class FileFinder {
       bool is_numbered = false;
       // A numbered series ends where the first one is missing; it has at least one.
       for (std::int64_t number = 0; number == 0 || is_numbered; ++number) {
-        const std::string source_file = NumberedName(file, number, &is_numbered);
-        const std::string source = NumberedName(dataset, number, &is_numbered);
+        const std::string source_file = NumberedPart(file, number, &is_numbered);
+        const std::string source = NumberedPart(dataset, number, &is_numbered);
         bool is_there = false;
         const absl::Status status = VisitSource(source_file, source, owner, &is_there);
         if (number > 0 && !is_there && absl::IsNotFound(status)) {

@@ -32,14 +32,16 @@ constexpr std::size_t kLeastFrameBytes = base::kMiB;
 constexpr std::size_t kMaxUnusedImageBytes = 384 * base::kMiB;
 // 4 bytes a block.
 constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
-// Of an export, from each agent: what gRPC has read ahead (rpc::MakeAgentChannel), messages and
-// blocks made of it.
-constexpr std::size_t kExportBytesPerAgent = 8 * base::kMiB;
+// Of an export, from each agent: what gRPC has read ahead (rpc::MakeExportChannel), a message of
+// 256 KiB as it came and as it is read, and a block made of it.
+constexpr std::size_t kExportBytesPerAgent = base::kMiB;
 // Shares of the limit; the rest is for the process itself and for gRPC.
 constexpr std::size_t kFrameShare = 16;       // 9 of 16
-constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of one agent
+constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of eight agents
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
+constexpr std::size_t kTraceShare = 8;  // of one frame, out of the frames' share
+constexpr std::size_t kMaxTraceBytes = 32 * base::kMiB;
 
 std::size_t PixelsOf(const view::Viewport& size) {
   return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
@@ -87,7 +89,8 @@ std::size_t CoordinatorMemory::DefaultLimitBytes() {
 CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes)
     : limit_bytes_(limit_bytes),
       frames_(limit_bytes / kFrameShare * 9),
-      exports_(std::max(limit_bytes / kExportShare, kExportAnswerBytes + kExportBytesPerAgent)) {
+      exports_(
+          std::max(limit_bytes / kExportShare, kExportAnswerBytes + 8 * kExportBytesPerAgent)) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
 }
 
@@ -99,8 +102,13 @@ std::size_t CoordinatorMemory::active_blocks_bytes() const {
   return std::min(limit_bytes_ / kActiveBlocksShare, kMaxActiveBlocksBytes);
 }
 
-absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery delivery) const {
-  const std::size_t bytes = FrameBytes(spec, delivery);
+std::size_t CoordinatorMemory::trace_bytes() const {
+  return std::min(limit_bytes_ / kTraceShare, kMaxTraceBytes);
+}
+
+absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery delivery,
+                                          std::size_t trace_bytes) const {
+  const std::size_t bytes = FrameBytes(spec, delivery) + trace_bytes;
   if (bytes <= frames_.capacity_bytes()) {
     return absl::OkStatus();
   }
@@ -108,20 +116,23 @@ absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery
   const int samples = spec.effects.samples();
   return absl::ResourceExhaustedError(absl::StrFormat(
       "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator; with its memory limit of "
-      "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of it%s%s, "
+      "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of "
+      "it%s%s%s, "
       "or raise the coordinator's --memory-limit",
       size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
       Mebibytes(bytes), Mebibytes(limit_bytes_), Mebibytes(frames_.capacity_bytes()),
       samples > 1 ? ", or for fewer samples" : "",
-      frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : ""));
+      frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
+      trace_bytes > 0 ? ", or for no trace" : ""));
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
-    const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation) {
-  if (absl::Status status = CheckFits(spec, delivery); !status.ok()) {
+    const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation,
+    std::size_t trace_bytes) {
+  if (absl::Status status = CheckFits(spec, delivery, trace_bytes); !status.ok()) {
     return status;
   }
-  return frames_.Reserve(FrameBytes(spec, delivery), cancellation);
+  return frames_.Reserve(FrameBytes(spec, delivery) + trace_bytes, cancellation);
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveExport(

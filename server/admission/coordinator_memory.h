@@ -28,6 +28,10 @@ std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
 // Returns the part of FrameBytes for bands that have arrived and are not composited yet.
 std::size_t WaitingBandBytes(const frame::FrameSpec& spec);
 
+// A span of a trace: 24 bytes where it is recorded, 216 as a message, 40 in an answer, which gRPC
+// copies.
+inline constexpr std::size_t kTraceSpanBytes = 320;
+
 // Thread-safe. Outlives its reservations.
 class CoordinatorMemory {
  public:
@@ -48,12 +52,20 @@ class CoordinatorMemory {
   [[nodiscard]] std::size_t frame_bytes() const { return frames_.reserved_bytes(); }
   [[nodiscard]] std::size_t export_bytes() const { return exports_.reserved_bytes(); }
 
+  // What the trace of a frame takes: spans of the coordinator and of all agents, until it is sent.
+  [[nodiscard]] std::size_t trace_bytes() const;
+  [[nodiscard]] std::size_t max_trace_spans() const { return trace_bytes() / kTraceSpanBytes; }
+
   // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit.
-  [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery) const;
+  //
+  // trace_bytes: of its trace; 0: it has none
+  [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery,
+                                       std::size_t trace_bytes = 0) const;
   // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`
   // if it fires first.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
-      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation);
+      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation,
+      std::size_t trace_bytes = 0);
   // Of an export, what is on its way to its client: chunks that wait, and gRPC's copy.
   static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
   // Takes the memory of an export: what is on its way from each agent and to the client. Exports

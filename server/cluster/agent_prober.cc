@@ -18,16 +18,16 @@
 namespace isoscope::server {
 namespace {
 
-namespace v1 = isoscope::internal::v1;
+namespace internal = isoscope::internal::v1;
 
 struct Call {
-  std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+  std::unique_ptr<internal::PartitionAgentService::Stub> stub;
   grpc::ClientContext context;
-  v1::DescribeShardsRequest request;
-  v1::DescribeShardsResponse response;
+  internal::DescribeShardsRequest request;
+  internal::DescribeShardsResponse response;
 };
 
-absl::StatusOr<v1::DescribeShardsResponse> AnswerOf(Call* call, const grpc::Status& status) {
+absl::StatusOr<internal::DescribeShardsResponse> AnswerOf(Call* call, const grpc::Status& status) {
   ISOSCOPE_RETURN_IF_ERROR(
       rpc::CheckAnswer(call->request, rpc::ToAbslStatus(status), call->response, call->context));
   return std::move(call->response);
@@ -49,8 +49,9 @@ void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancel
     Call& call = calls[i];
     if (probe.channel == nullptr) {
       probe.channel = rpc::MakeAgentChannel(probe.address, probe.dialing);
+      probe.export_channel = rpc::MakeExportChannel(probe.address, probe.dialing);
     }
-    call.stub = v1::PartitionAgentService::NewStub(probe.channel);
+    call.stub = internal::PartitionAgentService::NewStub(probe.channel);
     call.context.set_deadline(absl::ToChronoTime(deadline));
     call.stub->async()->DescribeShards(&call.context, &call.request, &call.response,
                                        [&probe, &call, &unanswered](const grpc::Status& status) {

@@ -21,8 +21,10 @@ namespace isoscope::server {
 // One agent to ask, and its answer.
 struct AgentProbe {
   std::string address;
-  // The channel to use. If it is null, ProbeAgents puts a fresh one here, which dials at once.
+  // The channel to use. If it is null, ProbeAgents puts a fresh one here, which dials at once, and
+  // another one for exports, which dials when there is one.
   std::shared_ptr<grpc::Channel> channel;
+  std::shared_ptr<grpc::Channel> export_channel = nullptr;
   rpc::Dialing dialing = {};  // of a fresh channel
   absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer =
       absl::UnavailableError("not asked");

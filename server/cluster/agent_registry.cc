@@ -220,11 +220,13 @@ void AgentRegistry::AskMembers(const Suspects& suspects, Members* members) const
                       .channel = needs_fresh_channel && !member.has_fixed_channel
                                      ? nullptr
                                      : member.state.channel,
+                      .export_channel = member.state.export_channel,
                       .dialing = DialingOf(member)});
   }
   options_.probe(absl::MakeSpan(probes), stopping_);
   for (std::size_t i = 0; i < asked.size(); ++i) {
     asked[i]->state.channel = std::move(probes[i].channel);
+    asked[i]->state.export_channel = std::move(probes[i].export_channel);
     AdoptAnswer(std::move(probes[i].answer), &asked[i]->state);
   }
 }

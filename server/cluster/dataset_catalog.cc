@@ -20,21 +20,21 @@
 namespace isoscope::server {
 namespace {
 
-namespace v1 = isoscope::internal::v1;
+namespace internal = isoscope::internal::v1;
 
 // A message names this many shards, and then says "...".
 constexpr std::size_t kMaxNamedShards = 16;
 
-std::string Identity(const v1::ShardDescription& shard) {
+std::string Identity(const internal::ShardDescription& shard) {
   return absl::StrFormat("id %s, %d shards, manifest crc32c %08x, range table crc32c %08x",
                          shard.dataset().dataset_id(), shard.dataset().shard_count(),
                          shard.manifest_crc32c(), shard.range_table_crc32c());
 }
 
 // Returns the first error in an agent's answer.
-absl::Status Validate(const v1::DescribeShardsResponse& response) {
+absl::Status Validate(const internal::DescribeShardsResponse& response) {
   for (int i = 0; i < response.shards_size(); ++i) {
-    const v1::ShardDescription& shard = response.shards(i);
+    const internal::ShardDescription& shard = response.shards(i);
     const std::string path = absl::StrCat("shards[", i, "]");
     ISOSCOPE_RETURN_IF_ERROR(rpc::Validate(shard.dataset(), absl::StrCat(path, ".dataset")));
     if (shard.shard_index() < 0 || shard.shard_index() >= shard.dataset().shard_count()) {
@@ -64,9 +64,9 @@ struct Crew {
 
 // The agents that have one content.
 struct Content {
-  const v1::ShardDescription* reference = nullptr;  // the first one
-  const AgentState* first = nullptr;                // a served one before a lost one
-  int agent_count = 0;                              // also lost ones
+  const internal::ShardDescription* reference = nullptr;  // the first one
+  const AgentState* first = nullptr;                      // a served one before a lost one
+  int agent_count = 0;                                    // also lost ones
   std::set<int> served_shards;
   std::map<std::string, Crew> crews;  // by revision; only of agents that answer
 };
@@ -76,7 +76,7 @@ struct Draft {
   std::map<std::string, Content> contents;  // by identity
 };
 
-void AddToDraft(const AgentState& agent, const v1::ShardDescription& shard,
+void AddToDraft(const AgentState& agent, const internal::ShardDescription& shard,
                 std::set<const Content*>* counted, Draft* draft) {
   const bool is_served = agent.status.ok();
   Content& content = draft->contents[Identity(shard)];
@@ -173,7 +173,7 @@ std::vector<ReplicaSet> ReplicaSetsOf(const Crew& crew) {
           owners.begin(), owners.end(), [](const AgentState* owner) { return owner->is_draining; });
       for (const AgentState* owner : owners) {
         if (all_drain || !owner->is_draining) {
-          set.agents.push_back({owner->address, owner->channel});
+          set.agents.push_back({owner->address, owner->channel, owner->export_channel});
         }
       }
       sets.push_back(std::move(set));
@@ -240,7 +240,7 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
 
 }  // namespace
 
-void AdoptAnswer(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* agent) {
+void AdoptAnswer(absl::StatusOr<internal::DescribeShardsResponse> answer, AgentState* agent) {
   agent->is_draining = false;
   if (!answer.ok()) {
     agent->status = std::move(answer).status();
@@ -271,7 +271,7 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
   std::map<std::string, Draft> drafts;
   for (const AgentState& agent : agents) {
     std::set<const Content*> counted;
-    for (const v1::ShardDescription& shard : agent.shards) {
+    for (const internal::ShardDescription& shard : agent.shards) {
       AddToDraft(agent, shard, &counted, &drafts[shard.dataset().name()]);
     }
   }

@@ -42,6 +42,7 @@ namespace isoscope::server {
 struct AgentState {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
+  std::shared_ptr<grpc::Channel> export_channel;  // null: `channel`
   // OK if it answered. Otherwise the reason why it did not, or the error in its answer.
   absl::Status status = absl::UnavailableError("not asked yet");
   std::string version;

@@ -20,6 +20,7 @@ namespace isoscope::server {
 struct ServingAgent {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
+  std::shared_ptr<grpc::Channel> export_channel = nullptr;  // null: `channel`
 };
 
 // Shards, and the agents of which each serves all of them.

@@ -45,7 +45,7 @@
 namespace isoscope::server {
 namespace {
 
-namespace v1 = isoscope::internal::v1;
+namespace internal = isoscope::internal::v1;
 
 void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
   if (deadline != absl::InfiniteFuture()) {
@@ -66,7 +66,7 @@ bool Unpack(const std::string& bytes, std::vector<T>* values) {
   return true;
 }
 
-absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayout& layout,
+absl::Status UnpackBlock(const internal::BlockSurface& proto, const volume::BlockLayout& layout,
                          mesh::BlockMesh* block) {
   if (proto.block_id() < 0 || proto.block_id() >= layout.block_count()) {
     return absl::InvalidArgumentError(absl::StrCat(
@@ -103,7 +103,7 @@ absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayou
 // The stream of one frame. Its owner waits until it has ended, and then destroys it. If a reaction
 // dropped the last reference to a channel instead, gRPC would join the reaction's own thread.
 class FrameStream final
-    : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
+    : public grpc::ClientBidiReactor<internal::RenderFrameRequest, internal::RenderFrameResponse> {
  public:
   FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
               image::PixelMailboxes* mailboxes, const base::TraceContext& identity,
@@ -113,26 +113,26 @@ class FrameStream final
         mailbox_(mailboxes == nullptr ? nullptr : mailboxes->Open()),
         trace_target_(trace_target),
         listener_(listener),
-        stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
+        stub_(internal::PartitionAgentService::NewStub(agent.channel)) {
     SetDeadline(deadline, &context_);
     rpc::SetTraceparent(identity, &context_);
   }
 
-  static void Start(FrameStream* stream, v1::BeginFrame begin) {
+  static void Start(FrameStream* stream, internal::BeginFrame begin) {
     stream->stub_->async()->RenderFrame(&stream->context_, stream);
     // The hold keeps the stream alive until reads have ended.
     stream->AddHold();
     if (stream->mailbox_ != nullptr) {
       begin.set_mailbox(stream->mailbox_->number());
     }
-    v1::RenderFrameRequest request;
+    internal::RenderFrameRequest request;
     *request.mutable_begin() = std::move(begin);
     stream->Send(std::move(request));
     stream->StartRead(&stream->incoming_);
     stream->StartCall();
   }
 
-  void Send(v1::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
+  void Send(internal::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     if (reads_have_ended_) {
       return;  // OnEnd reports why
@@ -214,11 +214,11 @@ class FrameStream final
   }
 
   // Statistics are those of the frame without a trace.
-  static std::size_t BytesWithoutTrace(const v1::RenderFrameRequest& message) {
+  static std::size_t BytesWithoutTrace(const internal::RenderFrameRequest& message) {
     if (!message.has_begin() || !message.begin().request().with_trace()) {
       return message.ByteSizeLong();
     }
-    v1::RenderFrameRequest plain = message;
+    internal::RenderFrameRequest plain = message;
     plain.mutable_begin()->mutable_request()->clear_with_trace();
     return plain.ByteSizeLong();
   }
@@ -234,14 +234,15 @@ class FrameStream final
       const base::MutexLock lock(&mutex_);
       times.sent = sent_;
     }
+    internal::AgentTrace trace = std::move(*incoming_.mutable_frame_done()->mutable_trace());
+    rpc::KeepFirstSpans(trace_target_.max_spans, trace.mutable_spans());
     *trace_target_.trace =
-        rpc::AlignAgentTrace(std::move(*incoming_.mutable_frame_done()->mutable_trace()), times,
-                             trace_target_.zero, agent_.address);
+        rpc::AlignAgentTrace(std::move(trace), times, trace_target_.zero, agent_.address);
     incoming_.mutable_frame_done()->clear_trace();
   }
 
   // Hands one message to the listener.
-  absl::Status Deliver(v1::RenderFrameResponse* message) {
+  absl::Status Deliver(internal::RenderFrameResponse* message) {
     ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(*message));
     const bool has_bands = message->bands_size() > 0;
     if (has_bands) {
@@ -259,7 +260,7 @@ class FrameStream final
       listener_->OnDrawnPixels(*std::move(pixels));
     }
     switch (message->message_case()) {
-      case v1::RenderFrameResponse::kRayHits: {
+      case internal::RenderFrameResponse::kRayHits: {
         ISOSCOPE_ASSIGN_OR_RETURN(
             std::vector<volume::BlockId> hits,
             rpc::BlockListFromProto(message->ray_hits().hits(), block_count_, "ray_hits.hits"));
@@ -269,10 +270,10 @@ class FrameStream final
         listener_->OnRayHits(std::move(hits), std::move(active));
         return absl::OkStatus();
       }
-      case v1::RenderFrameResponse::kOccludersDone:
+      case internal::RenderFrameResponse::kOccludersDone:
         listener_->OnOccludersDone();
         return absl::OkStatus();
-      case v1::RenderFrameResponse::kFrameDone: {
+      case internal::RenderFrameResponse::kFrameDone: {
         frame::AgentStatistics statistics =
             rpc::AgentStatisticsFromProto(message->frame_done().statistics());
         statistics.agent_address = agent_.address;
@@ -281,7 +282,7 @@ class FrameStream final
         listener_->OnFrameDone(std::move(statistics));
         return absl::OkStatus();
       }
-      case v1::RenderFrameResponse::MESSAGE_NOT_SET:
+      case internal::RenderFrameResponse::MESSAGE_NOT_SET:
         break;
     }
     return has_bands ? absl::OkStatus() : absl::InvalidArgumentError("an empty message");
@@ -306,20 +307,20 @@ class FrameStream final
   const std::unique_ptr<image::PixelMailboxes::Mailbox> mailbox_;  // null: pixels come as bands
   const AgentTraceTarget trace_target_;
   AgentListener* const listener_;
-  const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
+  const std::unique_ptr<internal::PartitionAgentService::Stub> stub_;
   grpc::ClientContext context_;
   std::atomic<bool> was_cancelled_{false};
   std::atomic<std::int64_t> network_bytes_{0};
 
   // Only reads touch these, and they follow one another.
-  v1::RenderFrameResponse incoming_;
+  internal::RenderFrameResponse incoming_;
   std::vector<base::TraceTime> received_;  // each message, if there is a trace
   absl::Status message_error_;
   bool is_frame_done_ = false;
 
   base::Mutex mutex_;
   base::CondVar ended_;
-  std::deque<v1::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
+  std::deque<internal::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
   std::vector<base::TraceTime> sent_ ABSL_GUARDED_BY(mutex_);  // each message, if there is a trace
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_have_ended_ ABSL_GUARDED_BY(mutex_) = false;
@@ -335,13 +336,13 @@ class GrpcAgentLink final : public AgentLink {
   }
 
   void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
-    v1::RenderFrameRequest request;
+    internal::RenderFrameRequest request;
     *request.mutable_occluders()->mutable_blocks() = rpc::ToProto(blocks);
     stream_->Send(std::move(request));
   }
   void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
                          std::string open_pixels) override {
-    v1::RenderFrameRequest request;
+    internal::RenderFrameRequest request;
     *request.mutable_visible_blocks()->mutable_blocks() = rpc::ToProto(blocks);
     request.mutable_visible_blocks()->set_open_pixels(std::move(open_pixels));
     stream_->Send(std::move(request));
@@ -372,9 +373,9 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
   return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
 }
 
-std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
-                                             std::int64_t block_count, absl::Time deadline,
-                                             image::PixelMailboxes* mailboxes,
+std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
+                                             internal::BeginFrame begin, std::int64_t block_count,
+                                             absl::Time deadline, image::PixelMailboxes* mailboxes,
                                              const base::TraceContext& identity,
                                              const AgentTraceTarget& trace_target,
                                              AgentListener* listener) {
@@ -389,13 +390,13 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
 }
 
 struct SurfaceStream::Call {
-  std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+  std::unique_ptr<internal::PartitionAgentService::Stub> stub;
   grpc::ClientContext context;
-  std::unique_ptr<grpc::ClientReader<v1::ExtractSurfaceResponse>> reader;
+  std::unique_ptr<grpc::ClientReader<internal::ExtractSurfaceResponse>> reader;
 };
 
 SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
-                             v1::ExtractSurfaceRequest request, absl::Time deadline,
+                             internal::ExtractSurfaceRequest request, absl::Time deadline,
                              absl::Duration max_silence, const base::TraceContext& identity)
     : part_(std::move(part)),
       layout_(layout),
@@ -412,7 +413,9 @@ SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
 
 void SurfaceStream::Open() {
   auto call = std::make_unique<Call>();
-  call->stub = v1::PartitionAgentService::NewStub(part_.replicas[replica_].channel);
+  const ServingAgent& agent = part_.replicas[replica_];
+  call->stub = internal::PartitionAgentService::NewStub(
+      agent.export_channel != nullptr ? agent.export_channel : agent.channel);
   SetDeadline(deadline_, &call->context);
   rpc::SetTraceparent(identity_, &call->context);
   call->reader = call->stub->ExtractSurface(&call->context, request_);

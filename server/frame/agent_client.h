@@ -45,7 +45,8 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 struct AgentTraceTarget {
   base::TraceTime zero;  // of the axis
   // Set before the link's OnFrameDone, if the agent tells its times. Outlives the link.
-  isoscope::v1::ProcessTrace* trace = nullptr;  // null: nobody asks
+  isoscope::v1::ProcessTrace* trace = nullptr;             // null: nobody asks
+  std::size_t max_spans = base::TraceRecorder::kMaxSpans;  // that are kept of the agent's
 };
 
 // Begins a frame on an agent. `begin`: complete except for shard_indices and mailbox.

@@ -25,13 +25,13 @@
 namespace isoscope::server {
 namespace {
 
-namespace v1 = isoscope::internal::v1;
+namespace internal = isoscope::internal::v1;
 
 // A question that has no answer after this time, or after this share of the time to its deadline,
 // is also put to another agent. Not earlier than after kMinHedgeDelay: a second try costs as much.
 constexpr absl::Duration kHedgeDelay = absl::Milliseconds(500);
 constexpr absl::Duration kMinHedgeDelay = absl::Milliseconds(50);
-constexpr int kDeadlineShare = 4;
+constexpr int kHedgeDeadlineShare = 4;
 
 // Agents that one question about the whole volume may be put to.
 constexpr std::size_t kMaxBoxAgents = 4;
@@ -39,7 +39,7 @@ constexpr std::size_t kMaxBoxAgents = 4;
 // One try of a question on one agent.
 template <typename Response>
 struct Attempt {
-  std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+  std::unique_ptr<internal::PartitionAgentService::Stub> stub;
   grpc::ClientContext context;
   Response response;
   absl::Status status;  // once it has ended
@@ -75,7 +75,7 @@ class Inquiry {
         cancellation_(cancellation),
         start_(start),
         questions_(*questions),
-        hedge_delay_(std::clamp((cancellation.deadline() - absl::Now()) / kDeadlineShare,
+        hedge_delay_(std::clamp((cancellation.deadline() - absl::Now()) / kHedgeDeadlineShare,
                                 kMinHedgeDelay, kHedgeDelay)) {}
 
   // Runs until all questions are answered, one can't be, or the cancellation fires. No call lives
@@ -118,7 +118,7 @@ class Inquiry {
     Question<Request, Response>& question = questions_[index];
     const std::size_t number = question.attempts.size();
     Attempt<Response>& attempt = question.attempts.emplace_back();
-    attempt.stub = v1::PartitionAgentService::NewStub(question.agents[number].channel);
+    attempt.stub = internal::PartitionAgentService::NewStub(question.agents[number].channel);
     if (cancellation_.deadline() != absl::InfiniteFuture()) {
       attempt.context.set_deadline(absl::ToChronoTime(cancellation_.deadline()));
     }
@@ -287,11 +287,11 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
                                                  const rpc::HistogramQuery& query,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
-  Questions<v1::GetShardHistogramRequest, v1::GetShardHistogramResponse> questions(
+  Questions<internal::GetShardHistogramRequest, internal::GetShardHistogramResponse> questions(
       target.parts.size());
   for (std::size_t i = 0; i < questions.size(); ++i) {
     questions[i].agents = AgentsOf(target.parts[i]);
-    v1::GetShardHistogramRequest& request = questions[i].request;
+    internal::GetShardHistogramRequest& request = questions[i].request;
     request.set_dataset_id(target.dataset_id);
     for (const int shard : target.parts[i].shard_indices) {
       request.add_shard_indices(shard);
@@ -336,9 +336,9 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const isoscope::v1::ClipRegion& clip,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation) {
-  Questions<v1::GetActiveBoxRequest, v1::GetActiveBoxResponse> questions(1);
+  Questions<internal::GetActiveBoxRequest, internal::GetActiveBoxResponse> questions(1);
   questions[0].agents = AnyAgents(target);
-  v1::GetActiveBoxRequest& request = questions[0].request;
+  internal::GetActiveBoxRequest& request = questions[0].request;
   request.set_dataset_id(target.dataset_id);
   for (const double isovalue : isovalues) {
     request.add_isovalues(isovalue);
@@ -355,7 +355,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   if (!error.ok()) {
     return {std::move(error), std::move(report)};
   }
-  const v1::GetActiveBoxResponse& answer = questions[0].answer();
+  const internal::GetActiveBoxResponse& answer = questions[0].answer();
   absl::StatusOr<std::optional<math::IndexBox>> box = rpc::ActiveBoxFromProto(answer, layout);
   if (!box.ok()) {
     return Malformed<ActiveExtent>(questions[0], 0, box.status());
@@ -368,10 +368,11 @@ QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
                                                  const std::vector<ShownPoint>& points,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
-  Questions<v1::GetGradientsRequest, v1::GetGradientsResponse> questions(target.parts.size());
+  Questions<internal::GetGradientsRequest, internal::GetGradientsResponse> questions(
+      target.parts.size());
   for (std::size_t i = 0; i < questions.size(); ++i) {
     questions[i].agents = AgentsOf(target.parts[i]);
-    v1::GetGradientsRequest& request = questions[i].request;
+    internal::GetGradientsRequest& request = questions[i].request;
     request.set_dataset_id(target.dataset_id);
     for (const int shard : target.parts[i].shard_indices) {
       request.add_shard_indices(shard);

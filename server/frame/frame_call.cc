@@ -115,7 +115,7 @@ FrameCall::FrameCall(FrameRunner* runner, FrameOrigin origin,
       start_(absl::Now()),
       cancellation_(std::min(AnswerBefore(client_deadline, start_), start_ + max_duration)) {
   if (request.with_trace()) {
-    trace_ = std::make_unique<base::TraceRecorder>();
+    trace_ = std::make_unique<base::TraceRecorder>(runner_->max_own_spans());
     trace_zero_ = base::TraceClock::now();
   }
 }
@@ -152,7 +152,7 @@ absl::Status FrameCall::TakePlace() {
       caller_.CheckViewport(spec_.viewport.width_px, spec_.viewport.height_px));
   ISOSCOPE_RETURN_IF_ERROR(TakeShare());
   absl::StatusOr<Admission::Place> place =
-      runner_->Admit(caller_.QueueKey(origin_.client), spec_, delivery_);
+      runner_->Admit(caller_.QueueKey(origin_.client), spec_, delivery_, trace_ != nullptr);
   if (!place.ok()) {
     caller_.ReturnFrame();
     slot_.reset();
@@ -325,8 +325,9 @@ absl::Status FrameCall::Reserve() {
   const base::TraceScope trace(trace_.get(), "memory");
   const absl::Time start = absl::Now();
   const absl::Cleanup count = [&] { runner_->metrics()->memory_wait.Observe(absl::Now() - start); };
-  ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
-                            runner_->ReserveMemory(spec_, delivery_, cancellation_));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      base::MemoryBudget::Reservation memory,
+      runner_->ReserveMemory(spec_, delivery_, trace_ != nullptr, cancellation_));
   memory_.emplace(std::move(memory));
   return absl::OkStatus();
 }

@@ -88,6 +88,13 @@ bool IsRepeatable(const absl::Status& status) {
   return !absl::IsCancelled(status) && !absl::IsDeadlineExceeded(status);
 }
 
+// Returns true if a picture without the part may be wanted: its agents are gone, or its shards are
+// damaged. Else the same would happen to the others.
+bool IsLoss(const absl::Status& status) {
+  return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
+         absl::IsDataLoss(status);
+}
+
 struct RayHits {
   std::vector<volume::BlockId> hits;
   std::vector<volume::BlockId> active;
@@ -296,7 +303,11 @@ class Frame {
 
   FrameOutcome Run() {
     absl::Status status = base::OrNoMemory("the frame", [this] { return BeginAndDrive(); });
+    std::vector<std::size_t> lost_parts;
     if (!status.ok()) {
+      if (lost_part_.has_value() && IsLoss(status)) {
+        lost_parts = LostParts();
+      }
       for (Part& part : parts_) {
         for (Attempt& attempt : part.attempts) {
           attempt.link->Cancel();
@@ -319,7 +330,7 @@ class Frame {
                          .result = {},
                          .failures = std::move(failures_),
                          .outrun = std::move(outrun_),
-                         .lost_part = lost_part_,
+                         .lost_parts = std::move(lost_parts),
                          .hedge_count = hedge_count_};
     if (outcome.status.ok()) {
       result_.composite_duration = absl::Now() - phase_start_;
@@ -339,6 +350,7 @@ class Frame {
     FrameStage stage = FrameStage::kSelectingOccluders;
     absl::Time begin;
     bool is_live = true;  // else its events no longer count
+    bool has_failed = false;
   };
 
   struct Part {
@@ -386,7 +398,10 @@ class Frame {
         if (!events.ok()) {
           return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
         }
-        for (Event& event : *events) {
+        arrived_ = *std::move(events);
+        while (!arrived_.empty()) {
+          Event event = std::move(arrived_.front());
+          arrived_.pop_front();
           ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
         }
         if (has_replicas) {
@@ -1000,7 +1015,45 @@ class Frame {
     return of_last;
   }
 
+  // Returns the parts without an agent that could do them, ascending. A rack is lost as a whole: of
+  // its agents, some have said so, and others no longer answer. REQUIRES: `lost_part_`.
+  std::vector<std::size_t> LostParts() {
+    std::deque<Event> late = queue_.TakeAll();
+    std::move(late.begin(), late.end(), std::back_inserter(arrived_));
+    for (const Event& event : arrived_) {
+      const End* const end = std::get_if<End>(&event.what);
+      Attempt& attempt = AttemptOf(event.from);
+      if (end != nullptr && attempt.is_live && attempt.stage != FrameStage::kDone &&
+          IsLoss(end->status)) {
+        attempt.is_live = false;
+        NoteFailure(event.from, attempt.stage, end->status);
+      }
+    }
+    std::vector<std::size_t> lost;
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      if (i == *lost_part_ || IsLost(i)) {
+        lost.push_back(i);
+      }
+    }
+    return lost;
+  }
+
+  // Returns true if no replica of the part can do it.
+  [[nodiscard]] bool IsLost(std::size_t part_index) const {
+    const std::vector<Attempt>& attempts = parts_[part_index].attempts;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(setup_.replica_counts[part_index]); ++i) {
+      const bool has_failed = i < attempts.size() && attempts[i].has_failed;
+      const bool is_gone = setup_.is_lost != nullptr &&
+                           setup_.is_lost(static_cast<int>(part_index), static_cast<int>(i));
+      if (!has_failed && !is_gone) {
+        return false;
+      }
+    }
+    return true;
+  }
+
   void NoteFailure(AttemptId id, FrameStage stage, absl::Status status) {
+    AttemptOf(id).has_failed = true;
     failures_.push_back({.part_index = id.part,
                          .agent = AttemptOf(id).link->agent(),
                          .stage = stage,
@@ -1055,8 +1108,9 @@ class Frame {
   absl::Time phase_start_;
   base::TraceTime phase_trace_start_;  // if there is a trace
   absl::Time last_arrival_;
-  ReadGate gate_;     // outlives the links, and what they send
-  EventQueue queue_;  // outlives the links
+  ReadGate gate_;              // outlives the links, and what they send
+  EventQueue queue_;           // outlives the links
+  std::deque<Event> arrived_;  // taken out of it, and not handled yet
   const BeginAgentFrame& begin_;
   std::vector<Part> parts_;
   std::array<std::size_t, kFrameStageCount> parts_at_{};  // the number of parts, by stage

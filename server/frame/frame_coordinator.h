@@ -84,8 +84,9 @@ struct FrameOutcome {
   std::vector<AgentFailure> failures = {};
   // The agents whose part a replica finished first.
   std::vector<AgentIdentity> outrun = {};
-  // The part that ended the frame, because none of its replicas could do it.
-  std::optional<std::size_t> lost_part = std::nullopt;
+  // The parts that nobody could do when the frame failed, ascending: the one that ended it, and
+  // those that were lost with it. Empty if the same would happen to other parts.
+  std::vector<std::size_t> lost_parts = {};
   // Number of second attempts that may_hedge allowed.
   int hedge_count = 0;
 };

@@ -51,13 +51,6 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
                                   frame::IsovaluesOf(spec));
 }
 
-// Returns true if a picture without the part may be wanted: its agents are gone, or its shards are
-// damaged. Else the same would happen to the others.
-bool IsLoss(const absl::Status& status) {
-  return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
-         absl::IsDataLoss(status);
-}
-
 void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
                const AgentIdentity& agent) {
   base::LogInfo("agent_outrun", {{"request", request.request_id()},
@@ -90,9 +83,9 @@ FrameRunner::FrameRunner(const FrameRunnerOptions& options)
 }
 
 absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
-                                                    const frame::FrameSpec& spec,
-                                                    Delivery delivery) {
-  if (absl::Status fits = memory_.CheckFits(spec, delivery); !fits.ok()) {
+                                                    const frame::FrameSpec& spec, Delivery delivery,
+                                                    bool has_trace) {
+  if (absl::Status fits = memory_.CheckFits(spec, delivery, TraceBytes(has_trace)); !fits.ok()) {
     metrics_.too_large_frames.Add();
     return fits;
   }
@@ -163,23 +156,25 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
   of_agents.clear_allow_partial();  // nothing to an agent
   of_agents.clear_dataset_id();     // older agents refuse it
   while (true) {
-    std::optional<std::size_t> lost_part;
+    std::vector<std::size_t> lost_parts;
     absl::StatusOr<FrameResult> result =
-        RunParts(identity, of_agents, spec, target, *parts, cancellation, &lost_part);
-    const bool goes_on = request.allow_partial() && lost_part.has_value() && parts->size() > 1 &&
-                         IsLoss(result.status());
+        RunParts(identity, of_agents, spec, target, *parts, cancellation, &lost_parts);
+    const bool goes_on =
+        request.allow_partial() && !lost_parts.empty() && lost_parts.size() < parts->size();
     if (!goes_on) {
       return result;
     }
     // From the beginning: a part that was lost has left some of its pixels in the picture.
-    parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(*lost_part));
+    for (auto lost = lost_parts.rbegin(); lost != lost_parts.rend(); ++lost) {
+      parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(*lost));
+    }
   }
 }
 
 absl::StatusOr<FrameResult> FrameRunner::RunParts(
     const FrameIdentity& identity, const isoscope::v1::RenderIsosurfaceRequest& request,
     const frame::FrameSpec& spec, const FrameTarget& target, const std::vector<FramePart>& parts,
-    const base::Cancellation& cancellation, std::optional<std::size_t>* lost_part) {
+    const base::Cancellation& cancellation, std::vector<std::size_t>* lost_parts) {
   const std::string active_key = ActiveKeyOf(target, parts, spec);
   FrameSetup setup;
   setup.spec = &spec;
@@ -230,7 +225,9 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
     const AgentAssignment agent = part.On(static_cast<std::size_t>(replica_index));
     AgentTraceTarget trace_target;
     if (identity.trace != nullptr) {
-      trace_target = {.zero = identity.trace_zero, .trace = &traces.emplace_back()};
+      trace_target = {.zero = identity.trace_zero,
+                      .trace = &traces.emplace_back(),
+                      .max_spans = memory_.max_trace_spans() / 4 * 3 / parts.size()};
     }
     leases.push_back(replicas_.Take(agent.address));
     attempts.begins.emplace(agent.address, absl::Now());
@@ -240,7 +237,7 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
   };
   FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
   LearnFrom(identity, attempts, outcome);
-  *lost_part = outcome.lost_part;
+  *lost_parts = outcome.lost_parts;
   if (!outcome.status.ok()) {
     return outcome.status;
   }

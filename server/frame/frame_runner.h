@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -88,14 +89,20 @@ class FrameRunner {
   // none, which says when to come again, or if the frame can never fit the memory limit. Does not
   // block.
   absl::StatusOr<Admission::Place> Admit(const std::string& client, const frame::FrameSpec& spec,
-                                         Delivery delivery);
+                                         Delivery delivery, bool has_trace);
   // The line of frames: what has a place is scheduled there.
   [[nodiscard]] Admission* admission() { return &admission_; }
 
   // Takes the memory of a frame, and waits until it is free. Errors as CoordinatorMemory.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory(
-      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation) {
-    return memory_.ReserveFrame(spec, delivery, cancellation);
+      const frame::FrameSpec& spec, Delivery delivery, bool has_trace,
+      const base::Cancellation& cancellation) {
+    return memory_.ReserveFrame(spec, delivery, cancellation, TraceBytes(has_trace));
+  }
+  // How many spans the coordinator records of a frame with a trace; as many again three times are
+  // its agents'.
+  [[nodiscard]] std::size_t max_own_spans() const {
+    return std::min(memory_.max_trace_spans() / 4, base::TraceRecorder::kMaxSpans);
   }
 
   // The same for an export.
@@ -152,14 +159,16 @@ class FrameRunner {
   [[nodiscard]] CoordinatorGauges gauges() const;
 
  private:
-  // One try of Run, with these parts. With an error, `lost_part` is the part that ended the frame,
-  // if one did.
+  [[nodiscard]] std::size_t TraceBytes(bool has_trace) const {
+    return has_trace ? memory_.trace_bytes() : 0;
+  }
+  // One try of Run, with these parts. With an error, `lost_parts` are those of FrameOutcome.
   absl::StatusOr<FrameResult> RunParts(const FrameIdentity& identity,
                                        const isoscope::v1::RenderIsosurfaceRequest& request,
                                        const frame::FrameSpec& spec, const FrameTarget& target,
                                        const std::vector<FramePart>& parts,
                                        const base::Cancellation& cancellation,
-                                       std::optional<std::size_t>* lost_part);
+                                       std::vector<std::size_t>* lost_parts);
   // What RunParts knows of the attempts beside their outcome, by address.
   struct Attempts {
     std::map<std::string, absl::Time> begins;  // of the first attempt on each agent

@@ -18,7 +18,7 @@
 namespace isoscope::server {
 namespace {
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kNoDistance = std::numeric_limits<float>::infinity();
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 // Calls fn(y) for every row, in parallel.
@@ -58,7 +58,7 @@ void FillDepthRow(const image::FrameImage& image, int y, const view::Unprojectio
   char* to = plane->data() + begin * frame::kDepthBytes;
   for (int x = 0; x < image.width; ++x) {
     const float distance = unprojection.DistanceOf(image::DepthOf(keys[x]));
-    const float shown = IsBackground(keys[x]) ? kInfinity : distance;
+    const float shown = IsBackground(keys[x]) ? kNoDistance : distance;
     base::StoreLittleEndian(shown, to + static_cast<std::size_t>(x) * frame::kDepthBytes);
   }
 }
@@ -119,7 +119,8 @@ void FillPlanes(const image::FrameImage& image, const frame::FrameSpec& spec,
   ForEachPixel(image, [&](std::size_t i, int x, int y) {
     const std::uint64_t key = image.keys[i];
     const bool is_background = IsBackground(key);
-    const float distance = is_background ? kInfinity : unprojection.DistanceOf(image::DepthOf(key));
+    const float distance =
+        is_background ? kNoDistance : unprojection.DistanceOf(image::DepthOf(key));
     if (wanted.surface_index) {
       output->surface_index[i] = static_cast<char>(
           is_background ? kBackgroundSurface : order.SurfaceOf(image::OwnerOf(key)));

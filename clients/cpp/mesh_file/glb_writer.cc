@@ -41,7 +41,7 @@ constexpr std::size_t kChunkHeadBytes = 8;
 // Room for what all surfaces share, and for each of them.
 constexpr std::size_t kJsonBytes = 1024;
 // Three floats of a vertex, three indices of a triangle.
-constexpr std::int64_t kVectorBytes = 3 * sizeof(float);
+constexpr std::int64_t kGlbVectorBytes = 3 * sizeof(float);
 constexpr std::int64_t kMaxFileBytes = std::numeric_limits<std::uint32_t>::max();
 // Values of the specification.
 constexpr int kFloat = 5126;
@@ -177,7 +177,7 @@ class GlbWriter : public MeshWriter {
                  {"byteLength", file_->section_bytes(section)},
                  {"target", section == kIndices ? kElementArrayBuffer : kArrayBuffer}};
     if (parts_.size() > 1 && section != kIndices) {  // of attributes that share a view
-      view["byteStride"] = kVectorBytes;
+      view["byteStride"] = kGlbVectorBytes;
     }
     return view;
   }
@@ -189,7 +189,7 @@ class GlbWriter : public MeshWriter {
                                   const char* shape) {
       Json accessor = {{"bufferView", static_cast<int>(section)}};
       if (first > 0) {
-        accessor["byteOffset"] = first * kVectorBytes;  // a triangle takes as much
+        accessor["byteOffset"] = first * kGlbVectorBytes;  // a triangle takes as much
       }
       accessor["componentType"] = type;
       accessor["count"] = count;

@@ -14,7 +14,7 @@
 namespace isoscope::client {
 namespace {
 
-constexpr std::size_t kVectorBytes = 3 * sizeof(float);
+constexpr std::size_t kPlyVectorBytes = 3 * sizeof(float);
 constexpr std::size_t kFaceBytes = 1 + 3 * sizeof(std::int32_t);
 // Room for the two largest counts: 2^31 - 1 vertices, 2^63 - 1 faces.
 constexpr std::size_t kCountDigits = 10 + 19;
@@ -34,10 +34,10 @@ class PlyWriter : public MeshWriter {
     const auto vertex_count = static_cast<std::size_t>(piece.vertex_count());
     std::string vertices;
     const std::string tail = VertexTail(piece.surface_index);
-    vertices.reserve(vertex_count * (2 * kVectorBytes + tail.size()));
+    vertices.reserve(vertex_count * (2 * kPlyVectorBytes + tail.size()));
     for (std::size_t i = 0; i < vertex_count; ++i) {
-      vertices.append(reinterpret_cast<const char*>(&piece.positions[3 * i]), kVectorBytes);
-      vertices.append(reinterpret_cast<const char*>(&piece.normals[3 * i]), kVectorBytes);
+      vertices.append(reinterpret_cast<const char*>(&piece.positions[3 * i]), kPlyVectorBytes);
+      vertices.append(reinterpret_cast<const char*>(&piece.normals[3 * i]), kPlyVectorBytes);
       vertices += tail;
     }
     std::string faces;

@@ -21,7 +21,11 @@ TEST(GatewayMetricsTest, RequestsAreCountedByStatusAndGaugesAreThoseThatWereGive
   metrics.viewers.store(2);
   std::map<std::string, double> values;
   for (const base::MetricFamily& family :
-       metrics.Collect({.connections = 9, .max_connections = 256, .pictures = 1})) {
+       metrics.Collect({.connections = 9,
+                        .max_connections = 256,
+                        .pictures = 1,
+                        .certificate_days_left = 6.5,
+                        .certificate_failures = 2})) {
     EXPECT_TRUE(absl::EndsWith(family.help, ".")) << family.name;
     EXPECT_EQ(absl::EndsWith(family.name, "_total"),
               family.type == base::MetricFamily::Type::kCounter)
@@ -35,6 +39,8 @@ TEST(GatewayMetricsTest, RequestsAreCountedByStatusAndGaugesAreThoseThatWereGive
   EXPECT_EQ(values["isoscope_http_requests_total 304"], 2);
   EXPECT_EQ(values["isoscope_http_connections"], 9);
   EXPECT_EQ(values["isoscope_viewers"], 2);
+  EXPECT_EQ(values["isoscope_certificate_days_left"], 6.5);
+  EXPECT_EQ(values["isoscope_reload_failures_total certificate"], 2);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "core/rpc/trace_convert.h"
 
 #include <chrono>
+#include <limits>
 #include <string>
 
 #include "absl/time/time.h"
@@ -72,6 +73,34 @@ TEST(TraceConvertTest, AnAgentsSpansMoveToTheCoordinatorsAxisByItsMessages) {
   ASSERT_EQ(in.spans_size(), 2);
   EXPECT_EQ(StartOf(in.spans(1)), absl::Milliseconds(119));
   EXPECT_EQ(EndOf(in.spans(1)), absl::Milliseconds(120));
+}
+
+TEST(TraceConvertTest, OfTooManySpansTheLastOnesAreDroppedAndCounted) {
+  base::RecordedTrace trace = Recorded();  // begins at 102 and 115, and has dropped 3
+  trace.tracks.push_back({"worker 2", {{"read", At(101), At(103)}, {"read", At(120), At(121)}}});
+  v1::ProcessTrace proto = ToProto(trace, At(100));
+  KeepFirstSpans(4, &proto);
+  EXPECT_EQ(proto.dropped_span_count(), 3);
+  KeepFirstSpans(2, &proto);
+  EXPECT_EQ(proto.dropped_span_count(), 5);
+  ASSERT_EQ(TrackOf(proto, "frame 1").spans_size(), 1);
+  EXPECT_EQ(TrackOf(proto, "frame 1").spans(0).name(), "draw");
+  ASSERT_EQ(TrackOf(proto, "worker 2").spans_size(), 1);
+  EXPECT_EQ(StartOf(TrackOf(proto, "worker 2").spans(0)), absl::Milliseconds(1));
+  KeepFirstSpans(0, &proto);
+  EXPECT_EQ(proto.dropped_span_count(), 7);
+  EXPECT_EQ(proto.tracks_size(), 2) << "a track stays";
+}
+
+TEST(TraceConvertTest, ManyAgentsTogetherRecordAsManySpansAsFew) {
+  EXPECT_EQ(MaxSpansOfAgent(1), base::TraceRecorder::kMaxSpans);
+  for (const int agent_count : {2, 3, 16, 64, 256}) {
+    EXPECT_LE(MaxSpansOfAgent(agent_count) * static_cast<std::size_t>(agent_count),
+              2 * base::TraceRecorder::kMaxSpans);
+  }
+  for (const int nonsense : {-1, 0, std::numeric_limits<int>::max()}) {
+    EXPECT_GE(MaxSpansOfAgent(nonsense), std::size_t{256});
+  }
 }
 
 TEST(TraceConvertTest, MessagesThatOvertakeTheArrivalOfOthersDoNotOverlapOnTheirTrack) {

@@ -80,6 +80,20 @@ TEST(CoordinatorMemoryTest, AFrameThatCanNeverFitIsRefusedAtOnceWithTheLimit) {
   }
 }
 
+TEST(CoordinatorMemoryTest, ATraceCountsAndTheSmallestLimitTakesOneOfACommonFrame) {
+  const base::Cancellation never;
+  CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
+  EXPECT_GT(memory.max_trace_spans(), std::size_t{30'000});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto taken,
+      memory.ReserveFrame(SpecOf(1024, 1024), Delivery::kWhole, never, memory.trace_bytes()));
+  EXPECT_EQ(memory.frame_bytes(),
+            FrameBytes(SpecOf(1024, 1024), Delivery::kWhole) + memory.trace_bytes());
+  ISOSCOPE_EXPECT_OK(memory.CheckFits(SpecOf(1200, 1200), Delivery::kWhole));
+  EXPECT_THAT(memory.CheckFits(SpecOf(1200, 1200), Delivery::kWhole, memory.trace_bytes()),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("or for no trace")));
+}
+
 TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
   CoordinatorMemory memory(96 * kMiB);  // 54 for frames: one of 1024 x 1024
   base::Cancellation none;
@@ -102,7 +116,11 @@ TEST(CoordinatorMemoryTest, AnExportOfManyAgentsLeavesFramesTheirs) {
   const base::Cancellation never;
   const base::Cancellation soon(absl::Now() + absl::Seconds(5));
   CoordinatorMemory memory(base::kGiB);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mesh, memory.ReserveExport(80, never));
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mesh, memory.ReserveExport(80, never));
+    EXPECT_LT(memory.export_bytes(), base::kGiB / 8) << "80 agents fit the share of exports";
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mesh, memory.ReserveExport(800, never));
   EXPECT_EQ(memory.export_bytes(), base::kGiB / 8) << "all of the exports' share";
   EXPECT_EQ(memory.frame_bytes(), std::size_t{0});
   for (int i = 0; i < 4; ++i) {
@@ -113,7 +131,7 @@ TEST(CoordinatorMemoryTest, AnExportOfManyAgentsLeavesFramesTheirs) {
 TEST(CoordinatorMemoryTest, ExportsWaitForOneAnother) {
   const base::Cancellation never;
   CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto first, memory.ReserveExport(1, never));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto first, memory.ReserveExport(8, never));
   EXPECT_EQ(first.bytes(), CoordinatorMemory::kExportAnswerBytes + 8 * base::kMiB);
   base::Cancellation short_time(absl::Now() + absl::Milliseconds(30));
   EXPECT_THAT(memory.ReserveExport(1, short_time), StatusIs(absl::StatusCode::kDeadlineExceeded));

@@ -44,6 +44,7 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 using ::testing::Not;
 
 using Blocks = std::vector<volume::BlockId>;
@@ -243,6 +244,7 @@ class FrameCoordinatorTest : public ::testing::Test {
         : agent_(std::move(agent)), test_(test), thread_([this, script] {
             absl::Status status = script(*agent_);
             agent_->coordinator().OnEnd(std::move(status));
+            ++test_->ended_count_;
           }) {
       ++test_->live_links_;
     }
@@ -291,6 +293,9 @@ class FrameCoordinatorTest : public ::testing::Test {
     agents_.clear();
     const auto begin = [&](int index, int replica,
                            AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+      if (before_begin_) {
+        before_begin_(index);
+      }
       if (index == failing_begin_) {
         return absl::FailedPreconditionError("agent-1 serves another dataset");
       }
@@ -319,7 +324,7 @@ class FrameCoordinatorTest : public ::testing::Test {
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
     failures_ = outcome.failures;
     outrun_ = outcome.outrun;
-    lost_part_ = outcome.lost_part;
+    lost_parts_ = outcome.lost_parts;
     if (!outcome.status.ok()) {
       return outcome.status;
     }
@@ -376,11 +381,13 @@ class FrameCoordinatorTest : public ::testing::Test {
   std::function<bool(int, int)> may_hedge_;
   std::vector<AgentFailure> failures_;  // of the last frame
   std::vector<AgentIdentity> outrun_;
-  std::optional<std::size_t> lost_part_;
+  std::vector<std::size_t> lost_parts_;
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
+  std::atomic<int> ended_count_{0};
   int failing_begin_ = -1;
+  std::function<void(int index)> before_begin_;
   std::size_t max_waiting_bytes_ = std::numeric_limits<std::size_t>::max();
   // Called by several threads at once.
   std::function<void()> on_occluders;
@@ -1067,7 +1074,7 @@ TEST_F(ReplicaTest, AnAgentLostAtAnyStepIsReplacedAndTheFrameIsTheSame) {
       ASSERT_EQ(failures_.size(), 1u);
       EXPECT_EQ(failures_[0].agent.address, "agent-1");
       EXPECT_EQ(failures_[0].status, end);
-      EXPECT_EQ(lost_part_, std::nullopt);
+      EXPECT_THAT(lost_parts_, IsEmpty());
       EXPECT_TRUE(outrun_.empty());
     }
   }
@@ -1090,8 +1097,40 @@ TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowMan
                        AllOf(HasSubstr("no way to agent-1.1"),
                              HasSubstr("the last of 2 agents that serve it"))));
   EXPECT_EQ(failures_.size(), 2u);
-  EXPECT_EQ(lost_part_, 1u);
+  EXPECT_THAT(lost_parts_, ElementsAre(1u));
   EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
+}
+
+// Else a frame that goes on without what is lost begins again for each of a rack's agents.
+TEST_F(FrameCoordinatorTest, OfARackThatIsLostAllPartsAreToldAtOnce) {
+  const auto fails = [](Agent&) { return absl::UnavailableError("connection reset"); };
+  const auto damaged = [](Agent&) { return absl::DataLossError("block 7 damaged"); };
+  const auto done = [](Agent& self) {
+    self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
+    return absl::OkStatus();
+  };
+  is_lost_ = [](int part, int /*replica*/) { return part == 5; };
+  before_begin_ = [this](int index) {  // the ends of the others come before the frame looks
+    while ((index == 1 && ended_count_ < 1) || (index == 6 && ended_count_ < 5)) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+  };
+  EXPECT_THAT(RunParts(frame::Culling::kNone, {{done},
+                                               {fails},
+                                               {fails, Wait()},  // its other replica is there
+                                               {damaged},
+                                               {fails},
+                                               {Wait()},
+                                               {Wait()}}),
+              StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_THAT(lost_parts_, ElementsAre(1u, 3u, 4u, 5u));
+}
+
+TEST_F(FrameCoordinatorTest, APartIsNotLostByAnErrorThatOthersWouldMeetToo) {
+  const auto busy = [](Agent&) { return absl::ResourceExhaustedError("too many frames"); };
+  EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), busy}),
+              StatusIs(absl::StatusCode::kResourceExhausted));
+  EXPECT_THAT(lost_parts_, IsEmpty());
 }
 
 TEST_F(ReplicaTest, WhenAllReplicasAreBusyTheErrorStillTellsWhenToRetry) {
