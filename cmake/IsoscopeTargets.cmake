@@ -44,7 +44,7 @@ function(isoscope_batches compiled target sources apart)
   set(${compiled} ${units} PARENT_SCOPE)
 endfunction()
 
-# isoscope_library(NAME store SRCS a.cc HDRS a.h DEPS isoscope::base PRIVATE_DEPS PkgConfig::ZSTD)
+# isoscope_library(NAME store SRCS a.cc b.cc c.cc APART c.cc HDRS a.h DEPS isoscope::base PRIVATE_DEPS PkgConfig::ZSTD)
 #
 # Makes the static library isoscope_store with the alias isoscope::store.
 function(isoscope_library)

@@ -89,7 +89,7 @@ class FrameRunner {
   // none, which says when to come again, or if the frame can never fit the memory limit. Does not
   // block.
   absl::StatusOr<Admission::Place> Admit(const std::string& client, const frame::FrameSpec& spec,
-                                         Delivery delivery, bool has_trace);
+                                         Delivery delivery, bool has_trace = false);
   // The line of frames: what has a place is scheduled there.
   [[nodiscard]] Admission* admission() { return &admission_; }
 

@@ -251,9 +251,7 @@ TEST_P(FrameMemoryTest, NoAllocationOfAFrameEndsTheAgentOrChangesAPicture) {
       const bool has_failed = RunOut(nth, mode, is_warm);
       return has_failed && !HasFailure();
     };
-    // What is made once is made now; the list of callbacks otherwise by the first wait.
-    { const base::Cancellation::Callback callback(never_, [] {}); }
-    run(1, MemoryFailure::Mode::kOnce);
+    run(1, MemoryFailure::Mode::kOnce);  // what is made once is made now
     survived_count_ = 0;
     const std::int64_t live_before = testing::LiveAllocationCount();
     const int run_count = testing::ForEachFailure(run);

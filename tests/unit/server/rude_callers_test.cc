@@ -71,10 +71,11 @@ std::string Entry(const std::string& token, const std::string& limits = "") {
                       limits.empty() ? "" : ", ", limits, "}");
 }
 
-// A mesh of some 10 MiB from each agent: far more than waits for a slow client.
-grpc::Status WriteLargeSurface(std::int64_t first_block, FakeAgent::SurfaceWriter* writer) {
+// The mesh of blocks, 1.2 MiB each.
+grpc::Status WriteLargeSurface(std::int64_t first_block, std::int64_t end_block,
+                               FakeAgent::SurfaceWriter* writer) {
   constexpr int kTriangles = 100'000;
-  for (std::int64_t id = first_block; id < first_block + 4; ++id) {
+  for (std::int64_t id = first_block; id < end_block; ++id) {
     internal::ExtractSurfaceResponse message;
     internal::BlockSurface* block = message.add_blocks();
     block->set_block_id(id);
@@ -106,10 +107,10 @@ class RudeCallersTest : public ::testing::Test {
       };
     }
     first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-      return WriteLargeSurface(0, writer);
+      return WriteLargeSurface(0, 4, writer);
     };
     second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-      return WriteLargeSurface(4, writer);
+      return WriteLargeSurface(4, 8, writer);
     };
     options_.poll_interval = absl::Hours(1);
   }
@@ -255,6 +256,41 @@ TEST_F(RudeCallersTest, ASlowReaderOfAnExportDoesNotStopFrames) {
     EXPECT_THAT(Render("", Request(1024, 1024), absl::Seconds(10)), IsOk()) << i;
   }
   EXPECT_TRUE(slow.Read()) << "the export goes on";
+}
+
+// Symptom: of 80 agents and 1 GiB an export took the memory of all frames. It streams from eight.
+TEST_F(RudeCallersTest, ASlowReaderOfAnExportOfEightyAgentsLeavesFramesTheirMemory) {
+  constexpr int kAgentCount = 80;
+  constexpr int kBlockCount = 8;
+  std::vector<std::unique_ptr<FakeAgent>> agents;
+  options_.agents.clear();
+  for (int i = 0; i < kAgentCount; ++i) {
+    agents.push_back(std::make_unique<FakeAgent>(
+        std::vector<internal::ShardDescription>{MakeShard("head", i, kAgentCount)}));
+    agents.back()->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      return PlayEmptyFrame(stream);
+    };
+    agents.back()->on_surface = [i](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+      return i < kBlockCount ? WriteLargeSurface(i, i + 1, writer) : grpc::Status::OK;
+    };
+    agents.back()->Start();
+    options_.agents.push_back({agents.back()->address(), nullptr});
+  }
+  options_.memory_limit_bytes = std::size_t{1024} * 1024 * 1024;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options_));
+  ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + kLimit));
+  stub_ = v1::IsosurfaceService::NewStub(coordinator_->InProcessChannel());
+  Export slow(stub_.get(), "");
+  ASSERT_TRUE(slow.Read());
+  EXPECT_GT(Metric("isoscope_export_memory_bytes"), 0);
+  EXPECT_LE(Metric("isoscope_export_memory_bytes"), 128 * 1024 * 1024);
+  EXPECT_EQ(Metric("isoscope_frame_memory_bytes"), 0);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_THAT(Render("", Request(2048, 2048)), IsOk()) << i;
+  }
+  EXPECT_THAT(slow.Finish(), IsOk());
+  EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_export_memory_bytes") == 0; }));
+  coordinator_.reset();  // before the agents
 }
 
 // Symptom: the bytes of image, occlusion map and bands stayed reserved until the client had taken
