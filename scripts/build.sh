@@ -5,11 +5,13 @@ set -euo pipefail
 
 usage() {
   cat <<'USAGE'
-Usage: scripts/build.sh [--with-tests] [--target T] [--jobs N]
+Usage: scripts/build.sh [--with-tests] [--target T]... [--no-install] [--jobs N]
 
   --with-tests  build the tests and benchmarks too
-  --target T    build only this of it: release_tests is the part that scripts/test.sh runs
-  --jobs N      compile N files at a time (default: one for each core)
+  --target T    build only this of it, several times for more: isoscope is the command line, release_tests the part that
+                scripts/test.sh runs
+  --no-install  list the packages that are missing, and build only if there are none
+  --jobs N      compile N files at a time (default: one for each core; each takes up to 1 GB of memory)
   -h, --help    this text
 
 ISOSCOPE_BROWSER_TESTS  off: with --with-tests, Chromium and Node are not installed
@@ -20,7 +22,8 @@ USAGE
 }
 
 with_tests=OFF
-target=all
+targets=()
+install=yes
 jobs="$(nproc)"
 while [ "$#" -gt 0 ]; do
   case "$1" in
@@ -30,9 +33,14 @@ while [ "$#" -gt 0 ]; do
       shift
       ;;
     --target)
-      target="${2:-}"
+      if [ -z "${2:-}" ]; then
+        echo "build.sh: --target needs a name" >&2
+        exit 2
+      fi
+      targets+=("$2")
       shift
       ;;
+    --no-install) install=no ;;
     -h | --help)
       usage
       exit 0
@@ -44,10 +52,6 @@ while [ "$#" -gt 0 ]; do
   esac
   shift
 done
-if [ -z "$target" ]; then
-  echo "build.sh: --target needs a name" >&2
-  exit 2
-fi
 case "$jobs" in
   '' | *[!0-9]* | 0)
     echo "build.sh: --jobs needs a number of at least 1" >&2
@@ -68,10 +72,20 @@ if [ "$with_tests" = ON ]; then
     packages+=("${ISOSCOPE_BROWSER_PACKAGES[@]}")
   fi
 fi
+if [ "$install" = no ]; then
+  absent="$(missing_packages "${packages[@]}")"
+  if [ -n "$absent" ]; then
+    echo "build.sh: these Debian packages are missing; install them, or run without --no-install:" >&2
+    echo "$absent"
+    exit 1
+  fi
+fi
 install_packages "${packages[@]}"
 
 # Debian's GDCM tells at length about programs of its own that are not installed: warnings only.
 cmake --preset release --log-level=WARNING \
   -DISOSCOPE_BUILD_TESTS="$with_tests" -DISOSCOPE_BUILD_BENCHMARKS="$with_tests"
-cmake --build --preset release --parallel "$jobs" --target "$target"
-echo "built: $PWD/build/release/bin/isoscope, isoscope-bench, isoscope-agent, isoscope-coordinator, isoscope-gateway"
+# Finished, all, seconds so far.
+export NINJA_STATUS="${NINJA_STATUS:-[%f/%t, %es] }"
+cmake --build --preset release --parallel "$jobs" --target "${targets[@]:-all}"
+echo "built, in $PWD/build/release/bin: ${targets[*]:-isoscope, isoscope-bench, isoscope-agent, isoscope-coordinator, isoscope-gateway}"

@@ -87,6 +87,7 @@ install_packages() {
       return 1
     fi
     as_root=(sudo)
+    echo "isoscope: packages are installed as root, by sudo, which may ask for your password" >&2
   fi
   echo "isoscope: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
   "${as_root[@]}" apt-get update -qq </dev/null >&2 || return

@@ -13,7 +13,7 @@ if [ "$#" -gt 0 ]; then
 fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-bash scripts/build.sh
+bash scripts/build.sh --target isoscope --target isoscope-agent --target isoscope-coordinator
 . scripts/packages.sh
 install_packages "${ISOSCOPE_DEMO_PACKAGES[@]}"
 
@@ -89,3 +89,9 @@ echo "== render"
 "$bin/isoscope" render --server "$coordinator" --isovalue "$isovalue" \
   --eye 260,-480,60 --target 0,16,8 --up 0,0,1 --fov-y 26 \
   --background 0.1,0.11,0.13 --stats "$out/stats.json" --output "$out/head.png"
+
+echo
+echo "The picture: $out/head.png"
+echo "Turn the head in a browser (Ctrl-C ends it):"
+echo
+echo "  $bin/isoscope view $out/head --isovalue $isovalue"
