@@ -36,8 +36,11 @@ void AddCameraFlags(cli::FlagSet* set, CameraFlags* flags) {
   add(cli::AddFlag(set, "--up", "X,Y,Z", &flags->up, ParseVector, "what is up (default: 0,1,0)"));
   add(cli::AddFlag(set, "--fov-y", "DEG", &flags->fov_y_degrees, ParseFieldOfView,
                    "vertical angle of view (default: 30)"));
+  add(cli::AddFlag(set, "--orthographic-height", "H", &flags->orthographic_height,
+                   ParsePositiveNumber,
+                   "parallel projection: the picture is H high, in world units; not with --fov-y"));
   add(cli::AddFlag(set, "--azimuth", "DEG", &flags->azimuth_degrees, ParseNumber,
-                   "turn the default camera about up; not with the four above"));
+                   "turn the default camera about up; not with --eye, --target, --up, --fov-y"));
   add(cli::AddFlag(set, "--elevation", "DEG", &flags->elevation_degrees, ParseNumber,
                    "then about its right axis"));
   add(cli::AddFlag(set, "--zoom", "F", &flags->zoom, ParsePositiveNumber,
@@ -54,6 +57,10 @@ absl::Status CheckUsage(const CameraFlags& flags) {
                        : flags.elevation_degrees ? "--elevation"
                        : flags.zoom              ? "--zoom"
                                                  : nullptr;
+  if (flags.orthographic_height && flags.fov_y_degrees) {
+    return cli::UsageError(
+        "--orthographic-height can't be used with --fov-y: a parallel projection has no angle");
+  }
   if (placed != nullptr && turned != nullptr) {
     return cli::UsageError(absl::StrCat(placed, " can't be used with ", turned,
                                         ": give --eye, --target, --up, --fov-y, or --azimuth, "
@@ -73,6 +80,10 @@ absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const view:
   camera.up = flags.up.value_or(camera.up);
   if (flags.fov_y_degrees) {
     camera.fov_y_radians = *flags.fov_y_degrees * kRadiansPerDegree;
+  }
+  if (flags.orthographic_height) {
+    camera.projection = view::Projection::kOrthographic;
+    camera.view_height = *flags.orthographic_height;
   }
   // Before what follows divides by what is checked here.
   ISOSCOPE_RETURN_IF_ERROR(view::Validate(camera));

@@ -15,7 +15,8 @@
 
 namespace isoscope::client {
 
-// Either the first four or the last three; what is not given is as in the default camera.
+// Either the first four or the last three; what is not given is as in the default camera. The
+// height goes with both, in place of the angle.
 struct CameraFlags {
   std::optional<math::Vec3d> eye = std::nullopt;
   std::optional<math::Vec3d> target = std::nullopt;
@@ -25,12 +26,14 @@ struct CameraFlags {
   std::optional<double> azimuth_degrees = std::nullopt;
   std::optional<double> elevation_degrees = std::nullopt;
   std::optional<double> zoom = std::nullopt;
+
+  std::optional<double> orthographic_height = std::nullopt;  // world units; set: parallel
 };
 
 // `flags` must outlive the parsing.
 void AddCameraFlags(cli::FlagSet* set, CameraFlags* flags);
 
-// UsageError if flags of both kinds are given, or the angle is out of (0, 180).
+// UsageError if flags of both kinds are given, or an angle and a height.
 absl::Status CheckUsage(const CameraFlags& flags);
 
 // The camera for a volume with these bounds. As in VTK, azimuth comes first, then elevation, then

@@ -84,6 +84,11 @@ absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera) {
                       : flags.view           ? "--view"
                       : flags.fits_surface() ? "--fit surface"
                                              : nullptr;
+  if (camera.orthographic_height && (flags.camera_file || flags.fits_surface())) {
+    return cli::UsageError(absl::StrCat("--orthographic-height can't be used with ",
+                                        flags.camera_file ? "--camera" : "--fit surface",
+                                        ", which sets the height of the view"));
+  }
   if (flags.camera_file && other != nullptr) {
     return cli::UsageError(
         absl::StrCat("--camera can't be used with ", other, ": the file has the whole camera"));

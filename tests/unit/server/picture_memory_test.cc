@@ -273,7 +273,9 @@ TEST_P(PictureMemoryTest, NoAllocationOfAFrameEndsTheCoordinatorOrChangesAPictur
     return has_failed && !HasFailure();
   };
   // What is made once is made now; the list of callbacks otherwise by the first wait.
-  { const base::Cancellation::Callback callback(never_, [] {}); }
+  {
+    const base::Cancellation::Callback callback(never_, [] {});
+  }
   run(1, MemoryFailure::Mode::kOnce);
   survived_count_ = 0;
   const std::int64_t live_before = testing::LiveAllocationCount();

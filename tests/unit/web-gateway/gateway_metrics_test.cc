@@ -20,12 +20,11 @@ TEST(GatewayMetricsTest, RequestsAreCountedByStatusAndGaugesAreThoseThatWereGive
   metrics.CountRequest(70'000, absl::Milliseconds(3));
   metrics.viewers.store(2);
   std::map<std::string, double> values;
-  for (const base::MetricFamily& family :
-       metrics.Collect({.connections = 9,
-                        .max_connections = 256,
-                        .pictures = 1,
-                        .certificate_days_left = 6.5,
-                        .certificate_failures = 2})) {
+  for (const base::MetricFamily& family : metrics.Collect({.connections = 9,
+                                          .max_connections = 256,
+                                          .pictures = 1,
+                                          .certificate_days_left = 6.5,
+                                          .certificate_failures = 2})) {
     EXPECT_TRUE(absl::EndsWith(family.help, ".")) << family.name;
     EXPECT_EQ(absl::EndsWith(family.name, "_total"),
               family.type == base::MetricFamily::Type::kCounter)

@@ -123,7 +123,9 @@ TEST_P(ReadQueueMemoryTest, NoAllocationEndsTheProcessOrIsWaitedForForEver) {
     return has_failed && !HasFailure();
   };
   // What is made once is made now; the list of callbacks otherwise in the first run that must wait.
-  { const base::Cancellation::Callback callback(never_, [] {}); }
+  {
+    const base::Cancellation::Callback callback(never_, [] {});
+  }
   run(1, MemoryFailure::Mode::kOnce);
   run(1000, MemoryFailure::Mode::kOnce);  // never comes
   const std::int64_t live_before = testing::LiveAllocationCount();

@@ -51,6 +51,24 @@ TEST(CameraFlagsTest, TurnedCameraIsAzimuthThenElevationThenUpThenZoom) {
   EXPECT_NE(camera.up, (math::Vec3d{0, 1, 0}));
 }
 
+TEST(CameraFlagsTest, AHeightMakesTheProjectionParallelHoweverTheCameraIsPlaced) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const view::Camera turned,
+      ResolveCamera({.azimuth_degrees = 30, .zoom = 2, .orthographic_height = 12}, Bounds()));
+  EXPECT_EQ(turned.projection, view::Projection::kOrthographic);
+  EXPECT_EQ(turned.view_height, 6);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::Camera perspective,
+                                ResolveCamera({.azimuth_degrees = 30}, Bounds()));
+  EXPECT_EQ(turned.eye, perspective.eye);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const view::Camera placed,
+      ResolveCamera({.eye = math::Vec3d{10, 0, 0}, .orthographic_height = 12}, Bounds()));
+  EXPECT_EQ(placed.view_height, 12);
+  EXPECT_THAT(CheckUsage(CameraFlags{.fov_y_degrees = 30, .orthographic_height = 12}),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       ::testing::HasSubstr("can't be used with --fov-y")));
+}
+
 TEST(CameraFlagsTest, OrbitTurnsFrameByFrameAndLeavesTheFirstAlone) {
   const view::Camera camera = view::MakeDefaultCamera(Bounds());
   EXPECT_EQ(OrbitCamera(camera, 7, 0), camera);

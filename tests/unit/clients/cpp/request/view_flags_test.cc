@@ -77,6 +77,14 @@ TEST(ViewFlagsTest, ACameraFromAFileHasItsBits) {
   EXPECT_EQ(read.SerializeAsString(), camera.SerializeAsString());
 }
 
+TEST(ViewFlagsTest, AHeightGoesWithAViewButNotWithWhatSetsIt) {
+  const CameraFlags parallel{.orthographic_height = 12};
+  ISOSCOPE_EXPECT_OK(CheckUsage(ViewFlags{.view = NamedView::kTop}, parallel));
+  ISOSCOPE_EXPECT_OK(CheckUsage(ViewFlags{.fit = v1::CAMERA_FIT_VOLUME}, parallel));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(ViewFlags{.camera_file = "c.json"}, parallel)));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(ViewFlags{.fit = v1::CAMERA_FIT_SURFACE}, parallel)));
+}
+
 TEST(ViewFlagsTest, FlagsThatPlaceTheCameraTwiceExcludeEachOther) {
   const ViewFlags views[] = {{.view = NamedView::kTop}, {.fit = v1::CAMERA_FIT_SURFACE}};
   const CameraFlags placed[] = {{.eye = math::Vec3d{1, 2, 3}},
