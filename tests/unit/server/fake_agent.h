@@ -122,7 +122,10 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
 };
 
 // Plays an agent that has nothing to draw, to the end.
-inline grpc::Status PlayEmptyFrame(FakeAgent::FrameStream* stream) {
+//
+// trace: told with the end of the frame, if one is given
+inline grpc::Status PlayEmptyFrame(FakeAgent::FrameStream* stream,
+                                   const isoscope::internal::v1::AgentTrace* trace = nullptr) {
   namespace v1 = isoscope::internal::v1;
   v1::RenderFrameRequest request;
   v1::RenderFrameResponse response;
@@ -140,6 +143,9 @@ inline grpc::Status PlayEmptyFrame(FakeAgent::FrameStream* stream) {
   response.mutable_frame_done()->mutable_statistics()->set_triangle_count(7);
   response.mutable_frame_done()->mutable_statistics()->set_active_block_count(5);
   response.mutable_frame_done()->mutable_statistics()->set_visible_block_count(3);
+  if (trace != nullptr) {
+    *response.mutable_frame_done()->mutable_trace() = *trace;
+  }
   stream->Write(response);
   return grpc::Status::OK;
 }

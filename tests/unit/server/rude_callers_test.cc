@@ -24,6 +24,7 @@
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "isoscope/v1/trace.pb.h"
 #include "server/access/access_tokens.h"
 #include "server/coordinator_server.h"
 #include "tests/support/certificates.h"
@@ -291,6 +292,47 @@ TEST_F(RudeCallersTest, ASlowReaderOfAnExportOfEightyAgentsLeavesFramesTheirMemo
   EXPECT_THAT(slow.Finish(), IsOk());
   EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_export_memory_bytes") == 0; }));
   coordinator_.reset();  // before the agents
+}
+
+// Symptom: traces were beside the memory limit, 32 768 spans of each agent.
+TEST_F(RudeCallersTest, ATraceCountsAgainstTheMemoryLimit) {
+  constexpr int kSpanCount = 40'000;
+  internal::AgentTrace trace;
+  v1::TraceTrack* const track = trace.mutable_spans()->add_tracks();
+  track->set_name("worker");
+  for (int i = 0; i < kSpanCount; ++i) {
+    v1::TraceSpan* const span = track->add_spans();
+    span->set_name("draw");
+    span->mutable_start_duration()->set_nanos(1000 * i);
+  }
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_frame = [&trace](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      return PlayEmptyFrame(stream, &trace);
+    };
+  }
+  options_.memory_limit_bytes = std::size_t{96} * 1024 * 1024;
+  StartCluster();
+  v1::RenderIsosurfaceRequest request = Request(1200, 1200);
+  EXPECT_THAT(Render("", request), IsOk());
+  request.set_with_trace(true);
+  EXPECT_THAT(Render("", request),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("or for no trace")));
+
+  request = Request();
+  request.set_with_trace(true);
+  grpc::ClientContext context;
+  v1::RenderIsosurfaceResponse response;
+  ASSERT_THAT(rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response)), IsOk());
+  ASSERT_EQ(response.trace().processes_size(), 3);
+  int of_both_agents = 0;
+  for (int i = 1; i < 3; ++i) {
+    const v1::ProcessTrace& of_agent = response.trace().processes(i);
+    const int kept = of_agent.tracks(0).spans_size();
+    EXPECT_GT(kept, 0);
+    EXPECT_EQ(kept + of_agent.dropped_span_count(), kSpanCount);
+    of_both_agents += kept;
+  }
+  EXPECT_LT(of_both_agents, 12 * 1024 * 1024 / 320) << "an eighth of the limit, 320 bytes a span";
 }
 
 // Symptom: the bytes of image, occlusion map and bands stayed reserved until the client had taken

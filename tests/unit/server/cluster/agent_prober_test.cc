@@ -36,6 +36,8 @@ TEST(AgentProberTest, AllAreAskedOverFreshChannelsThatAreLeftBehind) {
       EXPECT_EQ(probe.answer->shards(0).shard_index(), i);
       EXPECT_EQ(probe.answer->version(), "1.2.3");
       EXPECT_NE(probe.channel, nullptr);
+      EXPECT_NE(probe.export_channel, nullptr);
+      EXPECT_NE(probe.export_channel, probe.channel);
     }
   }
 }
