@@ -99,8 +99,8 @@ class FrameRunner {
       const base::Cancellation& cancellation) {
     return memory_.ReserveFrame(spec, delivery, cancellation, TraceBytes(has_trace));
   }
-  // How many spans the coordinator records of a frame with a trace; as many again three times are
-  // its agents'.
+  // How many spans the coordinator records of a frame with a trace. Its agents may have three times
+  // as many.
   [[nodiscard]] std::size_t max_own_spans() const {
     return std::min(memory_.max_trace_spans() / 4, base::TraceRecorder::kMaxSpans);
   }
