@@ -95,7 +95,7 @@ struct WebSocketOptions {
 class PeerStream {
  public:
   static constexpr std::uint32_t kMaxHeaderBytes = 16 * 1024;
-  static constexpr std::uint64_t kMaxBodyBytes = 1024 * 1024;
+  static constexpr std::uint64_t kMaxBodyBytes = std::uint64_t{1024} * 1024;
 
   using Done = std::function<void(bool is_ok)>;
   using RequestDone = std::function<void(ReadError error, const std::string& message)>;

@@ -36,11 +36,11 @@ using ValueParser = std::function<absl::Status(absl::string_view text)>;
 class Flag {
  public:
   // Puts the flag under `heading` in the text of --help; without it that is "Options".
-  Flag Group(const std::string& heading) const;
+  Flag Group(const std::string& heading) const;  // NOLINT(modernize-use-nodiscard)
   // The environment variable that has the text of the value where the flag is not given.
-  Flag Environment(const std::string& variable) const;
+  Flag Environment(const std::string& variable) const;  // NOLINT(modernize-use-nodiscard)
   // The default, as --help shows it.
-  Flag DefaultText(const std::string& text) const;
+  Flag DefaultText(const std::string& text) const;  // NOLINT(modernize-use-nodiscard)
 
  private:
   friend class FlagSet;

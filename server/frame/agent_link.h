@@ -36,7 +36,7 @@ class AgentListener {
   virtual void OnEnd(absl::Status status) = 0;
   // Calls `read` once, as soon as there is room for the agent's next message: before it returns, or
   // later on any thread. Not called while the agent has ended.
-  virtual void WhenRoom(std::function<void()> read) { read(); }
+  virtual void WhenRoom(std::function<void()> read) { read(); }  // NOLINT: others keep it
 };
 
 // Thread-safe. Making the link has begun the frame.

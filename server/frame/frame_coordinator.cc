@@ -927,18 +927,15 @@ class Frame {
     ForEachPart([&](std::size_t i) {
       Part& part = parts_[i];
       part.visible = std::move(selections[i].blocks);
-      std::string open_pixels;
       if (has_depth) {
-        open_pixels = visibility::EncodeOpenPixels(selections[i].open);
+        part.open_pixels = visibility::EncodeOpenPixels(selections[i].open);
       }
       const bool is_only_attempt = part.attempts.size() == 1 && !HasSpare(i);
-      if (!is_only_attempt) {
-        part.open_pixels = open_pixels;
-      }
       for (Attempt& attempt : part.attempts) {
         if (attempt.is_live && attempt.stage == FrameStage::kRenderingVisible) {
-          attempt.link->SendVisibleBlocks(
-              part.visible, is_only_attempt ? std::move(open_pixels) : part.open_pixels);
+          attempt.link->SendVisibleBlocks(part.visible, is_only_attempt
+                                                            ? std::exchange(part.open_pixels, {})
+                                                            : part.open_pixels);
         }
       }
     });

@@ -165,8 +165,9 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
       return result;
     }
     // From the beginning: a part that was lost has left some of its pixels in the picture.
-    for (auto lost = lost_parts.rbegin(); lost != lost_parts.rend(); ++lost) {
-      parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(*lost));
+    std::reverse(lost_parts.begin(), lost_parts.end());  // those that stay keep their places
+    for (const std::size_t lost : lost_parts) {
+      parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(lost));
     }
   }
 }
