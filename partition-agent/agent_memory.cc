@@ -43,13 +43,18 @@ std::size_t AgentMemory::DefaultLimitBytes() {
   return std::max<std::size_t>(base::UsableBytes() / 4, base::kGiB);
 }
 
-AgentMemory::AgentMemory(std::size_t limit_bytes)
-    : limit_bytes_(limit_bytes), steps_(limit_bytes / 4), cache_(0), layers_(unused_layer_bytes()) {
+AgentMemory::AgentMemory(std::size_t limit_bytes, int step_count)
+    : limit_bytes_(limit_bytes),
+      step_count_(static_cast<std::size_t>(std::max(step_count, kDefaultStepCount))),
+      steps_(limit_bytes / 4),
+      cache_(0),
+      layers_(unused_layer_bytes()) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
 }
 
 std::size_t AgentMemory::read_bytes() const {
-  return std::min(limit_bytes_ / kReadShare, kMaxReadBytes);
+  return std::clamp(limit_bytes_ * kDefaultStepCount / (kReadShare * step_count_),
+                    static_cast<std::size_t>(store::ShardReader::kMaxDiskRunBytes), kMaxReadBytes);
 }
 
 absl::Status AgentMemory::Settle() {
@@ -75,17 +80,24 @@ absl::Status AgentMemory::Settle() {
   return absl::OkStatus();
 }
 
+std::size_t AgentMemory::StepBytes(const view::Viewport& viewport, int max_layers) const {
+  const std::size_t pixels =
+      static_cast<std::size_t>(viewport.width_px) * static_cast<std::size_t>(viewport.height_px);
+  const std::size_t layer_bytes =
+      max_layers == 0 ? 0 : static_cast<std::size_t>(max_layers + 1) * kLayerBytesPerPixel;
+  return pixels * (kStepBytesPerPixel + layer_bytes) + kept_mesh_bytes() + read_bytes();
+}
+
+std::size_t AgentMemory::RoomFor(const view::Viewport& viewport, int max_layers) const {
+  return steps_.capacity_bytes() / StepBytes(viewport, max_layers);
+}
+
 absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(
     const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers) {
   if (toucher_ != nullptr) {
     toucher_->NoteWork();
   }
-  const std::size_t pixels =
-      static_cast<std::size_t>(viewport.width_px) * static_cast<std::size_t>(viewport.height_px);
-  const std::size_t layer_bytes =
-      max_layers == 0 ? 0 : static_cast<std::size_t>(max_layers + 1) * kLayerBytesPerPixel;
-  const std::size_t bytes =
-      pixels * (kStepBytesPerPixel + layer_bytes) + kept_mesh_bytes() + read_bytes();
+  const std::size_t bytes = StepBytes(viewport, max_layers);
   absl::StatusOr<base::MemoryBudget::Reservation> reservation = steps_.Reserve(bytes, cancellation);
   if (absl::IsResourceExhausted(reservation.status())) {
     return absl::ResourceExhaustedError(absl::StrFormat(

@@ -26,8 +26,13 @@ class AgentMemory {
   static std::size_t DefaultLimitBytes();
   static constexpr std::size_t kMinLimitBytes = std::size_t{96} << 20;
 
+  // Of steps that each draw with all threads, so many have room whatever they draw.
+  static constexpr int kDefaultStepCount = 2;
+
+  // step_count: steps that run at a time. With more than the default each may take less for meshes
+  // and reads.
   // REQUIRES: limit_bytes >= kMinLimitBytes. The cache keeps nothing before Settle.
-  explicit AgentMemory(std::size_t limit_bytes);
+  explicit AgentMemory(std::size_t limit_bytes, int step_count = kDefaultStepCount);
 
   // Gives the cache the memory that neither the process holds nor frames need, and begins to touch
   // it ahead of frames, while there are none. Call it once all shards are open. FAILED_PRECONDITION
@@ -38,10 +43,11 @@ class AgentMemory {
   // shaded yet.
   [[nodiscard]] std::size_t unused_image_bytes() const { return limit_bytes_ / 16; }
   [[nodiscard]] std::size_t unused_layer_bytes() const { return limit_bytes_ / 32; }
-  [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / 16; }
+  [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / (8 * step_count_); }
 
   // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
-  // limit, at most 16 MiB (more does not pay), at least one disk run.
+  // limit with the default number of steps, at most 16 MiB (more does not pay), at least one disk
+  // run.
   [[nodiscard]] std::size_t read_bytes() const;
 
   // Reserves the memory of one step, read_bytes() included. Waits for other steps.
@@ -51,12 +57,18 @@ class AgentMemory {
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(
       const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers = 0);
 
+  // Returns how many steps of this kind have room at a time.
+  [[nodiscard]] std::size_t RoomFor(const view::Viewport& viewport, int max_layers) const;
+
   [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
   [[nodiscard]] BlockCache* cache() { return &cache_; }
   [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
 
  private:
+  [[nodiscard]] std::size_t StepBytes(const view::Viewport& viewport, int max_layers) const;
+
   const std::size_t limit_bytes_;
+  const std::size_t step_count_;  // at least the default
   base::MemoryBudget steps_;
   BlockCache cache_;
   render::LayerRenderer layers_;

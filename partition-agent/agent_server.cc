@@ -196,6 +196,7 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
   service_options.max_concurrent_frames = options.max_concurrent_frames;
   service_options.max_queued_frames = options.max_queued_frames;
   service_options.frame_executor = options.frame_executor;
+  service_options.one_thread_a_step = options.one_thread_a_step;
   auto server =
       std::make_unique<AgentServerImpl>(service_options, options.transport.certificate_file);
   ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));

@@ -41,6 +41,9 @@ struct AgentServerOptions {
   // and hundreds of agents thousands of threads that wake at once. With room for the steps of
   // max_concurrent_frames + max_queued_frames frames of each agent. Null: the agent makes one.
   std::shared_ptr<base::Executor> frame_executor = nullptr;
+  // Each step of a frame computes on its own thread, not in the arena: for a process of many more
+  // agents than threads. Steps that all want the arena wake its threads more than they work.
+  bool one_thread_a_step = false;
   // With TLS, only coordinators may call.
   rpc::TransportFlags transport = {};
   bool has_reflection = true;

@@ -27,6 +27,7 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/picture/color_map.h"
 #include "core/render/clip_caps.h"
 #include "core/store/shard_reader.h"
@@ -118,7 +119,7 @@ class Drawing {
   absl::StatusOr<std::int64_t> Draw(const Shard& shard) {
     CapBlocks blocks = BlocksOf(shard);
     std::vector<char> is_kept(blocks.with_samples.size(), 0);
-    resources_.arena->execute([&] {
+    base::RunIn(resources_.arena, [&] {
       tbb::parallel_for(std::size_t{0}, blocks.of_span.size(), [&](std::size_t i) {
         Paint(*shard.reader, shard.reader->block_id(blocks.of_span[i]), nullptr);
       });

@@ -37,6 +37,7 @@
 #include "core/base/no_memory.h"
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
 #include "core/view/clip_region.h"
 #include "core/view/view.h"
@@ -138,9 +139,9 @@ class FramePipeline::Impl {
     std::vector<image::PixelMask> masks;
     if (!open_pixels.empty()) {
       const std::vector<view::PixelRect> rects = RectsOf(blocks);
-      ISOSCOPE_ASSIGN_OR_RETURN(masks, resources_.arena->execute([&] {
-        return visibility::DecodeOpenPixels(open_pixels, rects);
-      }));
+      ISOSCOPE_ASSIGN_OR_RETURN(masks, base::RunIn(resources_.arena, [&] {
+                                  return visibility::DecodeOpenPixels(open_pixels, rects);
+                                }));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
     std::size_t drawn_before = 0;
@@ -176,7 +177,7 @@ class FramePipeline::Impl {
   std::vector<std::string> Encode(const image::FrameImage& image) {
     const base::TraceScope trace(resources_.trace, "encode");
     const base::ScopedTimer timer(&statistics_.busy_duration);
-    return resources_.arena->execute([&] {
+    return base::RunIn(resources_.arena, [&] {
       std::vector<std::string> bands = composite::EncodePixels(image);
       std::vector<std::string> of_layers = composite::EncodeLayers(layers_);
       std::move(of_layers.begin(), of_layers.end(), std::back_inserter(bands));
@@ -200,8 +201,8 @@ class FramePipeline::Impl {
   // Step 0, on this thread, which may wait for a disk, while the arena works.
   absl::Status FindBlocksWhile(const std::function<void()>& work) {
     tbb::task_group working;
-    resources_.arena->execute([&] { working.run(work); });
-    const auto wait = [&] { resources_.arena->execute([&] { working.wait(); }); };
+    base::RunIn(resources_.arena, [&] { working.run(work); });
+    const auto wait = [&] { base::RunIn(resources_.arena, [&] { working.wait(); }); };
     absl::Status found;
     try {
       found = FindBlocks();
@@ -312,7 +313,7 @@ class FramePipeline::Impl {
   [[nodiscard]] std::vector<view::PixelRect> RectsOf(
       const std::vector<volume::BlockId>& blocks) const {
     std::vector<view::PixelRect> rects(blocks.size());
-    resources_.arena->execute([&] {
+    base::RunIn(resources_.arena, [&] {
       tbb::parallel_for(
           tbb::blocked_range<std::size_t>(0, blocks.size(), kFootprintsPerTask),
           [&](const tbb::blocked_range<std::size_t>& range) {

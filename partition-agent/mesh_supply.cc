@@ -31,6 +31,7 @@
 #include "core/base/first_error.h"
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/extract/block_extractor.h"
 #include "partition-agent/queued_reads.h"
@@ -169,7 +170,8 @@ class MeshSupply::Impl {
   // Part 1: delivers meshes that are kept, or whose samples are kept, and marks the others.
   absl::Status DeliverKept(const std::vector<ChosenMesh>& chosen, std::vector<char>* is_missing,
                            MeshSink* sink) {
-    const auto threads = static_cast<std::size_t>(arena_.max_concurrency());
+    const auto threads =
+        static_cast<std::size_t>(base::ArenaOfThisThread(&arena_).max_concurrency());
     const std::size_t per_task = std::clamp(chosen.size() / (threads * kTasksPerThread),
                                             kMinMeshesPerTask, kMaxMeshesPerTask);
     // The first mesh of each task, or kNoMesh once it is done.
@@ -179,7 +181,7 @@ class MeshSupply::Impl {
     }
     base::FirstError error;
     while (!tasks.empty()) {
-      arena_.execute([&] {
+      base::RunIn(&arena_, [&] {
         tbb::parallel_for(
             tbb::blocked_range<std::size_t>(0, tasks.size()),
             [&](const tbb::blocked_range<std::size_t>& range) {
@@ -401,7 +403,7 @@ class MeshSupply::Impl {
   absl::Status DeliverRest(MeshSink* sink) {
     while (true) {
       base::FirstError error;
-      arena_.execute([&] {
+      base::RunIn(&arena_, [&] {
         tbb::parallel_for(workers_.range(1), [&](const auto& range) {
           for (Worker& worker : range) {
             error.Set(DeliverFrom(&worker, sink));

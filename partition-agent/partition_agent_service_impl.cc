@@ -41,6 +41,7 @@
 #include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/base/units.h"
@@ -368,17 +369,31 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::CancelledError("the stream has ended");
   }
 
-  // Reserves the memory of one step: its image, and its bands until they are queued. OpenGL draws
-  // a region into a picture of the whole.
-  absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
-    const base::TraceScope trace(trace_.get(), "memory");
-    const base::ScopedObservation wait(&service_->metrics_.memory_wait);
+  // Returns the picture that a step draws. OpenGL draws a region into a picture of the whole.
+  [[nodiscard]] view::Viewport DrawnViewport() const {
     const bool draws_whole =
         frame::DrawnBy(task_.spec, service_->renderer_->picture_revision().back_end) ==
         frame::BackEnd::kEgl;
-    return service_->memory_->ReserveStep(
-        draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec), cancellation_,
-        frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0);
+    return draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec);
+  }
+  [[nodiscard]] int DrawnLayers() const {
+    return frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0;
+  }
+
+  // Reserves the memory of one step: its image, and its bands until they are queued.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
+    const base::TraceScope trace(trace_.get(), "memory");
+    const base::ScopedObservation wait(&service_->metrics_.memory_wait);
+    return service_->memory_->ReserveStep(DrawnViewport(), cancellation_, DrawnLayers());
+  }
+
+  // Enters `scope` if this step shall use one thread: others then use the rest, if they have room.
+  void EnterOneThread(std::optional<base::OneThreadScope>* scope) const {
+    if (service_->one_thread_a_step_ &&
+        service_->memory_->RoomFor(DrawnViewport(), DrawnLayers()) >=
+            static_cast<std::size_t>(service_->arena_->max_concurrency())) {
+      scope->emplace();
+    }
   }
 
   // Sends the pixels of a step: puts them into the mailbox, or sends the bands of the image, except
@@ -388,6 +403,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
                           v1::RenderFrameResponse* last) {
     if (mailbox_ > 0) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      // It keeps its whole reservation: with more images under way each is colder. Of 256 agents a
+      // frame took half as long again.
       const bool is_open = service_->mailboxes_->Put(
           mailbox_,
           {.image = std::move(image),
@@ -426,6 +443,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
                        ", but this agent shares no process with its coordinator"));
     }
     mailbox_ = begin.mailbox();
+    std::optional<base::OneThreadScope> alone;
+    EnterOneThread(&alone);
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -451,6 +470,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // Step 2.
   absl::Status RenderOccluders(const v1::Occluders& occluders) {
+    std::optional<base::OneThreadScope> alone;
+    EnterOneThread(&alone);
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
@@ -467,6 +488,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // Step 3.
   absl::Status RenderVisible(const v1::VisibleBlocks& visible) {
+    std::optional<base::OneThreadScope> alone;
+    EnterOneThread(&alone);
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
@@ -697,6 +720,7 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
                                          .arena = options.arena})
               : nullptr),
       arena_(options.arena),
+      one_thread_a_step_(options.one_thread_a_step),
       memory_(options.memory),
       mailboxes_(options.mailboxes),
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),

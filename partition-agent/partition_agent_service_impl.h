@@ -38,7 +38,9 @@ struct PartitionAgentServiceOptions {
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;  // null: pixels leave as bands
   int max_concurrent_frames = 4;                               // >= 1
   int max_queued_frames = 64;                                  // >= 0
-  std::shared_ptr<base::Executor> frame_executor = nullptr;    // as AgentServerOptions has it
+  // As AgentServerOptions has them.
+  std::shared_ptr<base::Executor> frame_executor = nullptr;
+  bool one_thread_a_step = false;
 };
 
 // Thread-safe. Destroy it only after its server has shut down.
@@ -120,6 +122,7 @@ class PartitionAgentServiceImpl final
   const std::shared_ptr<render::Renderer> renderer_;
   const std::unique_ptr<render::Renderer> cpu_renderer_;  // null if renderer_ is one
   const std::shared_ptr<tbb::task_arena> arena_;
+  const bool one_thread_a_step_;
   const std::shared_ptr<AgentMemory> memory_;
   const std::shared_ptr<image::PixelMailboxes> mailboxes_;  // may be null
   const int max_frames_;

@@ -14,6 +14,7 @@
 #include "core/base/first_error.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 
 namespace isoscope::agent {
 namespace {
@@ -91,7 +92,8 @@ absl::Status ForEachArrival(
         return absl::OkStatus();
       }
     }
-    arena->execute([&] { tbb::parallel_for(0, arena->max_concurrency(), work_off); });
+    base::RunIn(arena,
+                [&] { tbb::parallel_for(0, tbb::this_task_arena::max_concurrency(), work_off); });
     ISOSCOPE_RETURN_IF_ERROR(error.status());
     if (pauses.is_due()) {
       ISOSCOPE_RETURN_IF_ERROR(pauses.pause());

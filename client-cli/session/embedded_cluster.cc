@@ -65,9 +65,13 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
   const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
 
+  // With two agents a thread or more, no thread is idle for long while the last one draws.
+  const bool one_thread_a_step =
+      dataset.shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
-                                     : agent::AgentMemory::DefaultLimitBytes());
+                                     : agent::AgentMemory::DefaultLimitBytes(),
+      one_thread_a_step ? arena->max_concurrency() : agent::AgentMemory::kDefaultStepCount);
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_,
                             render::MakeRenderer({.kind = options.renderer,
                                                   .max_kept_mesh_bytes = memory->kept_mesh_bytes(),
@@ -75,10 +79,10 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
                                                   .arena = arena}));
 
   const std::shared_ptr<image::PixelMailboxes> mailboxes = image::PixelMailboxes::Make();
-  // As many steps at a time as one agent would run, or as there are threads to draw with.
+  // As many steps at a time as there are threads to draw with. One more thread than the one that
+  // draws, since a step may wait for a disk.
   const auto frame_executor = std::make_shared<base::Executor>(
-      static_cast<std::size_t>(
-          std::max(agent::AgentServerOptions().max_concurrent_frames, arena->max_concurrency())),
+      static_cast<std::size_t>(std::max(2, arena->max_concurrency())),
       /*max_queued=*/std::numeric_limits<std::size_t>::max());
   server::CoordinatorServerOptions coordinator_options;
   coordinator_options.mailboxes = mailboxes;
@@ -91,6 +95,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     agent_options.memory = memory;
     agent_options.mailboxes = mailboxes;
     agent_options.frame_executor = frame_executor;
+    agent_options.one_thread_a_step = one_thread_a_step;
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
                               agent::AgentServer::Start(agent_options));
     coordinator_options.agents.push_back(

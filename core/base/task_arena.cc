@@ -119,6 +119,9 @@ class Placement final : public tbb::task_scheduler_observer {
   int inside_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
+// The arena of the scope that this thread is in.
+thread_local tbb::task_arena* scope_arena = nullptr;
+
 struct PlacedArena {
   // TBB makes more threads than there are CPUs only if this allows them.
   std::optional<tbb::global_control> allowed_threads;
@@ -143,6 +146,17 @@ std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count) {
   }
   tbb::task_arena* const arena = &placed->arena;
   return {std::move(placed), arena};
+}
+
+OneThreadScope::OneThreadScope() : before_(scope_arena) {
+  thread_local tbb::task_arena alone(1);
+  scope_arena = &alone;
+}
+
+OneThreadScope::~OneThreadScope() { scope_arena = before_; }
+
+tbb::task_arena& ArenaOfThisThread(tbb::task_arena* arena) {
+  return scope_arena != nullptr ? *scope_arena : *arena;
 }
 
 }  // namespace isoscope::base

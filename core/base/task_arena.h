@@ -17,6 +17,28 @@ namespace isoscope::base {
 // random, so that the first slots of many processes do not meet on one CPU.
 std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count = 0);
 
+// While it lives, RunIn on its thread computes on that thread alone. For a thread whose work is one
+// of many pieces that run at a time: threads that help each other would only wake each other.
+class OneThreadScope {
+ public:
+  OneThreadScope();
+  ~OneThreadScope();
+  OneThreadScope(const OneThreadScope&) = delete;
+  OneThreadScope& operator=(const OneThreadScope&) = delete;
+
+ private:
+  tbb::task_arena* const before_;
+};
+
+// The arena of this thread's OneThreadScope; `arena` where there is none.
+tbb::task_arena& ArenaOfThisThread(tbb::task_arena* arena);
+
+// Runs `function` in ArenaOfThisThread(arena), and returns what it returns.
+template <typename Function>
+auto RunIn(tbb::task_arena* arena, const Function& function) {
+  return ArenaOfThisThread(arena).execute(function);
+}
+
 }  // namespace isoscope::base
 
 #endif  // ISOSCOPE_CORE_BASE_TASK_ARENA_H_

@@ -53,6 +53,14 @@ class TileSet {
   }
   void Clear() { words_.assign(words_.size(), 0); }
 
+  [[nodiscard]] std::size_t Count() const {
+    std::size_t count = 0;
+    for (const std::uint64_t word : words_) {
+      count += static_cast<std::size_t>(std::popcount(word));
+    }
+    return count;
+  }
+
   // Calls fn(column) for each tile of a row that is in the set, ascending.
   template <typename Fn>
   void ForEachInRow(int row, const Fn& fn) const {

@@ -49,6 +49,7 @@
 #include "core/base/check.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/image/tile_coverage.h"
@@ -376,7 +377,7 @@ class CpuPass final : public RenderPass {
     try {
       const auto shade = [&] { ShadeKept(is_last, cancellation); };
       if (options_.arena != nullptr) {
-        options_.arena->execute(shade);
+        base::RunIn(options_.arena.get(), shade);
       } else {
         shade();
       }

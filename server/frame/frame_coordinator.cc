@@ -28,10 +28,11 @@
 // Wakes. The frame's thread sleeps until every part at the earliest stage can have said that it is
 // done, or pixels or an error have come: with hundreds of agents it is not woken for each.
 //
-// Pixels. Those that have arrived lie in a queue. The arena's threads take them from it, and so
-// does the frame's own thread before it waits for events. Agents of this process wait for memory
-// that the queued pixels hold, and an arena may have no thread to spare: one of one thread never
-// has. So without the frame's thread nobody would go on.
+// Pixels. Those that have arrived lie in a queue. The frame's own thread takes them from it before
+// it waits for events, and threads of the arena help when much lies there. Agents of this process
+// wait for memory that the queued pixels hold, and an arena may have no thread to spare: one of one
+// thread never has. So without the frame's thread nobody would go on. Each arrival wakes it, though
+// that costs: with more images under way they leave the processor's caches, which costs more.
 
 #include "server/frame/frame_coordinator.h"
 
@@ -75,6 +76,11 @@ namespace {
 
 // One task tests this many blocks, in some hundred microseconds.
 constexpr std::size_t kBlocksPerTask = 512;
+
+// A full tile of a band has about as many bytes.
+constexpr std::size_t kFullTileBytes = 1024;
+// Tiles that one thread composites in some hundred microseconds. To wake another one takes as long.
+constexpr std::size_t kTilesPerHelper = 512;
 
 // Between two looks for parts that are late, of a frame that has spare replicas.
 constexpr absl::Duration kWatchInterval = absl::Milliseconds(10);
@@ -577,6 +583,7 @@ class Frame {
     AttemptId from;
     std::variant<std::string, image::DrawnPixels> pixels;
     std::shared_ptr<const ReadGate::Hold> hold;  // of bands
+    std::size_t tile_count = 0;                  // about
   };
 
   absl::Status HandlePixels(AttemptId id, Pixels pixels) {
@@ -587,7 +594,8 @@ class Frame {
     std::vector<Arrival> arrivals;
     arrivals.reserve(pixels.bands.size());
     for (std::string& band : pixels.bands) {
-      arrivals.push_back({id, std::move(band), pixels.hold});
+      const std::size_t tile_count = band.size() / kFullTileBytes + 1;
+      arrivals.push_back({id, std::move(band), pixels.hold, tile_count});
     }
     Composite(std::move(arrivals));
     return absl::OkStatus();
@@ -610,24 +618,52 @@ class Frame {
       }
     }
     std::vector<Arrival> arrivals;
-    arrivals.push_back({id, std::move(pixels), nullptr});
+    const std::size_t tile_count = TileCountOf(pixels);
+    arrivals.push_back({id, std::move(pixels), nullptr, tile_count});
     Composite(std::move(arrivals));
     return absl::OkStatus();
   }
 
-  // Lets the arena composite the pixels while others arrive.
+  static std::size_t TileCountOf(const image::DrawnPixels& pixels) {
+    std::size_t count = pixels.image.touched.Count();
+    for (const image::FrameImage* level : pixels.layers.Levels()) {
+      count += level->touched.Count();
+    }
+    return count;
+  }
+
+  // Queues the pixels. Calls threads of the arena to help if they are more than the frame's own
+  // thread composites in the time that it takes to wake another one.
   void Composite(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
-    const std::size_t count = arrivals.size();
     has_tasks_ = true;
+    std::size_t more_helpers = 0;
     {
       const base::MutexLock lock(&arrivals_mutex_);
-      std::move(arrivals.begin(), arrivals.end(), std::back_inserter(arrivals_));
-    }
-    setup_.arena->execute([&] {
-      for (std::size_t i = 0; i < count; ++i) {
-        compositing_.run([this] { CompositeNext(); });
+      for (Arrival& arrival : arrivals) {
+        waiting_tiles_ += arrival.tile_count;
+        arrivals_.push_back(std::move(arrival));
       }
-    });
+      const std::size_t wanted =
+          std::min({waiting_tiles_ / kTilesPerHelper, arrivals_.size(),
+                    static_cast<std::size_t>(setup_.arena->max_concurrency())});
+      more_helpers = wanted - std::min(wanted, helper_count_);
+      helper_count_ += more_helpers;
+    }
+    if (more_helpers > 0) {
+      setup_.arena->execute([&] {
+        for (std::size_t i = 0; i < more_helpers; ++i) {
+          compositing_.run([this] { Help(); });
+        }
+      });
+    }
+  }
+
+  // Composites until nothing waits.
+  void Help() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    while (CompositeNext()) {
+    }
+    const base::MutexLock lock(&arrivals_mutex_);
+    --helper_count_;
   }
 
   // Works on what has arrived until the frame can go on, until `wake`, or until nothing is left.
@@ -652,20 +688,24 @@ class Frame {
     }
     std::optional<Arrival> arrival(std::move(arrivals_.front()));
     arrivals_.pop_front();
+    waiting_tiles_ -= arrival->tile_count;
     return arrival;
   }
 
-  // Composites what arrived first. The pixels and their memory are free when it returns.
-  void CompositeNext() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+  // Composites what arrived first; false if nothing waits. The pixels and their memory are free
+  // when it returns.
+  bool CompositeNext() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
     const std::optional<Arrival> arrival = TakeArrival();
     if (!arrival.has_value()) {
-      return;
+      return false;
     }
     if (const auto* band = std::get_if<std::string>(&arrival->pixels)) {
       CompositeBand(arrival->from, *band);
     } else {
-      CompositeDrawn(arrival->from, std::get<image::DrawnPixels>(arrival->pixels));
+      CompositeDrawn(arrival->from, std::get<image::DrawnPixels>(arrival->pixels),
+                     arrival->tile_count);
     }
+    return true;
   }
 
   // Drops the pixels that nobody has begun to composite, and waits for the rest. In the arena: one
@@ -683,15 +723,23 @@ class Frame {
     }
   }
 
-  void CompositeDrawn(AttemptId id, const image::DrawnPixels& pixels) {
+  void CompositeDrawn(AttemptId id, const image::DrawnPixels& pixels, std::size_t tile_count) {
+    const auto composite_row = [&](int row) {
+      const base::MutexLock lock(&row_locks_.OfTileRow(row));
+      composite::CompositeTileRowInto(pixels.image, row, order_, &result_.image);
+      if (has_layers_) {
+        composite::CompositeTileRowInto(pixels.layers, row, &result_.layers);
+      }
+    };
     try {
-      tbb::parallel_for(0, pixels.image.touched.rows(), [&](int row) {
-        const base::MutexLock lock(&row_locks_.OfTileRow(row));
-        composite::CompositeTileRowInto(pixels.image, row, order_, &result_.image);
-        if (has_layers_) {
-          composite::CompositeTileRowInto(pixels.layers, row, &result_.layers);
+      const int rows = pixels.image.touched.rows();
+      if (tile_count < kTilesPerHelper) {
+        for (int row = 0; row < rows; ++row) {
+          composite_row(row);
         }
-      });
+      } else {
+        tbb::parallel_for(0, rows, composite_row);
+      }
     } catch (const std::bad_alloc&) {
       ReportDamage(id, NoMemoryForLayers());
     }
@@ -731,7 +779,11 @@ class Frame {
   absl::Status FinishCompositing() ABSL_LOCKS_EXCLUDED(damage_mutex_) {
     {
       const base::TraceScope trace(setup_.trace, "finish compositing");
-      setup_.arena->execute([&] { compositing_.wait(); });
+      setup_.arena->execute([&] {
+        while (CompositeNext()) {
+        }
+        compositing_.wait();
+      });
       has_tasks_ = false;
     }
     std::vector<std::pair<AttemptId, absl::Status>> damages;
@@ -1120,8 +1172,10 @@ class Frame {
   bool is_composited_into_ = false;  // result_.image
   mutable base::Mutex arrivals_mutex_;
   std::deque<Arrival> arrivals_ ABSL_GUARDED_BY(arrivals_mutex_);
-  tbb::task_group compositing_;  // has a task for each arrival, which may come too late for it
-  bool has_tasks_ = false;       // since compositing_ was waited for; the frame's thread
+  std::size_t waiting_tiles_ ABSL_GUARDED_BY(arrivals_mutex_) = 0;  // of arrivals_
+  std::size_t helper_count_ ABSL_GUARDED_BY(arrivals_mutex_) = 0;   // tasks of compositing_
+  tbb::task_group compositing_;
+  bool has_tasks_ = false;  // since compositing_ was waited for; the frame's thread
   base::Mutex damage_mutex_;
   std::vector<std::pair<AttemptId, absl::Status>> damages_ ABSL_GUARDED_BY(damage_mutex_);
   std::vector<AgentFailure> failures_;

@@ -6,6 +6,7 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/string_view.h"
@@ -129,6 +130,28 @@ TEST(AgentMemoryTest, ReadsUnderWayAreReservedWithTheirStep) {
   EXPECT_THAT(memory.ReserveStep({960, 512}, never), IsOk());
   EXPECT_THAT(memory.ReserveStep({961, 512}, never),
               StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
+TEST(AgentMemoryTest, ManyStepsAtATimeHaveRoomForAsManyThreads) {
+  for (const int step_count : {2, 3, 4, 8, 64, 128}) {
+    const AgentMemory memory(std::size_t{64} << 30, step_count);
+    EXPECT_GE(memory.RoomFor({1024, 1024}, /*max_layers=*/0), static_cast<std::size_t>(step_count));
+    EXPECT_GE(memory.read_bytes(), static_cast<std::size_t>(store::ShardReader::kMaxDiskRunBytes));
+  }
+}
+
+TEST(AgentMemoryTest, RoomForStepsIsWhatCanBeReserved) {
+  AgentMemory memory(1024 * kMiB, 8);
+  const base::Cancellation never;
+  const std::size_t room = memory.RoomFor({512, 512}, 2);
+  std::vector<base::MemoryBudget::Reservation> steps;
+  for (std::size_t i = 0; i < room; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto reserved, memory.ReserveStep({512, 512}, never, 2));
+    steps.push_back(std::move(reserved));
+  }
+  const base::Cancellation soon(absl::Now());
+  EXPECT_THAT(memory.ReserveStep({512, 512}, soon, 2),
+              StatusIs(absl::StatusCode::kDeadlineExceeded));
 }
 
 TEST(AgentMemoryTest, ViewportTooLargeForTheLimitIsRefusedWithTheFigures) {

@@ -92,6 +92,8 @@ class ApiTest : public ::testing::Test {
         CoordinatorClientOptions{.channel = server_->InProcessChannel({})});
     api_ = std::make_unique<Api>(ApiOptions{.max_pictures = 2}, client_.get());
   }
+  // An answer comes before its call has ended.
+  void TearDown() override { client_->AwaitCalls(); }
 
   HttpResponse Get(const std::string& target, const std::string& if_none_match = "",
                    const std::string& token = "") {

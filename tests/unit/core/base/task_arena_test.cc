@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <thread>
 
 #include <gtest/gtest.h>
 #include <oneapi/tbb/info.h>
@@ -90,6 +91,44 @@ TEST(TaskArenaTest, TheCallerMayUseAllCpusAfterwards) {
     CpusBySlot(arena.get());
     ASSERT_EQ(CpusOfThisThread(), before);
   }
+}
+
+// Returns the threads that take part in a loop that RunIn runs.
+std::set<std::thread::id> ThreadsOfRunIn(tbb::task_arena* arena) {
+  std::set<std::thread::id> threads;
+  Mutex mutex;
+  RunIn(arena, [&] {
+    tbb::parallel_for(0, 1000, [&](int) {
+      const MutexLock lock(&mutex);
+      threads.insert(std::this_thread::get_id());
+      std::this_thread::yield();
+    });
+  });
+  return threads;
+}
+
+TEST(TaskArenaTest, InAOneThreadScopeALoopRunsOnItsThreadAlone) {
+  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena(4);
+  EXPECT_EQ(&ArenaOfThisThread(arena.get()), arena.get());
+  {
+    const OneThreadScope alone;
+    EXPECT_EQ(ArenaOfThisThread(arena.get()).max_concurrency(), 1);
+    for (int i = 0; i < 20; ++i) {
+      EXPECT_EQ(ThreadsOfRunIn(arena.get()), std::set{std::this_thread::get_id()});
+    }
+    EXPECT_EQ(RunIn(arena.get(), [] { return 7; }), 7);
+    {
+      const OneThreadScope inner;
+    }
+    EXPECT_EQ(ArenaOfThisThread(arena.get()).max_concurrency(), 1) << "the inner scope ended both";
+  }
+  EXPECT_EQ(&ArenaOfThisThread(arena.get()), arena.get());
+}
+
+TEST(TaskArenaTest, AOneThreadScopeIsItsThreadsOwn) {
+  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena(2);
+  const OneThreadScope alone;
+  std::thread([&] { EXPECT_EQ(&ArenaOfThisThread(arena.get()), arena.get()); }).join();
 }
 
 }  // namespace

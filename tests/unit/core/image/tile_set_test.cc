@@ -40,6 +40,7 @@ TEST(TileSetTest, RowsAreVisitedInOrderAcrossWords) {
   }
   EXPECT_EQ(TilesInRow(tiles, 1), (std::vector<int>{0, 63, 64, 127, 128, 199}));
   EXPECT_TRUE(TilesInRow(tiles, 0).empty());
+  EXPECT_EQ(tiles.Count(), 6U);
 }
 
 TEST(TileSetTest, ClearAndInsertAll) {
