@@ -85,8 +85,9 @@ endfunction()
 
 # isoscope_test(NAME foo_test SRCS foo_test.cc DEPS isoscope::store LABELS unit)
 #
-# Registers one CTest entry for the whole binary. Labels: unit, integration, golden, slow; and both, for a
-# test that scripts/test.sh runs in release and with AddressSanitizer. The target LABEL_tests builds those of a label.
+# Registers one CTest entry for the whole binary. Labels: unit, integration, golden, slow; guard, for a test of programs
+# that scripts/test.sh always runs; and both, for one that it runs in release and with AddressSanitizer. The target
+# LABEL_tests builds those of a label.
 function(isoscope_test)
   cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "SRCS;DEPS;LABELS" ${ARGN})
   if(NOT ARG_LABELS)

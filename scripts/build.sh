@@ -8,13 +8,10 @@ usage() {
 Usage: scripts/build.sh [--with-tests] [--target T]... [--no-install] [--jobs N]
 
   --with-tests  build the tests and benchmarks too
-  --target T    build only this of it, several times for more: isoscope is the command line, release_tests the part that
-                scripts/test.sh runs
+  --target T    build only this of it, several times for more: isoscope is the command line
   --no-install  list the packages that are missing, and build only if there are none
   --jobs N      compile N files at a time (default: one for each core; each takes up to 1 GB of memory)
   -h, --help    this text
-
-ISOSCOPE_BROWSER_TESTS  off: with --with-tests, Chromium and Node are not installed
 
 Packages: scripts/packages.sh; what is missing is installed as root or through sudo.
 Programs: build/release/bin/
@@ -67,10 +64,7 @@ export CCACHE_BASEDIR="$PWD" CCACHE_NOHASHDIR=true
 . scripts/packages.sh
 packages=("${ISOSCOPE_BUILD_PACKAGES[@]}")
 if [ "$with_tests" = ON ]; then
-  packages+=("${ISOSCOPE_TEST_PACKAGES[@]}" "${ISOSCOPE_DEMO_PACKAGES[@]}")
-  if [ "${ISOSCOPE_BROWSER_TESTS:-on}" != off ]; then
-    packages+=("${ISOSCOPE_BROWSER_PACKAGES[@]}")
-  fi
+  packages+=("${ISOSCOPE_TEST_PACKAGES[@]}")
 fi
 if [ "$install" = no ]; then
   absent="$(missing_packages "${packages[@]}")"
@@ -85,7 +79,6 @@ install_packages "${packages[@]}"
 # Debian's GDCM tells at length about programs of its own that are not installed: warnings only.
 cmake --preset release --log-level=WARNING \
   -DISOSCOPE_BUILD_TESTS="$with_tests" -DISOSCOPE_BUILD_BENCHMARKS="$with_tests"
-# Finished, all, seconds so far.
-export NINJA_STATUS="${NINJA_STATUS:-[%f/%t, %es] }"
-cmake --build --preset release --parallel "$jobs" --target "${targets[@]:-all}"
+export NINJA_STATUS='[%f/%t, %es] '
+cmake --build --preset release --parallel "$jobs" --target "${targets[@]:-all}" | show_build_progress
 echo "built, in $PWD/build/release/bin: ${targets[*]:-isoscope, isoscope-bench, isoscope-agent, isoscope-coordinator, isoscope-gateway}"

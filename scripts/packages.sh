@@ -28,10 +28,13 @@ ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 libwebp7 libwebpmux3 libsixel1
   libmeshoptimizer2d libcairo2 fonts-dejavu-core)
 
-# What the tests and benchmarks need besides.
-ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3
+# What the tests and benchmarks are built from besides; what the unit tests and the guards of the promises run with;
+# what the other tests run with: the Python client, shells, manuals.
+ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev)
+ISOSCOPE_UNIT_TEST_PACKAGES=(python3 openssl procps)
+ISOSCOPE_CLIENT_TEST_PACKAGES=(
   python3-grpcio python3-protobuf python3-numpy python3-pytest python3-mypy python3-pip python3-setuptools
-  python3-wheel python3-nbconvert python3-ipykernel python3-aiohttp openssl procps zsh fish mandoc man-db)
+  python3-wheel python3-nbconvert python3-ipykernel python3-aiohttp zsh fish mandoc man-db)
 
 # What the tests of clients/web need, some 700 MB with all that they depend on; tests whose program is
 # missing are skipped, and say so.
@@ -91,6 +94,45 @@ install_packages() {
   fi
   echo "isoscope: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
   "${as_root[@]}" apt-get update -qq </dev/null >&2 || return
+  # Its status goes to standard output: sudo closes all other files.
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-    -o Dpkg::Use-Pty=0 "${missing[@]}" </dev/null >&2
+    -o Dpkg::Use-Pty=0 -o APT::Status-Fd=1 "${missing[@]}" </dev/null | show_apt_progress >&2
+  return "${PIPESTATUS[0]}"
+}
+
+# Turns APT's lines of status into a line each ten seconds, and keeps its other lines.
+show_apt_progress() {
+  local kind percent text shown="$SECONDS"
+  while IFS=: read -r kind _ percent text; do
+    case "$kind" in
+      dlstatus) ((SECONDS < shown + 10)) || echo "isoscope: packages: fetched ${percent%.*} %, ${text#*(}" | tr -d ')' ;;
+      pmstatus) ((SECONDS < shown + 10)) || echo "isoscope: packages: installed ${percent%.*} %" ;;
+      *) continue ;;
+    esac
+    ((SECONDS < shown + 10)) || shown="$SECONDS"
+  done
+}
+
+# show_build_progress: shows ninja's lines of [finished/all, seconds] with the time that is left if the rest is like what
+# is done: in place on a terminal, otherwise a line each ten seconds. Keeps what compilers say.
+show_build_progress() {
+  local line done_count all_count elapsed left text shown=-10
+  while IFS= read -r line; do
+    if [[ ! "$line" =~ ^\[([0-9]+)/([0-9]+),\ ([0-9]+)[.0-9]*s\]\ (.*) ]]; then
+      [ ! -t 1 ] || printf '\r\033[K'
+      printf '%s\n' "$line"
+      continue
+    fi
+    done_count="${BASH_REMATCH[1]}" all_count="${BASH_REMATCH[2]}" elapsed="${BASH_REMATCH[3]}"
+    left=$((done_count > 0 ? elapsed * (all_count - done_count) / done_count : 0))
+    printf -v text '[%d of %d files, %d:%02d min, about %d:%02d left]' "$done_count" "$all_count" \
+      $((elapsed / 60)) $((elapsed % 60)) $((left / 60)) $((left % 60))
+    if [ -t 1 ]; then
+      printf '\r\033[K%s' "$text"
+      [ "$done_count" != "$all_count" ] || echo
+    elif ((SECONDS >= shown + 10)) || [ "$done_count" = "$all_count" ]; then
+      shown="$SECONDS"
+      echo "$text"
+    fi
+  done
 }

@@ -43,7 +43,7 @@ done
 
 # shellcheck source=scripts/packages.sh
 . scripts/packages.sh
-install_packages "${ISOSCOPE_TEST_PACKAGES[@]}"
+install_packages "${ISOSCOPE_TEST_PACKAGES[@]}" "${ISOSCOPE_UNIT_TEST_PACKAGES[@]}" "${ISOSCOPE_CLIENT_TEST_PACKAGES[@]}"
 bash scripts/build.sh
 mkdir -p build/robustness
 python3 tests/robustness/run.py --seed "$seed" --faults "$faults" --rate 3 --at-once 4 \

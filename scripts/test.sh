@@ -1,17 +1,23 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds the programs and runs every test: programs, pictures, clients and benchmarks
-# as they are installed; unit tests under AddressSanitizer and UndefinedBehaviorSanitizer; both ways the tests that
-# are labelled `both` (other kernels, another malloc, hostile bytes); under ThreadSanitizer those that share data
-# between threads without gRPC. clang checks the lock annotations, and libFuzzer runs for a minute. The last lines say
-# what was skipped, and how it went.
+# Tests what guards the promises, or all. Works on a bare machine: it installs and builds what it needs.
+#
+# Without arguments: the programs, every unit test, and the integration tests labelled `guard`: exact pictures with any
+# number of agents and threads, faults, replicas, bad input.
+# The rest (--rest, or with the first half --all): the other tests of programs, pictures, clients and benchmarks; unit
+# tests under AddressSanitizer and UndefinedBehaviorSanitizer, and so those that are labelled `both` (other kernels,
+# another malloc, hostile bytes); under ThreadSanitizer those that share data between threads without gRPC; clang
+# checks the lock annotations, and libFuzzer runs for a minute.
+# The last lines say what was skipped, and how it went.
 set -euo pipefail
 
 usage() {
   cat <<'USAGE'
-Usage: scripts/test.sh [--quick]
+Usage: scripts/test.sh [--all | --rest]
 
-  --quick     without sanitizers, clang and libFuzzer: every test once, in release
-  -h, --help  this text
+             the programs, unit tests, and the integration tests that guard the promises
+  --all      these and the rest: other integration tests, clients, sanitizers, lock annotations, libFuzzer
+  --rest     only the rest
+  -h, --help this text
 
 ISOSCOPE_DATA_DIR       folder of real volumes that some tests use; if it is set, they must be there
 ISOSCOPE_BROWSER_TESTS  off: Chromium and Node are not installed; tests of the page run if they are there
@@ -20,10 +26,12 @@ ISOSCOPE_REQUIRE        reasons, separated by commas, for which no test may be s
 USAGE
 }
 
-quick=false
+guards=true
+rest=false
 for argument in "$@"; do
   case "$argument" in
-    --quick) quick=true ;;
+    --all) rest=true ;;
+    --rest) guards=false rest=true ;;
     -h | --help)
       usage
       exit 0
@@ -41,14 +49,19 @@ export HOME="${HOME:-/tmp}"
 export CCACHE_BASEDIR="$PWD" CCACHE_NOHASHDIR=true
 jobs="$(nproc)"
 . scripts/packages.sh
-packages=("${ISOSCOPE_REFERENCE_PACKAGES[@]}")
-required=(head programs python openssl protoc shells vtk gnuplot clang)
-if [ ! -d /run/systemd/system ]; then
-  packages+=("${ISOSCOPE_SERVICE_PACKAGES[@]}")
-  required+=(prometheus)
-fi
-if [ "${ISOSCOPE_BROWSER_TESTS:-on}" != off ]; then
-  required+=(browser node)
+packages=("${ISOSCOPE_UNIT_TEST_PACKAGES[@]}" "${ISOSCOPE_DEMO_PACKAGES[@]}")
+required=(head programs openssl)
+if [ "$rest" = true ]; then
+  packages+=("${ISOSCOPE_CLIENT_TEST_PACKAGES[@]}" "${ISOSCOPE_REFERENCE_PACKAGES[@]}")
+  required+=(python protoc shells vtk gnuplot clang)
+  if [ ! -d /run/systemd/system ]; then
+    packages+=("${ISOSCOPE_SERVICE_PACKAGES[@]}")
+    required+=(prometheus)
+  fi
+  if [ "${ISOSCOPE_BROWSER_TESTS:-on}" != off ]; then
+    packages+=("${ISOSCOPE_BROWSER_PACKAGES[@]}")
+    required+=(browser node)
+  fi
 fi
 if [ -n "${ISOSCOPE_DATA_DIR:-}" ]; then
   required+=(data)
@@ -81,8 +94,12 @@ run_ctest() {
   ctest --test-dir "$1" -j2 --output-on-failure --no-tests=error "${@:2}"
 }
 
-release_tests() {
-  run_ctest build/release -LE '^unit$' && run_ctest build/release -L '^unit$' -L '^both$'
+guard_tests() {
+  run_ctest build/release -L '^(unit|guard)$'
+}
+
+other_tests() {
+  run_ctest build/release -LE '^(unit|guard)$'
 }
 
 asan_tests() {
@@ -125,13 +142,14 @@ print_skips() {
 }
 
 run_stage packages install_packages "${packages[@]}"
-if [ "$quick" = true ]; then
-  run_stage build bash scripts/build.sh --with-tests
-  [ "$status" -ne 0 ] || run_stage tests run_ctest build/release
-else
-  run_stage build bash scripts/build.sh --with-tests --target release_tests
+if [ "$guards" = true ] && [ "$status" -eq 0 ]; then
+  run_stage build bash scripts/build.sh --with-tests --target unit_tests --target guard_tests
+  [ "$status" -ne 0 ] || run_stage "unit tests and guards" guard_tests
+fi
+if [ "$rest" = true ] && [ "$status" -eq 0 ]; then
+  run_stage "build of the rest" bash scripts/build.sh --with-tests --target release_tests
   if [ "$status" -eq 0 ]; then
-    run_stage tests release_tests
+    run_stage "other tests" other_tests
     run_stage locks lock_tests
     run_stage fuzz fuzz_tests
     export ASAN_OPTIONS="${ASAN_OPTIONS:-detect_stack_use_after_return=1}"
