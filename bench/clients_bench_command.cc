@@ -93,7 +93,7 @@ absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
 
 cli::Action RegisterClientsBenchFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<ClientsBenchFlags>();
-  cli::AddSessionFlags(set, &flags->session);
+  cli::AddServerFlags(set, &flags->session);
   cli::AddFlag(set, "--clients", "N,...", &flags->counts, ParseCounts,
                "numbers of clients, a round for each (default: 4,16,64)");
   cli::AddFlag(set, "--seconds", "T", &flags->seconds, ParseSeconds,

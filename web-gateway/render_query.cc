@@ -177,12 +177,12 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   client::ClipFlags clip;
   cli::FlagSet set({.has_help = false});
   cli::AddFlag(&set, "--isovalue", "V", &isovalue, client::ParseNumber, "");
-  cli::AddFlag(&set, "--color", "R,G,B", &color, client::ParseColor, "");
-  cli::AddRepeatableFlag(&set, "--surface", "V[:R,G,B]", &surfaces, client::ParseSurface, "");
+  cli::AddFlag(&set, "--color", "COLOR", &color, client::ParseColor, "");
+  cli::AddRepeatableFlag(&set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface, "");
   client::AddClipFlags(&set, &clip);
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   if (isovalue.has_value() != surfaces.empty()) {
-    return absl::InvalidArgumentError("give isovalue=V, or surface=V:R,G,B for each surface");
+    return absl::InvalidArgumentError("give isovalue=V, or surface=V:COLOR for each surface");
   }
   if (surfaces.size() > frame::kMaxSurfaces) {
     return absl::InvalidArgumentError(absl::StrCat("surface is given ", surfaces.size(),

@@ -40,6 +40,7 @@ namespace isoscope::cli {
 namespace {
 
 struct ExportFlags {
+  bool is_quiet = false;
   SessionFlags session;
   std::optional<double> isovalue;
   std::vector<client::SurfaceValue> surfaces;
@@ -81,12 +82,14 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
 absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.isovalue && flags.surfaces.empty()) {
-    return UsageError("--isovalue V is missing: the level of the surface, in field units");
+    return UsageError(
+        "--isovalue V is missing: the level of the surface, in field units; "
+        "`isoscope info INPUT --histogram` suggests some");
   }
   if (!flags.surfaces.empty() && (flags.isovalue || flags.color)) {
     return UsageError(
         absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
-                     " exclude each other: write --surface V:R,G,B for each surface"));
+                     " exclude each other: write --surface V:COLOR for each surface"));
   }
   for (const client::SurfaceValue& surface : flags.surfaces) {
     if (surface.color && surface.color->alpha != 1.0F) {
@@ -277,20 +280,21 @@ Action RegisterExportFlags(FlagSet* set) {
   AddSessionFlags(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level, in field units");
-  AddRepeatableFlag(set, "--surface", "V[:R,G,B]", &flags->surfaces, client::ParseSurface,
+  AddRepeatableFlag(set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,
                     "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
                     "times. All go into one file: as primitives with materials in GLB, as objects "
                     "in OBJ, with a surface index of vertices in PLY and VTP");
   client::AddClipFlags(set, &flags->clip, "export");
-  AddFlag(set, "--output", "FILE", &flags->output, ParseText,
+  AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
           "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
           "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
           "whatever its size; a .stl, --min-component and --simplify use scratch files beside it, "
           "of which memory holds what the system leaves there, and --simplify some 200 MiB");
   AddFlag(set, "--format", "ply|stl|obj|glb|vtp", &flags->format, client::ParseMeshFormat,
           "the format, for a name without a suffix (default: ply)");
-  AddFlag(set, "--color", "R,G,B", &flags->color, client::ParseColor,
-          "colour of the surface, 0 to 1 each: of its vertices in PLY, OBJ and VTP, of its "
+  AddFlag(set, "--color", "COLOR", &flags->color, client::ParseColor,
+          "colour of the surface, a name of CSS as teal, #RRGGBB, or R,G,B from 0 to 1: of its "
+          "vertices in PLY, OBJ and VTP, of its "
           "material in GLB (default: none)");
   AddFlag(
       set, "--min-component", "N", &flags->min_component,
@@ -303,7 +307,10 @@ Action RegisterExportFlags(FlagSet* set) {
           "libmeshoptimizer estimates it; with --simplify, whichever is first");
   AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
           "fail if the dataset under that name has another id; `isoscope info` prints it");
-  return [flags](const Context& context) { return Run(*flags, context); };
+  AddQuietFlag(set, &flags->is_quiet);
+  return [flags](const Context& context) {
+    return Run(*flags, flags->is_quiet ? QuietContext(context) : context);
+  };
 }
 
 }  // namespace

@@ -52,6 +52,7 @@ constexpr std::array<FieldRow, 5> kFields{{
 }};
 
 struct GenerateFlags {
+  bool is_quiet = false;
   std::optional<GeneratedField> field;
   std::optional<std::string> output;
   std::optional<math::Index3> dims;
@@ -195,7 +196,7 @@ Action RegisterGenerateFlags(FlagSet* set) {
   const auto flags = std::make_shared<GenerateFlags>();
   AddFlag(set, "field", "FIELD", &flags->field, ParseField,
           "random, gyroid, marschner-lobb, shells or mixing; see below");
-  AddFlag(set, "--output", "FILE", &flags->output, ParseText,
+  AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
           "the volume: .nrrd, .mha, .nhdr with a .raw beside it, or .raw");
   AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,
           "samples on each axis, x fastest");
@@ -226,7 +227,10 @@ Action RegisterGenerateFlags(FlagSet* set) {
   add(AddFlag(set, "--thickness", "H", &flags->thickness, client::ParsePositiveNumber,
               "mixing: half the height of the stirred layer, 1 being half the longest axis "
               "(default: 0.4)"));
-  return [flags](const Context& context) { return Run(*flags, context); };
+  AddQuietFlag(set, &flags->is_quiet);
+  return [flags](const Context& context) {
+    return Run(*flags, flags->is_quiet ? QuietContext(context) : context);
+  };
 }
 
 std::string HelpOfFields() {

@@ -24,6 +24,7 @@
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/cli/flags.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
@@ -45,12 +46,16 @@ namespace {
 // The calls answer from memory, or in one pass over the ranges of blocks.
 constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
+// Samples that are read in a second or two, also where they are compressed.
+constexpr std::int64_t kMaxQuickBytes = 64 * base::kMiB;
+
 struct InfoFlags {
   std::optional<std::string> input;
   std::optional<std::string> server;
   ConnectionFlags connection;
   std::optional<absl::Duration> timeout;
   bool is_json = false;
+  bool reads_values = false;
   SourceFlags source;
   // The histogram of one dataset.
   bool draws_histogram = false;
@@ -87,20 +92,29 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
   return json;
 }
 
-// Reads the whole volume: its range is not known otherwise.
+// Prints what the header says before it reads the volume for the range of its values. Reads it if
+// that is quick, or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
   // It knows what a folder without a volume is.
   ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags.source, *flags.input));
-  ProgressLine line(context.err, context.err_is_terminal);
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan range,
-                            source::FindValueRange(
-                                source.get(),
-                                [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
-                                  line.Update("reading values", done_bytes, total_bytes);
-                                },
-                                context.interrupt->cancellation()));
+  if (!flags.is_json) {
+    *context.out << DescribeVolume(VolumeToJson(*source, std::nullopt)) << std::flush;
+  }
+  const std::int64_t bytes = math::Volume(source->geometry().sample_dims) *
+                             static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
+  std::optional<volume::ScalarSpan> range;
+  if (flags.reads_values || bytes <= kMaxQuickBytes) {
+    ProgressLine line(context.err, context.err_is_terminal);
+    ISOSCOPE_ASSIGN_OR_RETURN(range,
+                              source::FindValueRange(
+                                  source.get(),
+                                  [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
+                                    line.Update("reading values", done_bytes, total_bytes);
+                                  },
+                                  context.interrupt->cancellation()));
+  }
   Json json;
   json["volume"] = VolumeToJson(*source, range);
   return json;
@@ -213,7 +227,7 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
 
 std::string ToText(const Json& json, int max_width) {
   if (json.contains("volume")) {
-    return DescribeVolume(json.at("volume"));
+    return DescribeValueRange(json.at("volume"));  // the rest is printed
   }
   std::string text;
   if (json.contains("server")) {
@@ -271,11 +285,14 @@ Action RegisterInfoFlags(FlagSet* set) {
   const auto flags = std::make_shared<InfoFlags>();
   AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
           "a volume, as 'partition' takes it, or a dataset folder");
-  AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort, "a coordinator");
+  AddFlag(set, "--server", "HOST[:PORT]", &flags->server, rpc::ParseCoordinatorAddress,
+          "a coordinator");
   AddConnectionFlags(set, &flags->connection);
   AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
           "how long to wait for the server (default: 10)");
   set->AddSwitch("--json", &flags->is_json, "print JSON instead of text");
+  set->AddSwitch("--values", &flags->reads_values,
+                 "read the whole volume for the range of its values (default: up to 64 MiB)");
   set->AddSwitch(
       "--histogram", &flags->draws_histogram,
       "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
@@ -306,6 +323,7 @@ Command InfoCommand() {
           .usage = "INPUT|DIR | --server HOST:PORT [--json] [--histogram]",
           .examples =
               "  isoscope info head.nii.gz\n"
+              "  isoscope info large.nrrd --values\n"
               "  isoscope info head\n"
               "  isoscope info head.nii.gz --histogram --log --histogram-svg head.svg\n"
               "  isoscope info --server localhost:50051 --json\n",

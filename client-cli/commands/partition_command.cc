@@ -28,6 +28,7 @@ namespace isoscope::cli {
 namespace {
 
 struct PartitionFlags {
+  bool is_quiet = false;
   std::optional<std::string> input;
   std::optional<std::string> output;
   std::optional<std::int64_t> shard_count;
@@ -95,7 +96,7 @@ Action RegisterPartitionFlags(FlagSet* set) {
           "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
           "several), file.vti[:array[:component]], file.h5:/dataset, a folder or a file of a DICOM "
           "series, a folder or 'pattern*.tif' of slices, or a raw file");
-  AddFlag(set, "--output", "DIR", &flags->output, ParseText,
+  AddFlag(set, "-o,--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "shards to make, one for each agent (default: 1)");
@@ -112,7 +113,10 @@ Action RegisterPartitionFlags(FlagSet* set) {
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, client::ParseByteSize,
           "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
   AddSourceFlags(set, &flags->source);
-  return [flags](const Context& context) { return Run(*flags, context); };
+  AddQuietFlag(set, &flags->is_quiet);
+  return [flags](const Context& context) {
+    return Run(*flags, flags->is_quiet ? QuietContext(context) : context);
+  };
 }
 
 }  // namespace

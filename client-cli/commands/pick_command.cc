@@ -89,7 +89,8 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
     const v1::PickedPoint& point = response.points(i);
     nlohmann::ordered_json out;
     out["pixel"] = {request.pixels(i).x(), request.pixels(i).y()};
-    out["hit"] = point.is_hit();
+    out["is_hit"] = point.is_hit();
+    out["hit"] = point.is_hit();  // its name in 0.1
     if (point.is_hit()) {
       out["position"] = ToJson(point.position());
       out["depth"] = point.depth();

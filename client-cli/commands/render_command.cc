@@ -75,6 +75,7 @@ struct RenderFlags {
   std::optional<std::string> trace;
   bool has_no_metadata = false;
   bool allow_partial = false;
+  bool is_quiet = false;
   std::optional<std::string> dataset_id;
   client::Annotations annotations;
 };
@@ -301,8 +302,11 @@ void WarnIfTruncated(const std::vector<FrameRecord>& frames, const RenderFlags& 
 }
 
 // The stream for text: standard error if the statistics, or the bytes of the picture that a file
-// takes, go to standard output.
+// takes, go to standard output; nowhere with --quiet.
 std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
+  if (flags.is_quiet) {
+    return *QuietContext(context).out;
+  }
   const bool is_taken =
       flags.stats == "-" || (IsFormat(ShowModeOf(flags)) && context.out_columns == 0);
   return is_taken ? *context.err : *context.out;
@@ -479,8 +483,10 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
   const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
                            : flags.planes.files.any_plane() ? "planes"
                                                             : "picture";
-  TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n"
-                          << name << ": " << flags.request.image_size().width_px << " x "
+  if (flags.stats) {
+    TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n";
+  }
+  TextOut(flags, context) << name << ": " << flags.request.image_size().width_px << " x "
                           << flags.request.image_size().height_px << " pixels"
                           << (client::IsAnimationName(name)
                                   ? absl::StrCat(", ", frame_count, " frames")
@@ -551,7 +557,7 @@ Action RegisterRenderFlags(FlagSet* set) {
   AddSessionFlags(set, &flags->session);
   AddRendererFlag(set, &flags->session);
   AddFlag(
-      set, "--output", "FILE.png", &flags->output, ParseText,
+      set, "-o,--output", "FILE.png", &flags->output, ParseText,
       "the picture: a PNG, or a JPEG if it ends in .jpg; with %d, %03d or {} in its name one for "
       "each frame, numbered from 0, else the last one; all "
       "frames as one animation if it ends in .apng or .webp");
@@ -565,7 +571,7 @@ Action RegisterRenderFlags(FlagSet* set) {
               "show the picture in the terminal: auto (default) where standard output is one that "
               "can, or in a format whatever it is; --output may then be left out");
   AddFlag(set, "--stats", "FILE|-", &flags->stats, ParseText,
-          "write statistics as JSON (- is standard output)");
+          "write statistics as JSON (- is standard output), and print them as tables");
   AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
           "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
   AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,
@@ -579,7 +585,12 @@ Action RegisterRenderFlags(FlagSet* set) {
   AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
           "fail if the dataset under that name has another id; `isoscope info` prints it");
   AddAnnotationFlags(set, &flags->annotations);
-  return [flags, set](const Context& context) { return Run(*flags, *set, context); };
+  AddQuietFlag(set, &flags->is_quiet);
+  return [flags, set](const Context& context) {
+    Context own = context;
+    own.err_is_terminal = context.err_is_terminal && !flags->is_quiet;
+    return Run(*flags, *set, own);
+  };
 }
 
 }  // namespace

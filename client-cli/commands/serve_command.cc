@@ -1,4 +1,4 @@
-// isoscope serve DIR [--listen HOST:PORT]
+// isoscope serve INPUT | DIR [--listen HOST:PORT]
 
 #include <cstdint>
 #include <memory>
@@ -10,7 +10,9 @@
 #include "absl/time/time.h"
 
 #include "client-cli/commands/program.h"
+#include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/embedded_cluster.h"
+#include "client-cli/session/session.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
@@ -28,7 +30,7 @@ constexpr const char* kDefaultAddress = "127.0.0.1:50051";
 constexpr absl::Duration kGrace = absl::Seconds(30);
 
 struct ServeFlags {
-  std::optional<std::string> directory;
+  SessionFlags session;  // of these the input's
   std::optional<std::string> listen_address;
   rpc::TransportFlags transport;
   std::string token_file;
@@ -42,16 +44,18 @@ absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
 }
 
 absl::Status Run(const ServeFlags& flags, const Context& context) {
-  if (!flags.directory) {
-    return UsageError("DIR is missing: the dataset folder to serve");
+  if (!flags.session.input) {
+    return UsageError("INPUT or DIR is missing: the volume or dataset folder to serve");
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   EmbeddedClusterOptions options;
-  options.dataset_directory = *flags.directory;
   options.listen_address = flags.listen_address.value_or(kDefaultAddress);
   const absl::Status secure = rpc::CheckListen(flags.transport, options.listen_address);
   if (!secure.ok()) {
     return UsageError(secure.message());
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(const CachedDataset dataset, PrepareInput(flags.session, context));
+  options.dataset_directory = dataset.directory;
   options.transport = flags.transport;
   options.token_file = flags.token_file;
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
@@ -80,7 +84,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
 
 Action RegisterServeFlags(FlagSet* set) {
   const auto flags = std::make_shared<ServeFlags>();
-  AddFlag(set, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
+  AddInputFlags(set, &flags->session);
   AddFlag(
       set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
       absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
@@ -102,9 +106,10 @@ Action RegisterServeFlags(FlagSet* set) {
 Command ServeCommand() {
   return {
       .name = "serve",
-      .summary = "Serves a dataset folder: coordinator and all agents in this process",
-      .usage = "DIR [OPTIONS]",
+      .summary = "Serves a volume or a dataset folder: coordinator and all agents in this process",
+      .usage = "INPUT | DIR [OPTIONS]",
       .examples =
+          "  isoscope serve head.nii.gz\n"
           "  isoscope serve head\n"
           "  isoscope serve head --listen 0.0.0.0:50051 --tls-cert coordinator.pem \\\n"
           "    --tls-key coordinator.key --tls-ca ca.pem --tokens tokens.json\n"

@@ -222,7 +222,8 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
 
 Action RegisterTopFlags(FlagSet* set) {
   const auto flags = std::make_shared<TopFlags>();
-  AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort, "a coordinator");
+  AddFlag(set, "--server", "HOST[:PORT]", &flags->server, rpc::ParseCoordinatorAddress,
+          "a coordinator");
   AddConnectionFlags(set, &flags->connection);
   AddFlag(set, "--interval", "SECONDS", &flags->interval, client::ParseSeconds,
           "time between two looks, at least 0.1 (default: 2); agents tell their load every 2 "

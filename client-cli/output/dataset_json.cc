@@ -76,8 +76,6 @@ void AddGridLines(const Json& json, std::string* text) {
   AddLine("samples",
           absl::StrCat(Joined(json.at("sample_dims"), " x "), " of ", Text(json, "sample_type")),
           text);
-  const Json& range = json.at("value_range");
-  AddLine("values", range.is_null() ? "none but NaN" : Joined(range, " to "), text);
   AddLine("spacing", Joined(json.at("spacing"), ", "), text);
   AddLine("origin", Joined(json.at("origin"), ", "), text);
   AddLine("direction",
@@ -89,6 +87,17 @@ void AddGridLines(const Json& json, std::string* text) {
 }
 
 }  // namespace
+
+std::string DescribeValueRange(const Json& json) {
+  std::string text;
+  const auto range = json.find("value_range");
+  AddLine("values",
+          range == json.end() ? "not read: --values reads them all"
+          : range->is_null()  ? "none but NaN"
+                              : Joined(*range, " to "),
+          &text);
+  return text;
+}
 
 Json DatasetToJson(const v1::Dataset& dataset) {
   Json json;
@@ -115,12 +124,17 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   return json;
 }
 
-Json VolumeToJson(const source::VolumeSource& source, const volume::ScalarSpan& value_range) {
+Json VolumeToJson(const source::VolumeSource& source,
+                  const std::optional<volume::ScalarSpan>& value_range) {
   Json json;
   json["name"] = source.name();
   AddGeometry(rpc::ToProto(source.geometry()), &json);
-  AddSamples(rpc::ToProto(source.scalar_type()), value_range.min <= value_range.max,
-             value_range.min, value_range.max, &json);
+  const volume::ScalarSpan range = value_range.value_or(volume::ScalarSpan{});
+  AddSamples(rpc::ToProto(source.scalar_type()), range.min <= range.max, range.min, range.max,
+             &json);
+  if (!value_range) {
+    json.erase("value_range");
+  }
   return json;
 }
 
@@ -179,6 +193,7 @@ std::string DescribeDataset(const Json& dataset) {
   line("id", Text(dataset, "dataset_id"));
   line("source", Text(dataset, "source"));
   AddGridLines(dataset, &text);
+  absl::StrAppend(&text, DescribeValueRange(dataset));
   if (dataset.at("max_gradient_magnitude").is_number()) {
     line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
                                   " per world unit"));

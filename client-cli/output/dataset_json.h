@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_DATASET_JSON_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_DATASET_JSON_H_
 
+#include <optional>
 #include <string>
 
 #include <nlohmann/json_fwd.hpp>
@@ -23,8 +24,9 @@ using Json = nlohmann::ordered_json;
 // every sample is NaN; max_gradient_magnitude and patient_frame are null if there is none.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
-// above.
-Json VolumeToJson(const source::VolumeSource& source, const volume::ScalarSpan& value_range);
+// above; no value_range where nobody has read the samples.
+Json VolumeToJson(const source::VolumeSource& source,
+                  const std::optional<volume::ScalarSpan>& value_range);
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);
@@ -33,8 +35,10 @@ Json AgentToJson(const isoscope::v1::AgentStatus& agent);
 // [{"shard", "block_count", "block_bytes"}].
 Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 
-// The same for people, from the JSON above.
+// The same for people, from the JSON above. Of a volume the range of values is a line of its own,
+// since it may come later.
 std::string DescribeVolume(const Json& volume);
+std::string DescribeValueRange(const Json& json);
 std::string DescribeDataset(const Json& dataset);
 // A table with one row for each agent. max_width: as Table::ToString; if there is one, a message
 // that several agents have stands once, below.

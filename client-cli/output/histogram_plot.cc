@@ -33,7 +33,7 @@ constexpr std::array<const char*, 9> kEighths{" ", "▁", "▂", "▃", "▄", "
 std::string Number(double value) { return absl::StrFormat("%.6g", value); }
 
 const char* NameOf(v1::IsovalueSuggestion::Method method) {
-  return method == v1::IsovalueSuggestion::METHOD_ONE_PERCENT ? "one-percent" : "between-classes";
+  return method == v1::IsovalueSuggestion::METHOD_ONE_PERCENT ? "one_percent" : "between_classes";
 }
 
 // "1.2M", "34k", "512": at most five characters up to 999 million million.

@@ -29,7 +29,7 @@ std::string HistogramToSvg(const isoscope::v1::GetHistogramResponse& histogram,
 // {"has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count",
 // "bins": [{"min", "max", "sample_count", "active_block_count", "active_block_bytes",
 // "estimated_triangle_count"}], "suggestions": [{"method", "isovalue", "inside_fraction"}]};
-// method is "between-classes" or "one-percent".
+// method is "between_classes" or "one_percent".
 nlohmann::ordered_json HistogramToJson(const isoscope::v1::GetHistogramResponse& histogram);
 
 // The characters of a line of the terminal on standard output; 80 if it is none.

@@ -112,7 +112,8 @@ absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
   return CachedDataset{.directory = input};
 }
 
-// The dataset directory that the flags mean.
+}  // namespace
+
 absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context) {
   if (store::IsDatasetDirectory(*flags.input)) {
     return PrepareDataset(flags);
@@ -122,30 +123,36 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Cont
   return PrepareVolume(flags, files, context);
 }
 
-}  // namespace
-
-void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
+void AddInputFlags(FlagSet* set, SessionFlags* flags) {
   AddFlag(
       set, "input", "INPUT|DIR", &flags->input, ParseText,
       "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
-  AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort,
-          "ask a coordinator instead of starting everything here");
+  AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
+          "cut a volume into P shards, one agent each (default: 1)");
+  AddCacheLimitFlag(set, &flags->cache_limit_bytes);
+  AddSourceFlags(set, &flags->source);
+}
+
+void AddServerFlags(FlagSet* set, SessionFlags* flags) {
+  AddFlag(set, "--server", "HOST[:PORT]", &flags->server, rpc::ParseCoordinatorAddress,
+          "the coordinator to ask; its port may be left out if it is 50051");
   AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
           "which dataset of the server (default: its only one)");
   AddConnectionFlags(set, &flags->connection);
-  AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
-          "cut a volume into P shards, one agent each (default: 1)");
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
+          "give up a request after this time (default: the server's limit, an hour at most; of a "
+          "frame without --server 5 minutes)");
+}
+
+void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
+  AddInputFlags(set, flags);
+  AddServerFlags(set, flags);
   AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
           "memory of the embedded agents together, as in 512MiB or 2G (default: a quarter of the "
           "machine's)");
-  AddCacheLimitFlag(set, &flags->cache_limit_bytes);
-  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
-          "give up a request after this time (default: the server's limit, an hour at most; of a "
-          "frame without --server 5 minutes)");
   set->AddSwitch("--verbose", &flags->is_verbose, "log lines of the embedded servers");
-  AddSourceFlags(set, &flags->source);
 }
 
 void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes) {

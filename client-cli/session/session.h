@@ -13,6 +13,7 @@
 #include "absl/time/time.h"
 
 #include "client-cli/session/connection_flags.h"
+#include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/source_flags.h"
 #include "core/cli/command.h"
 #include "core/cli/flag_set.h"
@@ -44,7 +45,9 @@ struct SessionFlags {
   bool is_verbose = false;
 };
 
-// `flags` must outlive the parsing.
+// `flags` must outlive the parsing. Those of an input, of a server, or both and how to draw here.
+void AddInputFlags(FlagSet* set, SessionFlags* flags);
+void AddServerFlags(FlagSet* set, SessionFlags* flags);
 void AddSessionFlags(FlagSet* set, SessionFlags* flags);
 // Registers --cache-limit.
 void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes);
@@ -53,6 +56,11 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
+
+// The dataset directory of flags.input: itself, or of a volume that of the cache, which it is
+// partitioned into first. UsageError if --shards differs from the dataset's. Other errors as
+// partition::Partition.
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context);
 
 // A way to ask for frames of one dataset. Thread-safe.
 class Session {

@@ -30,6 +30,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client-cli/terminal/raw_terminal.h"
+#include "client-cli/terminal/send_times.h"
 #include "client-cli/terminal/terminal_keys.h"
 #include "client-cli/terminal/terminal_picture.h"
 #include "client-cli/terminal/view_controls.h"
@@ -214,7 +215,7 @@ class Viewer {
   KeyReader keys_;
   std::unique_ptr<RawTerminal> raw_;
   std::int64_t sequence_number_ = 0;
-  absl::Time sent_ = absl::InfinitePast();
+  SendTimes send_times_;
   std::optional<v1::InteractResponse> last_;
   std::string message_;  // what went wrong with the last frame
   double latency_ms_ = 0;
@@ -242,7 +243,7 @@ absl::Status Viewer::SendView(bool is_at_rest) {
   *state.mutable_frame() = Frame();
   state.set_target_frames_per_second(kFramesPerSecond);
   state.set_is_at_rest(is_at_rest);
-  sent_ = absl::Now();
+  send_times_.NoteSent(sequence_number_, absl::Now());
   stream_->Write(request);  // if the stream has ended, the reader says so
   return absl::OkStatus();
 }
@@ -294,7 +295,8 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
   const std::int64_t frame_number = newest->frame_number();
   message_ = newest->has_error() ? newest->error().message() : "";
   if (newest->has_frame()) {
-    latency_ms_ = absl::ToDoubleMilliseconds(start - sent_);
+    latency_ms_ = absl::ToDoubleMilliseconds(
+        start - send_times_.TimeOf(newest->sequence_number()).value_or(start));
     last_ = std::move(newest);
   }
   const absl::Status drawn = shows_help_ ? absl::OkStatus() : DrawLast();

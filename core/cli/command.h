@@ -27,8 +27,8 @@ struct Context {
   const Program* program = nullptr;  // set by RunProgram
 };
 
-// The work of a command, once its flags are read. A UsageError ends the process with 2, any other
-// error with 1.
+// The work of a command, once its flags are read. A UsageError ends the process with 2, CANCELLED
+// after Ctrl-C with 130, any other error with 1.
 using Action = std::function<absl::Status(const Context&)>;
 
 struct Command {

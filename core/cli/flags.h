@@ -14,6 +14,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
 #include "core/cli/flag_set.h"
 
 namespace isoscope::cli {
@@ -67,6 +68,12 @@ Flag AddRepeatableFlag(FlagSet* set, const std::string& name, const std::string&
 
 // Any text but the empty one.
 absl::StatusOr<std::string> ParseText(absl::string_view text);
+
+// Registers --quiet.
+void AddQuietFlag(FlagSet* set, bool* is_quiet);
+// The surroundings of a command that was told to be quiet: no text goes to standard output, and no
+// progress to standard error. Warnings and errors stay.
+Context QuietContext(const Context& context);
 
 }  // namespace isoscope::cli
 

@@ -20,12 +20,13 @@ void Interrupt::InstallForProcess(void (*before_exit)()) {
   std::thread([this, signals, before_exit] {
     int signal_number = 0;
     sigwait(&signals, &signal_number);
+    signal_number_.store(signal_number);
     Trigger();
     sigwait(&signals, &signal_number);
     if (before_exit != nullptr) {
       before_exit();
     }
-    _exit(kExitFailed);
+    _exit(kExitInterrupted + signal_number);
   }).detach();
 }
 

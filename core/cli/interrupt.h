@@ -3,6 +3,8 @@
 #ifndef ISOSCOPE_CORE_CLI_INTERRUPT_H_
 #define ISOSCOPE_CORE_CLI_INTERRUPT_H_
 
+#include <atomic>
+
 #include "core/base/cancellation.h"
 
 namespace isoscope::cli {
@@ -26,9 +28,12 @@ class Interrupt {
   void Wait();
 
   [[nodiscard]] const base::Cancellation& cancellation() const { return cancellation_; }
+  // The first signal that came, SIGINT for instance; 0 before one has.
+  [[nodiscard]] int signal_number() const { return signal_number_.load(); }
 
  private:
   base::Cancellation cancellation_;
+  std::atomic<int> signal_number_{0};
 };
 
 }  // namespace isoscope::cli

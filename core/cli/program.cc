@@ -3,7 +3,7 @@
 // 1. Dispatch finds the command: one word or two ("cache list"); `help X` is `X --help`.
 // 2. Run reads its flags. An unknown one is an error, which names the nearest flag.
 // 3. The action works. Its error is printed in one line, and decides the exit code: 2 for wrong
-//    usage, else 1.
+//    usage, 130 after Ctrl-C, else 1.
 
 #include "core/cli/program.h"
 
@@ -109,16 +109,17 @@ class CommandTable {
 
   // The text of --help.
   [[nodiscard]] std::string Overview() const {
-    return absl::StrCat(program_.name, ": ", program_.summary, "\n\nUsage: ", program_.name,
-                        " COMMAND ...\n\nCommands:\n", List(""),
-                        "\nOptions:\n"
-                        "  -h, --help  this text; '",
-                        program_.name,
-                        " COMMAND --help' tells about a command\n"
-                        "  --version   print the version\n"
-                        "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
-                        "\nExample:\n",
-                        program_.example);
+    return absl::StrCat(
+        program_.name, ": ", program_.summary, "\n\nUsage: ", program_.name,
+        " COMMAND ...\n\nCommands:\n", List(""),
+        "\nOptions:\n"
+        "  -h, --help  this text; '",
+        program_.name,
+        " COMMAND --help' tells about a command\n"
+        "  --version   print the version\n"
+        "\nExit codes: 0 done, 1 the request failed, 2 wrong usage, 130 ended by Ctrl-C\n"
+        "\nExample:\n",
+        program_.example);
   }
 
   // The error for a `name` that Find doesn't know: names the commands that may have been meant.
@@ -230,6 +231,10 @@ int RunProgram(const Program& program, const std::vector<std::string>& arguments
     *context.err << program.name << ": DATA_LOSS: standard output could not be written"
                  << std::endl;
     return kExitFailed;
+  }
+  if (absl::IsCancelled(status) && context.interrupt != nullptr &&
+      context.interrupt->signal_number() != 0) {
+    return kExitInterrupted + context.interrupt->signal_number();
   }
   return ExitCodeOf(status);
 }

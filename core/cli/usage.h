@@ -16,6 +16,8 @@ enum ExitCode : int {
   kExitDone = 0,
   kExitFailed = 1,
   kExitWrongUsage = 2,
+  // Plus the signal's number: 130 after Ctrl-C, as shells have it.
+  kExitInterrupted = 128,
 };
 
 // An INVALID_ARGUMENT that is the fault of the command line itself, not of the request.

@@ -36,4 +36,11 @@ absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
   return absl::StrCat(text);
 }
 
+absl::StatusOr<std::string> ParseCoordinatorAddress(absl::string_view text) {
+  const bool is_bracketed = text.size() > 2 && text.front() == '[' && text.back() == ']';
+  const bool has_port = absl::StrContains(text, ':') && !is_bracketed;
+  return ParseHostPort(has_port || text.empty() ? text
+                                                : absl::StrCat(text, ":", kDefaultCoordinatorPort));
+}
+
 }  // namespace isoscope::rpc

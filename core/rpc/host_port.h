@@ -14,6 +14,12 @@ namespace isoscope::rpc {
 // quotes it and says what is allowed.
 absl::StatusOr<std::string> ParseHostPort(absl::string_view text);
 
+// Of a coordinator, where an address names none.
+constexpr int kDefaultCoordinatorPort = 50051;
+
+// The address of a coordinator: as ParseHostPort, or "HOST" alone, which gets the default port.
+absl::StatusOr<std::string> ParseCoordinatorAddress(absl::string_view text);
+
 }  // namespace isoscope::rpc
 
 #endif  // ISOSCOPE_CORE_RPC_HOST_PORT_H_

@@ -172,7 +172,7 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
   }
   process->Signal(SIGINT);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, process->Wait(testing::kPatience));
-  EXPECT_EQ(exit_code, 1);
+  EXPECT_EQ(exit_code, 130);
   EXPECT_THAT(process->err(), HasSubstr("CANCELLED"));
   EXPECT_TRUE(NothingIsLeftBehind());
 }

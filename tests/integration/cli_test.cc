@@ -7,6 +7,7 @@
 #include <csignal>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <set>
@@ -17,6 +18,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
@@ -35,6 +37,7 @@ namespace {
 
 using nlohmann::json;
 using testing::CommandResult;
+using ::testing::HasSubstr;
 using testing::RunIsoscope;
 
 std::set<std::string> KeysOf(const json& object) {
@@ -286,6 +289,70 @@ TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, server->Wait(testing::kPatience));
     EXPECT_EQ(exit_code, 0) << server->err();
   }
+}
+
+TEST_F(CliTest, ServeTakesAVolumeAndKeepsItInTheCache) {
+  ISOSCOPE_ASSERT_OK(testing::WriteRawFile(gyroid_, Path("volume.raw")));
+  const std::vector<std::string> serve = Join({"serve", Path("volume.raw"), "--listen",
+                                               "127.0.0.1:0", "--shards", "2", "--renderer", "cpu"},
+                                              testing::RawFlags(gyroid_));
+  for (int i = 0; i < 2; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server, testing::StartIsoscope(serve, Options()));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, server->WaitForOutLine("127.0.0.1:"));
+    const json info = ParseJson(MustRun({"info", "--server", address, "--json"}));
+    EXPECT_EQ(info.at("datasets").at(0).at("shard_count"), 2);
+    server->Signal(SIGINT);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, server->Wait(testing::kPatience));
+    EXPECT_EQ(exit_code, 0) << server->err();
+  }
+  const json cache = ParseJson(MustRun({"cache", "list", "--json"}, Options()));
+  EXPECT_EQ(cache.at("entries").size(), 1U);
+  const testing::CommandResult without = testing::RunIsoscope({"serve"}, Options());
+  EXPECT_EQ(without.exit_code, 2);
+  EXPECT_THAT(without.err, HasSubstr("INPUT or DIR is missing"));
+}
+
+TEST_F(CliTest, RenderPrintsTablesOnlyWithStatsAndNothingWithQuiet) {
+  Partition(gyroid_, "one", 1);
+  const std::vector<std::string> render = {"render",  Path("one"),  "--isovalue", kIsovalue,
+                                           "--width", "32",         "--height",   "32",
+                                           "-o",      Path("o.png")};
+  EXPECT_EQ(MustRun(render), Path("o.png") + ": 32 x 32 pixels\n");
+  EXPECT_THAT(MustRun(Join(render, {"--stats", Path("s.json")})),
+              HasSubstr("occluder selection ms"));
+  EXPECT_EQ(MustRun(Join(render, {"-q"})), "");
+  EXPECT_EQ(MustRun(Join(render, {"--quiet", "--stats", Path("s.json")})), "");
+  EXPECT_FALSE(MustRun(Join(render, {"-q", "--stats", "-"})).empty()) << "it was asked for";
+  EXPECT_EQ(MustRun({"export", Path("one"), "--isovalue", kIsovalue, "-q", "-o", Path("o.ply")}),
+            "");
+  EXPECT_EQ(MustRun({"generate", "gyroid", "--dims", "8,8,8", "-q", "-o", Path("g.nrrd")}), "");
+  EXPECT_EQ(MustRun({"partition", Path("g.nrrd"), "-q", "-o", Path("g")}), "");
+  const testing::CommandResult failed = testing::RunIsoscope(
+      {"render", Path("absent"), "--isovalue", "1", "-q", "-o", Path("p.png")}, Options());
+  EXPECT_EQ(failed.exit_code, 1);
+  EXPECT_THAT(failed.err, HasSubstr("NOT_FOUND")) << "quiet is not silent about errors";
+}
+
+TEST_F(CliTest, InfoReadsALargeVolumesValuesOnlyIfItIsAsked) {
+  const std::string path = Path("large.raw");
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, ""));
+  std::filesystem::resize_file(path, std::uintmax_t{512} * 512 * 257);  // without disk space
+  const std::vector<std::string> info = {"info", path, "--dims", "512,512,257", "--type", "uint8"};
+  EXPECT_THAT(MustRun(info), HasSubstr("values        not read: --values reads them all\n"));
+  EXPECT_FALSE(ParseJson(MustRun(Join(info, {"--json"}))).at("volume").contains("value_range"));
+  EXPECT_THAT(MustRun(Join(info, {"--values"})), HasSubstr("values        0.0 to 0.0\n"));
+  EXPECT_EQ(ParseJson(MustRun(Join(info, {"--values", "--json"}))).at("volume").at("value_range"),
+            (nlohmann::json{0.0, 0.0}));
+  // With a file that ends early, the header is told before the error.
+  std::filesystem::resize_file(path, std::uintmax_t{512} * 512 * 257 - 1);
+  EXPECT_EQ(testing::RunIsoscope(info, {}).exit_code, 1);
+}
+
+TEST_F(CliTest, RenderWithoutALevelNamesTheCommandThatSuggestsOne) {
+  const testing::CommandResult result =
+      testing::RunIsoscope({"render", Path("absent"), "-o", Path("o.png")}, {});
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_THAT(result.err, HasSubstr("isoscope info INPUT --histogram"));
 }
 
 TEST_F(CliTest, ALevelWithoutASurfaceIsSaidForEveryKindOfInput) {

@@ -169,7 +169,7 @@ TEST_F(HeldFrameTest, InterruptedClientStopsTheFrameAndLeavesNoPicture) {
   ASSERT_NO_FATAL_FAILURE(WaitUntilHeld());
   client->Signal(SIGINT);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, client->Wait(kPatience));
-  EXPECT_EQ(exit_code, 1);
+  EXPECT_EQ(exit_code, 130);
   EXPECT_THAT(client->err(), HasSubstr("CANCELLED"));
   ISOSCOPE_EXPECT_OK(holding_.process->WaitForErrLine("cancelled"));
   EXPECT_FALSE(io::PathExists(output));

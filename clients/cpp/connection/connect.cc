@@ -40,13 +40,14 @@ bool MaySendToken(const rpc::TransportFlags& transport, absl::string_view addres
 
 absl::StatusOr<std::unique_ptr<ServiceClient>> Connect(const ConnectOptions& options,
                                                        cli::Interrupt* interrupt) {
-  ISOSCOPE_RETURN_IF_ERROR(rpc::ParseHostPort(options.address).status());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
+                            rpc::ParseCoordinatorAddress(options.address));
   ISOSCOPE_RETURN_IF_ERROR(rpc::CheckDialFlags(options.transport));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string token, TokenOf(options));
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::Dialing dialing,
                             rpc::MakeDialing(options.transport, /*own_role=*/""));
-  return std::make_unique<ServiceClient>(rpc::MakeChannel(options.address, dialing),
-                                         options.address, interrupt, token);
+  return std::make_unique<ServiceClient>(rpc::MakeChannel(address, dialing), address, interrupt,
+                                         token);
 }
 
 }  // namespace isoscope::client

@@ -22,12 +22,12 @@ constexpr std::int64_t kMaxPictureBytes = 2 * base::kGiB;
 // Flags that do not decide a pixel. A flag that is not here decides one: a new flag is refused
 // beside --like until somebody thinks of it.
 constexpr auto kFlagsBesideLike = std::to_array<absl::string_view>(
-    {"input",       "server",  "dataset",         "dims",      "type",     "spacing",
-     "origin",      "endian",  "header-bytes",    "shards",    "threads",  "memory-limit",
-     "cache-limit", "timeout", "verbose",         "renderer",  "output",   "stats",
-     "culling",     "like",    "no-metadata",     "help",      "trace",    "axes",
-     "scale-bar",   "caption", "legend",          "show",      "insecure", "tls-ca",
-     "tls-cert",    "tls-key", "tls-server-name", "token-file"});
+    {"input",       "server",  "dataset",         "dims",       "type",     "spacing",
+     "origin",      "endian",  "header-bytes",    "shards",     "threads",  "memory-limit",
+     "cache-limit", "timeout", "verbose",         "renderer",   "output",   "stats",
+     "culling",     "like",    "no-metadata",     "help",       "trace",    "axes",
+     "scale-bar",   "caption", "legend",          "show",       "insecure", "tls-ca",
+     "tls-cert",    "tls-key", "tls-server-name", "token-file", "quiet"});
 
 absl::Status WithPath(const std::string& path, const absl::Status& status) {
   return {status.code(), absl::StrCat("--like '", path, "': ", status.message())};

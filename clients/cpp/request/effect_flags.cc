@@ -81,9 +81,9 @@ void AddEffectFlags(cli::FlagSet* set, EffectFlags* flags) {
       "and how much, 0 to 1 (default: 1)")
       .Group(group);
   cli::AddFlagWithDefault(
-      set, "--silhouette", "[WIDTH[:R,G,B]]", &flags->silhouette, ParseSilhouette,
+      set, "--silhouette", "[WIDTH[:COLOR]]", &flags->silhouette, ParseSilhouette,
       "draw lines where surfaces end: 1 to 16 pixels wide (default: 2), and their "
-      "colour, 0 to 1 each (default: black)")
+      "colour, as of --color (default: black)")
       .Group(group);
 }
 

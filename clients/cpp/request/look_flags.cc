@@ -82,7 +82,7 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
   const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
   if (parts.size() > 3) {
     return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not X,Y,Z[:INTENSITY[:R,G,B]]"));
+        absl::StrCat("'", text, "' is not X,Y,Z[:INTENSITY[:COLOR]]"));
   }
   Light light;
   ISOSCOPE_ASSIGN_OR_RETURN(light.direction, ParseVector(parts[0]));
@@ -164,7 +164,7 @@ bool LookFlags::colors_by_position() const {
 
 void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
   const std::string group = "Lights and colours";
-  cli::AddRepeatableFlag(set, "--light", "X,Y,Z[:INTENSITY[:R,G,B]]", &flags->lights, ParseLight,
+  cli::AddRepeatableFlag(set, "--light", "X,Y,Z[:INTENSITY[:COLOR]]", &flags->lights, ParseLight,
                          "a light from this direction, in place of the head light; up to 4 times; "
                          "intensity 0 to 10 (default: 1)")
       .Group(group);

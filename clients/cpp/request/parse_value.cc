@@ -1,5 +1,6 @@
 #include "clients/cpp/request/parse_value.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -11,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 
+#include "clients/cpp/request/color_names.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/volume/block_layout.h"
@@ -211,20 +213,61 @@ absl::StatusOr<frame::Color> ParseChannels(absl::string_view text, std::size_t m
                       .alpha = values.size() > 3 ? channel(3) : 1.0F};
 }
 
+// "#RGB", "#RRGGBB", and with an alpha of as many digits each, "#RGBA", "#RRGGBBAA".
+absl::StatusOr<frame::Color> ParseHexColor(absl::string_view text, std::size_t max_count,
+                                           absl::string_view expected) {
+  const absl::string_view digits = text.substr(1);
+  const std::size_t digits_each = digits.size() > 4 ? 2 : 1;
+  const std::size_t count = digits.size() / digits_each;
+  std::uint32_t value = 0;
+  if (count < 3 || count > max_count || digits.size() % digits_each != 0 ||
+      !std::all_of(digits.begin(), digits.end(), absl::ascii_isxdigit) ||
+      !absl::SimpleHexAtoi(digits, &value)) {
+    return Malformed(text, expected);
+  }
+  const unsigned bits = digits_each == 2 ? 8U : 4U;
+  const std::uint32_t most = (1U << bits) - 1;
+  const auto channel = [&](std::size_t i) {
+    const auto shift = static_cast<unsigned>(count - 1 - i) * bits;
+    return static_cast<float>(value >> shift & most) / static_cast<float>(most);
+  };
+  return frame::Color{.red = channel(0),
+                      .green = channel(1),
+                      .blue = channel(2),
+                      .alpha = count > 3 ? channel(3) : 1.0F};
+}
+
+absl::StatusOr<frame::Color> ParseAnyColor(absl::string_view text, std::size_t max_count,
+                                           absl::string_view expected) {
+  if (const std::optional<std::uint32_t> rgb = NamedColor(text); rgb) {
+    const auto channel = [&](unsigned shift) {
+      return static_cast<float>(*rgb >> shift & 0xff) / 255.0F;
+    };
+    return frame::Color{.red = channel(16), .green = channel(8), .blue = channel(0), .alpha = 1};
+  }
+  return absl::StartsWith(text, "#") ? ParseHexColor(text, max_count, expected)
+                                     : ParseChannels(text, max_count, expected);
+}
+
 }  // namespace
 
 absl::StatusOr<frame::Color> ParseColor(absl::string_view text) {
-  return ParseChannels(text, 3, "R,G,B, three numbers from 0 to 1 between commas");
+  return ParseAnyColor(text, 3,
+                       "a colour: a name of CSS as 'teal', #RRGGBB, or R,G,B, three numbers from 0 "
+                       "to 1 between commas");
 }
 
 absl::StatusOr<frame::Color> ParseColorWithAlpha(absl::string_view text) {
-  return ParseChannels(text, 4, "R,G,B or R,G,B,A, numbers from 0 to 1 between commas");
+  return ParseAnyColor(text, 4,
+                       "a colour: a name of CSS as 'teal', #RRGGBB or #RRGGBBAA, or R,G,B or "
+                       "R,G,B,A, numbers from 0 to 1 between commas");
 }
 
 absl::StatusOr<SurfaceValue> ParseSurface(absl::string_view text) {
   constexpr absl::string_view kExpected =
-      "V, V:R,G,B or V:R,G,B:OPACITY, a level, three numbers from 0 to 1 between commas, and a "
-      "number above 0, at most 1";
+      "V, V:COLOR or V:COLOR:OPACITY, a level, a colour (a name of CSS as 'teal', #RRGGBB, or "
+      "R,G,B "
+      "from 0 to 1), and a number above 0, at most 1";
   const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
   const absl::StatusOr<double> isovalue = ParseNumber(parts[0]);
   if (!isovalue.ok() || parts.size() > 3) {

@@ -46,12 +46,12 @@ absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text);
 // A number of seconds > 0, with s, ms, m or h if wanted: "30", "1.5s", "2m".
 absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text);
 
-// "R,G,B": opaque.
+// A name of CSS (NamedColor), "#RGB", "#RRGGBB", or "R,G,B", each from 0 to 1: opaque.
 absl::StatusOr<frame::Color> ParseColor(absl::string_view text);
-// "R,G,B" or "R,G,B,A".
+// The same, or with an alpha: "#RGBA", "#RRGGBBAA", "R,G,B,A".
 absl::StatusOr<frame::Color> ParseColorWithAlpha(absl::string_view text);
 
-// "V", "V:R,G,B" or "V:R,G,B:OPACITY": a level, in field units, and its colour if it is given; the
+// "V", "V:COLOR" or "V:COLOR:OPACITY": a level, in field units, and its colour if it is given; the
 // opacity, in (0, 1], is the colour's alpha.
 struct SurfaceValue {
   double isovalue = 0;

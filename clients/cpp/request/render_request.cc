@@ -44,7 +44,7 @@ isoscope::v1::Color ToProto(const frame::Color& color) {
 void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
   cli::AddFlag(set, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
   cli::AddRepeatableFlag(
-      set, "--surface", "V[:R,G,B[:OPACITY]]", &flags->surfaces, ParseSurface,
+      set, "--surface", "V[:COLOR[:OPACITY]]", &flags->surfaces, ParseSurface,
       "a surface: its level, colour and opacity (below 1: translucent); instead of "
       "--isovalue and --color, up to 16 times");
   cli::AddFlag(
@@ -59,10 +59,12 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
   cli::AddFlag(set, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
                "how hidden blocks are left out: depth (default) keeps the picture exact, mask is "
                "approximate, none draws all");
-  cli::AddFlag(set, "--color", "R,G,B", &flags->base_color, ParseColor,
-               "colour of the surface, 0 to 1 each (default: a light clay)");
-  cli::AddFlag(set, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
-               "colour behind it, 0 to 1 each (default: 0,0,0,1)");
+  cli::AddFlag(set, "--color", "COLOR", &flags->base_color, ParseColor,
+               "colour of the surface: a name of CSS as teal, #RRGGBB, or R,G,B from 0 to 1 "
+               "(default: a light clay)");
+  cli::AddFlag(set, "--background", "COLOR", &flags->background_color, ParseColorWithAlpha,
+               "colour behind it, as of --color, or with an alpha: #RRGGBBAA, R,G,B,A (default: "
+               "black)");
   AddClipFlags(set, &flags->clip);
   cli::AddFlagWithDefault(
       set, "--caps", "[MAP[:MIN,MAX]]", &flags->caps, ParseCaps,
@@ -85,12 +87,14 @@ std::vector<double> RequestFlags::isovalues() const {
 
 absl::Status CheckUsage(const RequestFlags& flags) {
   if (!flags.isovalue && flags.surfaces.empty()) {
-    return cli::UsageError("--isovalue V is missing: the level of the surface, in field units");
+    return cli::UsageError(
+        "--isovalue V is missing: the level of the surface, in field units; "
+        "`isoscope info INPUT --histogram` suggests some");
   }
   if (!flags.surfaces.empty() && (flags.isovalue || flags.base_color)) {
     return cli::UsageError(
         absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
-                     " exclude each other: write --surface V:R,G,B for each surface"));
+                     " exclude each other: write --surface V:COLOR for each surface"));
   }
   if (flags.surfaces.size() > frame::kMaxSurfaces) {
     return cli::UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(),

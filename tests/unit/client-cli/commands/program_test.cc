@@ -185,7 +185,7 @@ std::vector<WrongUsage> RenderRows() {
       Render({"--repeat", "0"}, {"--repeat", "'0'"}),
       Render({"--orbit", "5"}, {"--orbit", "--repeat N"}),
       Render({"--timeout", "0"}, {"--timeout", "seconds above 0"}),
-      Render({"--color", "1,1"}, {"--color", "R,G,B"}),
+      Render({"--color", "1,1"}, {"--color", "a name of CSS", "R,G,B"}),
       Render({"--background", "0,0,0,2"}, {"--background", "from 0 to 1"}),
       Render({"--dims", "4,4,4", "--type", "uint8"}, {"--dims is for raw files only"}),
       Render({"--dataset", "head"}, {"--dataset is for --server"}),

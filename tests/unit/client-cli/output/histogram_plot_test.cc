@@ -101,7 +101,7 @@ TEST(HistogramPlotTest, TheSvgIsOneElementThatCloses) {
   EXPECT_EQ(svg.rfind("<svg ", 0), 0u);
   EXPECT_EQ(svg.substr(svg.size() - 7), "</svg>\n");
   EXPECT_THAT(svg, HasSubstr("a &lt;b&gt; &amp; "));
-  EXPECT_THAT(svg, HasSubstr("between-classes: 59.5"));
+  EXPECT_THAT(svg, HasSubstr("between_classes: 59.5"));
   EXPECT_THAT(svg, Not(HasSubstr("nan")));
   EXPECT_THAT(svg, Not(HasSubstr("inf")));
 }
@@ -117,8 +117,8 @@ TEST(HistogramPlotTest, TheJsonHasEveryNumber) {
   EXPECT_EQ(json.at("bins").at(2).at("active_block_count"), 2);
   EXPECT_EQ(json.at("bins").at(2).at("active_block_bytes"), 2000);
   EXPECT_EQ(json.at("bins").at(2).at("estimated_triangle_count"), 358);
-  EXPECT_EQ(json.at("suggestions").at(0).at("method"), "between-classes");
-  EXPECT_EQ(json.at("suggestions").at(1).at("method"), "one-percent");
+  EXPECT_EQ(json.at("suggestions").at(0).at("method"), "between_classes");
+  EXPECT_EQ(json.at("suggestions").at(1).at("method"), "one_percent");
   EXPECT_EQ(json.at("suggestions").at(1).at("isovalue"), 200.5);
 }
 

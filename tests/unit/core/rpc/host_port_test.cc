@@ -26,5 +26,18 @@ TEST(HostPortTest, AddressesHaveHostAndPort) {
   }
 }
 
+TEST(HostPortTest, ACoordinatorsPortMayBeLeftOut) {
+  EXPECT_EQ(*ParseCoordinatorAddress("localhost"), "localhost:50051");
+  EXPECT_EQ(*ParseCoordinatorAddress("10.1.2.3"), "10.1.2.3:50051");
+  EXPECT_EQ(*ParseCoordinatorAddress("[::1]"), "[::1]:50051");
+  EXPECT_EQ(*ParseCoordinatorAddress("localhost:7"), "localhost:7");
+  EXPECT_EQ(*ParseCoordinatorAddress("[::1]:7"), "[::1]:7");
+  for (const char* text : {"", ":", ":7", "::1", "local host", "localhost:", "localhost:http"}) {
+    EXPECT_THAT(ParseCoordinatorAddress(text).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument))
+        << text;
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::rpc

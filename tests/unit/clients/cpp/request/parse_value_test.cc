@@ -90,8 +90,26 @@ TEST(ParseValueTest, ColorsStayBetweenZeroAndOne) {
   EXPECT_EQ(*ParseColor("1,0.5,0"), (frame::Color{1, 0.5F, 0, 1}));
   EXPECT_EQ(*ParseColorWithAlpha("1,0.5,0,0.25"), (frame::Color{1, 0.5F, 0, 0.25F}));
   EXPECT_EQ(*ParseColorWithAlpha("0,0,0"), (frame::Color{0, 0, 0, 1}));
-  ExpectRefused(ParseColor, {"1,1,1,1", "1,1", "1.1,0,0", "-0.1,0,0", "red"});
+  ExpectRefused(ParseColor, {"1,1,1,1", "1,1", "1.1,0,0", "-0.1,0,0", "reddish"});
   ExpectRefused(ParseColorWithAlpha, {"1,1,1,2", "1,1,1,1,1"});
+}
+
+TEST(ParseValueTest, ColorsMayBeNamesAndHexDigitsAsInCss) {
+  EXPECT_EQ(*ParseColor("red"), (frame::Color{1, 0, 0, 1}));
+  EXPECT_EQ(*ParseColor("Teal"), (frame::Color{0, 128 / 255.0F, 128 / 255.0F, 1}));
+  EXPECT_EQ(*ParseColor("aliceblue"), *ParseColor("#f0f8ff")) << "the first of the table";
+  EXPECT_EQ(*ParseColor("yellowgreen"), *ParseColor("#9ACD32")) << "the last of the table";
+  EXPECT_EQ(*ParseColor("#0f8"), *ParseColor("#00ff88"));
+  EXPECT_EQ(*ParseColor("#00ff88"), (frame::Color{0, 1, 136 / 255.0F, 1}));
+  EXPECT_EQ(*ParseColorWithAlpha("#00ff8880"), (frame::Color{0, 1, 136 / 255.0F, 128 / 255.0F}));
+  EXPECT_EQ(*ParseColorWithAlpha("#0f88"), *ParseColorWithAlpha("#00ff8888"));
+  EXPECT_EQ(*ParseColorWithAlpha("navy"), (frame::Color{0, 0, 128 / 255.0F, 1}));
+  ExpectRefused(ParseColor, {"#", "#12", "#12345", "#1234567", "#ff00ff00", "#f0f0", "#gg0000",
+                             "#0x1234", "# 12345", "#-12345", "", "tea l", "x"});
+  ExpectRefused(ParseColorWithAlpha, {"#12345", "#1234567", "#123456789"});
+  EXPECT_EQ(ParseSurface("30:teal:0.5")->color,
+            (frame::Color{0, 128 / 255.0F, 128 / 255.0F, 0.5F}));
+  EXPECT_EQ(ParseSurface("30:#008080")->color, *ParseColor("teal"));
 }
 
 TEST(ParseValueTest, SurfacesHaveALevelAndPerhapsAColour) {
