@@ -1097,10 +1097,15 @@ byId('link', HTMLElement).onclick = () => {
   history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
   copy(location.href, 'The link is copied: it opens this view again.');
 };
+function drawCommand() {
+  page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
+}
+// A view that is being fitted gets its camera from the server.
+shown.addEventListener('state', () => page.dialog.open && drawCommand());
 byId('save', HTMLElement).onclick = () => {
   page.width.value ||= String(shown.width);
   page.height.value ||= String(shown.height);
-  page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
+  drawCommand();
   page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
   page.dialog.showModal();
 };
@@ -1152,7 +1157,7 @@ page.savePng.onclick = async () => {
 byId('save-mesh', HTMLElement).onclick = async (event) => {
   const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
   const state = shown.getState();
-  const words = stateToHash({ surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: { ...color, alpha: 1 } })), clip: state.clip });
+  const words = stateToHash({ surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
   button.disabled = true;
   tellOfDownload(page.meshNote, 'Extracting …', 'begin');
   try {

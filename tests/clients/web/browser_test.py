@@ -689,6 +689,26 @@ class LinkTest(PageTest):
         self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
 
 
+class ColorTest(PageTest):
+    def test_names_of_colours_mean_what_the_browser_means(self):
+        self.open_and_wait()
+        wrong = self.js('''const context = document.createElement('canvas').getContext('2d');
+            return import('./css-colors.js').then(({ CSS_COLORS, colorFromText }) => {
+              const theirs = (text) => { context.fillStyle = '#010203'; context.fillStyle = text; return context.fillStyle; };
+              const digits = (color) => '#' + [color.red, color.green, color.blue].map((c) => Math.round(255 * c).toString(16).padStart(2, '0')).join('');
+              const names = [...CSS_COLORS.keys()].filter((name) => name !== 'transparent');
+              return names.length === 148 ? names.filter((name) => digits(colorFromText(name)) !== theirs(name)) : names.length; });''')
+        self.assertEqual([], wrong)
+
+    def test_a_link_may_name_colours(self):
+        self.open_and_wait('#dataset=ball&surface=40:tomato&background=#fff')
+        self.until('document.querySelector("#surfaces input[type=color]")')
+        self.assertEqual(('#ff6347', '#ffffff'), tuple(self.js('return [document.querySelector("#surfaces input[type=color]").value, '
+                                                               'document.getElementById("background").value]')))
+        self.assertEqual((255, 255, 255), self.picture()[2][0][0])
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+
 class TokenTest(PageTest):
     # With the characters of base64 that neither an address nor a protocol's name takes as they are.
     TOKEN = 'a+b/c=~.-_9'
@@ -875,9 +895,10 @@ class RealTest(PageTest):
         shutil.rmtree(cls.folder, ignore_errors=True)
 
     def command_line(self):
-        """The picture of the command that the page gives, on the same volume."""
-        command = self.js('return import("./view-state.js").then((m) => m.stateToCommand(isoscope.view.getState(), '
-                          '"picture.png", isoscope.view))')
+        """The picture of the command that the page shows, on the same volume."""
+        self.js('document.getElementById("save").click()')
+        command = self.js('return document.getElementById("command").textContent')
+        self.js('document.getElementById("dialog").close()')
         words = shlex.split(command.replace('\\\n', ' '))
         begin = words.index('--server')
         del words[begin:begin + 2]
@@ -954,6 +975,42 @@ class RealTest(PageTest):
                 self.assertNotIn('token', self.browser.current_url)
             finally:
                 server.shutdown()
+
+    # Each control of the page, and a condition that holds once it has worked.
+    CONTROLS = [
+        ("document.getElementById('add').click()", 'isoscope.view.state.surfaces.length === 2'),
+        *((f"choose('quantity', '{name}')", 'isoscope.view.state.surfaces[0].colorBy') for name in ('x', 'normal', 'gradient', 'z')),
+        ("choose('map', 'cool-warm')", 'isoscope.view.state.surfaces[0].colorBy.colorMap === "COLOR_MAP_COOL_WARM"'),
+        ("document.getElementById('range-min').value = '-1'; choose('range-max', '30')", 'isoscope.view.state.surfaces[0].colorBy.range'),
+        ("choose('opacity-min', '0.5', 'input')", 'isoscope.view.state.surfaces[0].colorBy.opacity'),
+        ("choose('quantity', 'none')", '!isoscope.view.state.surfaces[0].colorBy'),
+        ("choose('background', '#336699', 'input')", 'isoscope.view.state.backgroundColor.red === 0.2'),
+        *((f"choose('lights', '{name}')", 'isoscope.view.state.lights') for name in ('studio', 'side')),
+        ("document.getElementById('occlusion').click()", 'isoscope.view.state.ambientOcclusion'),
+        ("document.getElementById('silhouette').click()", 'isoscope.view.state.silhouette'),
+        *((f"choose('samples', '{n}')", f'isoscope.view.state.samples === {n}') for n in (4, 9, 16)),
+        ("choose('samples', '1')", '!isoscope.view.state.samples'),
+        ("document.getElementById('parallel').click()", 'isoscope.view.camera.height > 0'),
+        ("document.getElementById('add-plane').click()", 'isoscope.view.state.clip.halfSpaces'),
+        ("press('#clip [data-axis=y][data-end=low]', 'PageUp')", 'isoscope.view.state.clip.box'),
+        *((f"choose('caps', '{name}')", 'isoscope.view.state.caps') for name in ('filled', 'slice')),
+        ("press('#histogram .handle', 'PageUp')", 'true'),
+        ("document.querySelector('#views button:nth-child(2)').click()", '!isoscope.view.state.cameraFit'),
+    ]
+
+    def test_each_control_leaves_a_command_that_draws_the_picture_on_the_page(self):
+        self.browser.get('about:blank')
+        self.browser.get(f'{self.page}&max-side=128')
+        self.until('isoscope.view.isExact && isoscope.view.frame && document.querySelector("#clip [aria-valuetext]")')
+        self.js('''window.choose = (id, value, type = 'change') => {
+              const element = document.getElementById(id); element.value = value; element.dispatchEvent(new Event(type)); };
+            window.press = (selector, key) => document.querySelector(selector).dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));''')
+        for action, condition in self.CONTROLS:
+            with self.subTest(action):
+                self.js(action)
+                self.command_line()  # also of a view that still moves
+                self.until(f'isoscope.view.isExact && {condition}')
+                self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
 
     def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
         self.browser.get('about:blank')
