@@ -64,7 +64,8 @@ const page = {
   height: byId('height', HTMLInputElement), saveSamples: byId('save-samples', HTMLSelectElement),
   transparent: byId('transparent', HTMLInputElement), savePng: byId('save-png', HTMLButtonElement),
   saveNote: byId('save-note', HTMLElement), meshNote: byId('mesh-note', HTMLElement), command: byId('command', HTMLElement),
-  toast: byId('toast', HTMLElement), speech: byId('speech', HTMLElement), dialogSpeech: byId('dialog-speech', HTMLElement), histogram: /** @type {SVGSVGElement} */ (/** @type {unknown} */ (document.getElementById('histogram'))),
+  toast: byId('toast', HTMLElement), speech: byId('speech', HTMLElement), dialogSpeech: byId('dialog-speech', HTMLElement),
+  histogram: /** @type {SVGSVGElement} */ (/** @type {unknown} */ (document.getElementById('histogram'))),
   chart: /** @type {SVGGElement} */ (/** @type {unknown} */ (document.getElementById('chart'))),
   handles: /** @type {SVGGElement} */ (/** @type {unknown} */ (document.getElementById('handles'))),
 };
