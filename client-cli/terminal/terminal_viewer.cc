@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -30,7 +31,6 @@
 #include <nlohmann/json.hpp>
 
 #include "client-cli/terminal/raw_terminal.h"
-#include "client-cli/terminal/send_times.h"
 #include "client-cli/terminal/terminal_keys.h"
 #include "client-cli/terminal/terminal_picture.h"
 #include "client-cli/terminal/view_controls.h"
@@ -66,6 +66,8 @@ constexpr int kMaxSamplesOfBlock = 4;
 constexpr view::Viewport kUsualCell{.width_px = 8, .height_px = 16};
 // Terminals take less than screens do.
 constexpr double kFramesPerSecond = 20;
+// More states than are under way at a time.
+constexpr std::size_t kMaxStates = 256;
 
 bool IsBlocks(PictureFormat format) {
   return format == PictureFormat::kBlocks24Bit || format == PictureFormat::kBlocks256;
@@ -215,10 +217,10 @@ class Viewer {
   KeyReader keys_;
   std::unique_ptr<RawTerminal> raw_;
   std::int64_t sequence_number_ = 0;
-  SendTimes send_times_;
+  SentStates sent_;
   std::optional<v1::InteractResponse> last_;
-  std::string message_;  // what went wrong with the last frame
-  double latency_ms_ = 0;
+  std::optional<absl::Duration> latency_;  // of last_
+  std::string message_;                    // what went wrong with the last frame
   int image_number_ = 1;
   bool shows_help_ = false;
   bool is_done_ = false;
@@ -243,7 +245,7 @@ absl::Status Viewer::SendView(bool is_at_rest) {
   *state.mutable_frame() = Frame();
   state.set_target_frames_per_second(kFramesPerSecond);
   state.set_is_at_rest(is_at_rest);
-  send_times_.NoteSent(sequence_number_, absl::Now());
+  sent_.Add(sequence_number_, absl::Now());
   stream_->Write(request);  // if the stream has ended, the reader says so
   return absl::OkStatus();
 }
@@ -256,7 +258,10 @@ std::string Viewer::StatusLine() const {
   } else if (last_) {
     const v1::RenderIsosurfaceResponse& frame = last_->frame();
     absl::StrAppend(&text, "   ", frame.extent().width_px(), " x ", frame.extent().height_px(),
-                    last_->is_exact() ? " exact" : "", absl::StrFormat("   %.0f ms", latency_ms_));
+                    last_->is_exact() ? " exact" : "");
+    if (latency_) {
+      absl::StrAppendFormat(&text, "   %.0f ms", absl::ToDoubleMilliseconds(*latency_));
+    }
   }
   // Names and messages come from elsewhere: nothing in them is a command to the terminal.
   text = base::Printable(text);
@@ -295,8 +300,7 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
   const std::int64_t frame_number = newest->frame_number();
   message_ = newest->has_error() ? newest->error().message() : "";
   if (newest->has_frame()) {
-    latency_ms_ = absl::ToDoubleMilliseconds(
-        start - send_times_.TimeOf(newest->sequence_number()).value_or(start));
+    latency_ = sent_.TakeLatency(newest->sequence_number(), start);
     last_ = std::move(newest);
   }
   const absl::Status drawn = shows_help_ ? absl::OkStatus() : DrawLast();
@@ -436,6 +440,20 @@ absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
           layout.format == PictureFormat::kBlocks24Bit ? BlockColors::k24Bit : BlockColors::k256,
           "\r\n");
   }
+}
+
+void SentStates::Add(std::int64_t sequence_number, absl::Time sent) {
+  sent_[sequence_number] = sent;
+  if (sent_.size() > kMaxStates) {
+    sent_.erase(sent_.begin());
+  }
+}
+
+std::optional<absl::Duration> SentStates::TakeLatency(std::int64_t sequence_number,
+                                                      absl::Time now) {
+  sent_.erase(sent_.begin(), sent_.lower_bound(sequence_number));
+  const auto found = sent_.find(sequence_number);
+  return found == sent_.end() ? std::nullopt : std::optional(now - found->second);
 }
 
 std::string FlagsOfFrame(const v1::RenderIsosurfaceRequest& frame) {

@@ -3,10 +3,14 @@
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_TERMINAL_VIEWER_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_TERMINAL_VIEWER_H_
 
+#include <cstdint>
+#include <map>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
@@ -37,6 +41,19 @@ absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
 
 // The flags of `render` that make the frame again, bit for bit.
 std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame);
+
+// When the states of a stream were sent, by sequence number. A frame answers a state that is older
+// than the newest one as long as the view moves. Thread-compatible.
+class SentStates {
+ public:
+  void Add(std::int64_t sequence_number, absl::Time sent);
+  // The time from the state that a frame answers until `now`; nullopt if that state is not known.
+  // States before it are forgotten: no later frame answers them.
+  std::optional<absl::Duration> TakeLatency(std::int64_t sequence_number, absl::Time now);
+
+ private:
+  std::map<std::int64_t, absl::Time> sent_;  // at most kMaxStates
+};
 
 // Shows the dataset on the terminal of this process until q or Ctrl-C, and gives the terminal back.
 // FAILED_PRECONDITION if there is none, or one without pictures; errors of the Interact stream.

@@ -1219,6 +1219,84 @@ function sleep(ms, signal) {
   });
 }
 
+/** @param {() => void} changed called when the tab is hidden or shown @returns {() => void} ends that */
+function watchTab(changed) {
+  document.addEventListener('visibilitychange', changed);
+  return () => document.removeEventListener('visibilitychange', changed);
+}
+
+/** Waits until the tab is shown. A hidden tab asks for nothing. @returns {Promise<void>} */
+export async function untilShown() {
+  if (globalThis.document?.hidden) {
+    await new Promise((resolve) => {
+      const stop = watchTab(() => {
+        if (!document.hidden) {
+          stop();
+          resolve(undefined);
+        }
+      });
+    });
+  }
+}
+
+/**
+ * Calls `ask` every `ms` while the tab is shown, and at once when it is shown again.
+ * @param {() => void} ask @param {number} ms @returns {() => void} ends it
+ */
+export function whileShown(ask, ms) {
+  let timer = document.hidden ? undefined : setInterval(ask, ms);
+  const stop = watchTab(() => {
+    clearInterval(timer);
+    timer = undefined;
+    if (!document.hidden) {
+      ask();
+      timer = setInterval(ask, ms);
+    }
+  });
+  return () => {
+    clearInterval(timer);
+    stop();
+  };
+}
+
+/** Screen readers get at most one sentence in this time. */
+const SPEECH_MS = 2000;
+
+/**
+ * Gives sentences to a screen reader, one at a time. Of those that come within SPEECH_MS of the last
+ * one, the newest is said after that time.
+ */
+export class Announcer {
+  /**
+   * @param {(sentence: string) => void} write @param {(action: () => void, ms: number) => void} [later]
+   */
+  constructor(write, later = (action, ms) => { setTimeout(action, ms); }) {
+    this.write = write;
+    this.later = later;
+    this.isResting = false;
+    /** @type {string | null} */
+    this.next = null;
+  }
+
+  /** @param {string} sentence */
+  say(sentence) {
+    if (this.isResting) {
+      this.next = sentence;
+      return;
+    }
+    this.isResting = true;
+    this.write(sentence);
+    this.later(() => {
+      this.isResting = false;
+      const { next } = this;
+      this.next = null;
+      if (next !== null) {
+        this.say(next);
+      }
+    }, SPEECH_MS);
+  }
+}
+
 /** The protocol of the gateway's WebSocket, and one whose name carries the token: browsers give it no header. */
 const PROTOCOL = 'isoscope';
 const BEARER_PROTOCOL = 'isoscope.bearer.';
@@ -1259,12 +1337,13 @@ export class Client {
   }
 
   /**
-   * Asks again after the time that a refusal tells, within RETRY_MS.
+   * Asks again after the time that a refusal tells, within RETRY_MS. Waits while the tab is hidden.
    * @param {string} path @param {RequestInit} [init] @returns {Promise<Response>}
    */
   async request(path, init) {
     const start = performance.now();
     for (;;) {
+      await untilShown();
       try {
         return await this.requestOnce(path, init);
       } catch (error) {
@@ -1342,6 +1421,12 @@ canvas[hidden] { display: none; }
   border-radius: 50%; border: 2px solid #6aa8ff; border-right-color: transparent; box-sizing: border-box;
   animation: spin .8s linear infinite; vertical-align: -1px; }
 @keyframes spin { to { transform: rotate(360deg); } }
+@media (prefers-reduced-motion: reduce) { .notice.busy::before { animation: none; } }
+.speech { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
+.cross { position: absolute; left: 50%; top: 50%; width: 17px; height: 17px; transform: translate(-50%, -50%);
+  pointer-events: none; display: none; filter: drop-shadow(0 0 1px #000); background:
+  linear-gradient(#fff, #fff) center / 100% 1px no-repeat, linear-gradient(#fff, #fff) center / 1px 100% no-repeat; }
+.view:focus-visible > .cross { display: block; }
 `;
 
 /** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
@@ -1373,12 +1458,15 @@ const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEE
  * @property {boolean} [box] default: not shown
  * @property {'always' | 'focused'} [wheel] when the wheel zooms; default: always
  * @property {string} [label] what the view is, for screen readers
+ * @property {(sentence: string) => void} [announce] takes what screen readers should say; default: the view has a live
+ *   region of its own
  * @property {Transport} [transport] used where the gateway cannot be reached
  */
 
 /**
  * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height, decodeMs,
- * roundTripMs}; 'state' {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in pixels of the picture;
+ * roundTripMs, latencyMs}; 'state' {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in
+ * pixels of the picture, of the pointer, or of the middle when Enter was pressed;
  * 'status' {kind: 'connecting' | 'open' | 'closed', sentence}; 'notice' {sentence, isError}; 'dataset'.
  */
 export class View extends EventTarget {
@@ -1410,7 +1498,9 @@ export class View extends EventTarget {
     this.isByTransport = false;
     this.generation = 0;
     this.sequence = 0;
-    /** @type {Map<number, {scene: string, sentAt: number, movedAt: number | null}>} */
+    // By sequence number. `causedAt` is the time of the newest input in the state; without one, of its sending.
+    /** @type {Map<number, {scene: string, sentAt: number, causedAt: number, isByInput: boolean, isAnswered: boolean,
+     *   isShown: boolean}>} */
     this.sent = new Map();
     /** Responses from this state on have the camera that the server chose; 0: none is awaited. */
     this.cameraFrom = 0;
@@ -1420,8 +1510,14 @@ export class View extends EventTarget {
     // The time of the first move since the last animation frame.
     /** @type {number | null} */
     this.answeredAt = null;
+    // The time of the newest input that no state has been sent of.
     /** @type {number | null} */
-    this.movedAt = null;
+    this.inputAt = null;
+    // Of the frame on the screen: from its own input, or its own sending, to its display.
+    /** @type {number | null} */
+    this.shownLatencyMs = null;
+    /** The sentence of the lost connection, until there is one again. */
+    this.lost = '';
     this.errorSequence = -1;
     /** @type {Record<string, ReturnType<typeof setTimeout> | undefined>} */
     this.timers = {};
@@ -1457,6 +1553,12 @@ export class View extends EventTarget {
     /** @type {Map<HTMLCanvasElement, string>} */
     this.drawn = new Map();
     this.noticeElement = document.createElement('div');
+    this.speech = document.createElement('div');
+    this.cross = document.createElement('div');
+    const announcer = new Announcer((sentence) => { this.speech.textContent = sentence; });
+    /** @type {(sentence: string) => void} */
+    this.announce = options.announce ?? ((sentence) => announcer.say(sentence));
+    this.unwatch = watchTab(() => this.#schedule());
     /** @type {Screen} */
     this.screen = this.#makeScreen();
     this.#build();
@@ -1490,12 +1592,17 @@ export class View extends EventTarget {
   setState(state, how = {}) {
     const isMoving = how.isMoving ?? false;
     const { viewport, output, ...rest } = structuredClone(state);
+    for (const key of Object.keys(rest)) {
+      if (rest[key] === undefined || rest[key] === null) {
+        delete rest[key];
+      }
+    }
     const isOther = (rest.dataset ?? '') !== (this.state.dataset ?? '');
     this.state = rest;
     this.hasState = true;
     const camera = cameraFromJson(rest.camera);
     if (rest.camera && !camera) {
-      this.#notice('The camera of this view is no camera: the default one is used.', 'error');
+      this.#problem('The camera of this view is no camera: the default one is used.');
       delete rest.camera;
     }
     const isFitted = rest.cameraFit === 'CAMERA_FIT_SURFACE';
@@ -1510,21 +1617,16 @@ export class View extends EventTarget {
       this.dataset = null;
       this.#describe();
     }
+    this.inputAt = performance.now();
     this.#change(isMoving, null);
   }
 
   /**
-   * Changes parts of the state; the camera stays, unless it is named.
+   * Changes parts of the state; the camera stays, unless it is named. Null and undefined take a part away.
    * @param {FrameRequest} part @param {{isMoving?: boolean}} [how]
    */
   update(part, how) {
-    const state = { ...this.getState(), ...part };
-    for (const key of Object.keys(state)) {
-      if (state[key] === undefined || state[key] === null) {
-        delete state[key];
-      }
-    }
-    this.setState(state, how);
+    this.setState({ ...this.getState(), ...part }, how);
   }
 
   /** @param {Camera} camera */
@@ -1571,13 +1673,17 @@ export class View extends EventTarget {
     return this.frame !== null && this.frame.isExact && !this.isDirty && this.shownSequence === this.sequence;
   }
 
-  /** Figures for people and tests; times in milliseconds. */
+  /**
+   * Figures for people and tests; times in milliseconds. `shownLatencyMs` is that of the frame on the screen,
+   * `latencyMs` of the last frames that an input caused.
+   */
   stats() {
     const now = performance.now();
     return {
       ...this.counts,
       bitmapsOpen: this.counts.bitmapsMade - this.counts.bitmapsClosed,
       framesPerSecond: this.shownTimes.filter((time) => now - time < 1000).length,
+      shownLatencyMs: this.shownLatencyMs,
       latencyMs: this.latency.summary(),
       localResponseMs: this.localResponse.summary(),
       roundTripMs: this.roundTrip.summary(),
@@ -1599,6 +1705,7 @@ export class View extends EventTarget {
     Object.values(this.timers).forEach((timer) => clearTimeout(timer));
     cancelAnimationFrame(this.animation);
     this.resizer.disconnect();
+    this.unwatch();
     this.#closeArrived();
     this.options.transport?.close();
     this.worker.stop();
@@ -1630,12 +1737,18 @@ export class View extends EventTarget {
     this.root.tabIndex = 0;
     this.root.setAttribute('role', 'application');
     this.root.setAttribute('aria-label', this.options.label ?? 'Isosurface. Arrow keys turn it, plus and minus ' +
-      'zoom, with Shift arrow keys move it, 0 shows all of it.');
+      'zoom, with Shift arrow keys move it, 0 shows all of it, Enter picks the point in the middle.');
+    // It changes with each attempt to connect: what of it matters goes to `announce`.
     this.noticeElement.className = 'notice';
-    this.noticeElement.setAttribute('role', 'status');
     this.noticeElement.hidden = true;
+    this.speech.className = 'speech';
+    this.cross.className = 'cross';
     shadow.append(this.root);
-    this.root.append(this.overlay, this.axes, this.scaleBar, this.noticeElement);
+    if (!this.options.announce) {
+      this.speech.setAttribute('role', 'status');
+      shadow.append(this.speech);
+    }
+    this.root.append(this.overlay, this.axes, this.scaleBar, this.cross, this.noticeElement);
     this.element.append(this.host);
     this.root.prepend(this.screen.canvas);
     this.#listen();
@@ -1861,6 +1974,8 @@ export class View extends EventTarget {
       this.#move({ ...camera, height }, event.timeStamp);
     } else if (event.key === 'b') {
       this.decorate({ box: !this.decorations.box });
+    } else if (event.key === 'Enter' && !event.repeat) {
+      this.#click(0.5, 0.5);
     } else {
       return;
     }
@@ -1888,7 +2003,7 @@ export class View extends EventTarget {
   /** @param {boolean} isMoving @param {number | null} time of the event */
   #change(isMoving, time) {
     this.isDirty = true;
-    this.movedAt = time ?? this.movedAt;
+    this.inputAt = time ?? this.inputAt;
     this.answeredAt ??= time;
     // The server begins at once; what comes faster than pictures are shown waits for the next one.
     if (time !== null && performance.now() - this.lastSentAt >= SEND_EVERY_MS) {
@@ -1899,11 +2014,12 @@ export class View extends EventTarget {
   }
 
   #send() {
-    if (!this.isOpen || !this.isDirty || !this.hasState) {
+    if (!this.isOpen || !this.isDirty || !this.hasState || document.hidden) {
       return;
     }
     this.isDirty = false;
-    this.lastSentAt = performance.now();
+    const now = performance.now();
+    this.lastSentAt = now;
     this.sequence += 1;
     const frame = this.getState();
     frame.viewport = { widthPx: this.width, heightPx: this.height };
@@ -1912,13 +2028,14 @@ export class View extends EventTarget {
     const viewState = { sequenceNumber: String(this.sequence), frame,
       targetFramesPerSecond: this.options.targetFramesPerSecond ?? 30 };
     const scene = JSON.stringify({ ...frame, camera: null, viewport: null });
-    this.sent.set(this.sequence, { scene, sentAt: performance.timeOrigin + performance.now(), movedAt: this.movedAt });
+    this.sent.set(this.sequence, { scene, sentAt: performance.timeOrigin + now, causedAt: this.inputAt ?? now,
+      isByInput: this.inputAt !== null, isAnswered: false, isShown: false });
     for (const number of this.sent.keys()) {
       if (number < this.sequence - 256) {
         this.sent.delete(number);
       }
     }
-    this.movedAt = null;
+    this.inputAt = null;
     this.counts.statesSent += 1;
     this.worker.post({ kind: 'send', text: JSON.stringify({ viewState }) });
     clearTimeout(this.timers.slow);
@@ -1932,15 +2049,21 @@ export class View extends EventTarget {
     }
     if (this.isOpen && seconds === 1) {
       this.timers.slow = setTimeout(() => {
-        this.#notice('No picture for 10 s. The first one of a large dataset can take long; if none comes, see the ' +
-          'log of isoscope-coordinator.', 'busy');
+        const sentence = 'No picture for 10 s. The first one of a large dataset can take long; if none comes, see the ' +
+          'log of isoscope-coordinator.';
+        this.#notice(sentence, 'busy');
+        this.announce(sentence);
       }, 9000);
     }
   }
 
   // ---- connection ----
 
-  #connect() {
+  async #connect() {
+    await untilShown();
+    if (this.isDestroyed || this.isOpen) {
+      return;
+    }
     this.#status('connecting', '');
     if (this.options.transport && !this.options.url) {
       this.#useTransport(this.options.transport);
@@ -1982,6 +2105,10 @@ export class View extends EventTarget {
     this.generation = generation;
     this.sent.clear();
     this.#notice('', '');
+    if (this.lost) {
+      this.lost = '';
+      this.announce('Connected again.');
+    }
     this.#status('open', '');
     if (!this.dataset) {
       this.#describe();
@@ -2012,6 +2139,10 @@ export class View extends EventTarget {
           'view`) running there, and does a proxy in between pass WebSocket connections on?';
     const sentence = `${what} Trying again in ${seconds} s.`;
     this.#notice(sentence, 'error');
+    if (!this.lost) {  // once, however often the connection is tried
+      this.lost = what;
+      this.announce(what);
+    }
     this.#status('closed', sentence);
     if (!reason && !this.wasOpen) {
       this.#askWhy();
@@ -2023,12 +2154,14 @@ export class View extends EventTarget {
 
   /** A browser does not tell why a WebSocket was refused. The same gateway says over HTTP if the token is missing. */
   async #askWhy() {
+    await untilShown();
     try {
       await this.client.requestOnce('v1/capabilities');
     } catch (error) {
       const { status, message } = /** @type {Error & {status?: number}} */ (error);
       if ((status === 401 || status === 403) && !this.isOpen && !this.isDestroyed) {
         this.#notice(message, 'error');
+        this.announce(message);
       }
     }
   }
@@ -2047,6 +2180,17 @@ export class View extends EventTarget {
     this.noticeElement.className = `notice ${kind}`;
     this.noticeElement.hidden = sentence === '';
     this.dispatchEvent(new CustomEvent('notice', { detail: { sentence, isError: kind === 'error' } }));
+  }
+
+  /**
+   * Shows what is wrong, and has it said unless it is shown already.
+   * @param {string} sentence
+   */
+  #problem(sentence) {
+    if (this.noticeElement.hidden || this.noticeElement.textContent !== sentence) {
+      this.announce(sentence);
+    }
+    this.#notice(sentence, 'error');
   }
 
   /** Learns the box and the patient frame of the dataset, for the box, the axes and the named views. */
@@ -2091,7 +2235,7 @@ export class View extends EventTarget {
         this.counts.framesDropped += 1;
         this.counts.bytesReceived += message.bytes;
         break;
-      case 'bad': this.#notice(`${message.sentence} Do server and page have the same version?`, 'error'); break;
+      case 'bad': this.#problem(`${message.sentence} Do server and page have the same version?`); break;
       case 'frame': this.#frame(message); break;
     }
   }
@@ -2103,7 +2247,8 @@ export class View extends EventTarget {
     this.counts.bytesReceived += message.bytes;
     this.decode.add(message.decodeMs);
     const sent = this.sent.get(sequence);
-    if (sent) {
+    if (sent && !sent.isAnswered) {  // the exact frame waits for rest besides
+      sent.isAnswered = true;
       this.roundTrip.add(message.receivedAt - sent.sentAt);
     }
     if (header.error || !message.bitmap) {
@@ -2114,8 +2259,8 @@ export class View extends EventTarget {
       return;
     }
     if (!cameraFromJson(header.frame?.camera) && !this.camera) {
-      this.#notice('The server sent a picture without the camera that it shows. Do server and page have the same ' +
-        'version?', 'error');
+      this.#problem('The server sent a picture without the camera that it shows. Do server and page have the same ' +
+        'version?');
     }
     this.#closeArrived();
     this.arrived = message;
@@ -2161,9 +2306,10 @@ export class View extends EventTarget {
     const code = Number(error.code ?? 2);
     // These pass by themselves: an agent comes back, a queue empties.
     const isPassing = [4, 8, 9, 14].includes(code);
-    this.#notice(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`, 'error');
+    this.#problem(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`);
     clearTimeout(this.timers.again);
     if (isPassing) {
+      // A hidden tab sends it once it is shown.
       this.timers.again = setTimeout(() => this.#change(false, null), 2000);
     }
   }
@@ -2232,9 +2378,12 @@ export class View extends EventTarget {
     const now = performance.now();
     this.shownTimes = [...this.shownTimes.filter((time) => now - time < 1000), now];
     const sent = this.sent.get(sequence);
-    if (sent && sent.movedAt !== null) {
-      this.latency.add(now - sent.movedAt);
-      sent.movedAt = null;
+    this.shownLatencyMs = sent ? now - sent.causedAt : null;
+    if (sent?.isByInput && !sent.isShown) {
+      this.latency.add(now - sent.causedAt);
+    }
+    if (sent) {
+      sent.isShown = true;
     }
     this.#acknowledge(message);
     if (sequence > this.errorSequence || isExact) {
@@ -2247,7 +2396,7 @@ export class View extends EventTarget {
       this.root.style.background = background;
     }
     this.dispatchEvent(new CustomEvent('frame', { detail: { header, isExact, width, height, decodeMs: message.decodeMs,
-      roundTripMs: sent ? message.receivedAt - sent.sentAt : null } }));
+      roundTripMs: sent ? message.receivedAt - sent.sentAt : null, latencyMs: this.shownLatencyMs } }));
   }
 
   /** @param {Camera} camera @param {DepthGrid} grid @param {number} aspect */

@@ -2,7 +2,8 @@
 // state; controls write it, and are drawn from it whenever it changes.
 // @ts-check
 
-import { Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount } from './isoscope-view.js';
+import { Announcer, Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount, roundLength,
+  whileShown } from './isoscope-view.js';
 import { COLOR_MAPS, colorMapFromJson, colorMapToJson, otherSideOf, quantityFromJson, quantityToJson, stateFromHash,
   stateToCommand, stateToHash } from './view-state.js';
 import { COLOR_MAP_POINTS } from './color-maps.js';
@@ -63,7 +64,10 @@ const page = {
   height: byId('height', HTMLInputElement), saveSamples: byId('save-samples', HTMLSelectElement),
   transparent: byId('transparent', HTMLInputElement), savePng: byId('save-png', HTMLButtonElement),
   saveNote: byId('save-note', HTMLElement), meshNote: byId('mesh-note', HTMLElement), command: byId('command', HTMLElement),
-  toast: byId('toast', HTMLElement), histogram: /** @type {SVGSVGElement} */ (/** @type {unknown} */ (document.getElementById('histogram'))),
+  toast: byId('toast', HTMLElement), speech: byId('speech', HTMLElement), dialogSpeech: byId('dialog-speech', HTMLElement),
+  histogram: /** @type {SVGSVGElement} */ (/** @type {unknown} */ (document.getElementById('histogram'))),
+  chart: /** @type {SVGGElement} */ (/** @type {unknown} */ (document.getElementById('chart'))),
+  handles: /** @type {SVGGElement} */ (/** @type {unknown} */ (document.getElementById('handles'))),
 };
 
 /**
@@ -116,9 +120,15 @@ const fromHex = (hex, alpha = 1) => {
 const PALETTE = ['#dcc8b4', '#f2e9d8', '#c46a5a', '#6aa3d5', '#8cc08a', '#c9a0dc', '#e5b567', '#7fc4bd'];
 const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
 
+// The only live regions. While the dialog is open, screen readers know nothing of what lies behind it.
+const announcer = new Announcer((sentence) => {
+  (page.dialog.open ? page.dialogSpeech : page.speech).textContent = sentence;
+});
+
 let toastTimer = 0;
 /** @param {string} sentence @param {boolean} [isError] */
 function say(sentence, isError = false) {
+  announcer.say(sentence);
   page.toast.textContent = sentence;
   page.toast.classList.toggle('error', isError);
   page.toast.hidden = false;
@@ -177,7 +187,7 @@ function stateOfAddress() {
 const start = stateOfAddress();
 
 const shown = mount(byId('view', HTMLElement), { state: start.state.surfaces ? start.state : undefined, renderer,
-  maxSide: Number(query.get('max-side')) || 2048, token });
+  maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For people at the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };
@@ -289,7 +299,8 @@ async function loadDatasets() {
 }
 
 /**
- * Shows a state; what it leaves open is filled in as the dataset suggests.
+ * Shows a state. Of what it leaves open, the histogram suggests the isovalue, and the server chooses the camera,
+ * as for every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
@@ -310,9 +321,6 @@ async function open(state, problems) {
   const filled = { ...state, dataset: dataset.name };
   filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset), color: fromHex(PALETTE[0]) }];
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
-  if (!filled.camera) {
-    filled.cameraFit = 'CAMERA_FIT_SURFACE';
-  }
   shown.setPins([]);
   picks = [];
   drawPoints();
@@ -364,6 +372,28 @@ function valueRange() {
   return high > low ? { min: low, max: high } : { min: low - 0.5, max: low + 0.5 };
 }
 
+/** Units of lengths: files that know the patient are in millimetres. */
+const unit = () => shown.dataset?.patientFrame ? ' mm' : '';
+
+/**
+ * Gives a slider the value that it has, and its limits.
+ * @param {Element} slider @param {{min: number, max: number, now: number, text: string}} value
+ */
+function describeSlider(slider, { min, max, now, text }) {
+  for (const [name, word] of Object.entries({ valuemin: min, valuemax: max, valuenow: now, valuetext: text })) {
+    slider.setAttribute(`aria-${name}`, String(word));
+  }
+}
+
+/** Where a key takes a slider: steps of a hundredth or a tenth of it, or an end of it; null if it moves none. */
+const SLIDER_KEYS = /** @type {Record<string, number>} */ ({ ArrowLeft: -0.01, ArrowDown: -0.01, ArrowRight: 0.01,
+  ArrowUp: 0.01, PageDown: -0.1, PageUp: 0.1, Home: -Infinity, End: Infinity });
+/** @param {string} key @param {number} now @param {number} min @param {number} max */
+function afterKey(key, now, min, max) {
+  const step = SLIDER_KEYS[key];
+  return step === undefined ? null : Math.max(min, Math.min(max, now + step * (max - min)));
+}
+
 /** @param {number} value */
 function toChart(value) {
   const { min, max } = valueRange();
@@ -402,19 +432,26 @@ function drawHistogram() {
     parts.push(svg('path', { class: 'suggestion', d: `M${x - 4},${floor + 5}h8l-4,-5z` }, svg('title', {},
       `Suggested: ${format(suggestion.isovalue ?? 0)}`)));
   }
-  (shown.state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
-    const x = toChart(surface.isovalue ?? 0);
-    const color = toHex(surface.color ?? fromHex(PALETTE[0]));
-    parts.push(svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'data-surface': i, 'aria-label': `Isovalue ${i + 1}`,
-      'aria-valuenow': surface.isovalue ?? 0, 'aria-valuemin': min, 'aria-valuemax': max },
-    svg('line', { x1: x, x2: x, y1: 10, y2: floor, stroke: color }), svg('circle', { cx: x, cy: 9, r: 6.5, fill: color })));
-  });
-  const focused = document.activeElement?.getAttribute('data-surface');
   page.histogram.setAttribute('viewBox', `0 0 ${CHART.width} ${CHART.height}`);
-  page.histogram.replaceChildren(...parts);
-  if (focused) {
-    /** @type {any} */ (page.histogram.querySelector(`[data-surface="${focused}"]`))?.focus();
+  page.chart.replaceChildren(...parts);
+  const { surfaces = [] } = shown.state;
+  // A handle that has the focus must not be replaced: screen readers would read it anew.
+  if (page.handles.children.length !== surfaces.length) {
+    page.handles.replaceChildren(...surfaces.map((/** @type {any} */ _, /** @type {number} */ i) =>
+      svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'data-surface': i, 'aria-label': `Isovalue ${i + 1}`,
+        'aria-orientation': 'horizontal' }, svg('line', { y1: 10, y2: floor }), svg('circle', { cy: 9, r: 6.5 }))));
   }
+  surfaces.forEach((/** @type {any} */ { isovalue = 0, color }, /** @type {number} */ i) => {
+    const handle = page.handles.children[i];
+    const [line, circle] = handle.children;
+    const x = String(toChart(isovalue));
+    const paint = toHex(color ?? fromHex(PALETTE[0]));
+    for (const [element, name, value] of /** @type {[Element, string, string][]} */ ([[line, 'x1', x], [line, 'x2', x],
+      [line, 'stroke', paint], [circle, 'cx', x], [circle, 'fill', paint]])) {
+      element.setAttribute(name, value);
+    }
+    describeSlider(handle, { min, max, now: isovalue, text: format(isovalue) });
+  });
 }
 
 /** @param {number} index @param {Record<string, any>} part @param {boolean} [isMoving] */
@@ -482,11 +519,10 @@ function listenToHistogram() {
   chart.addEventListener('dblclick', (event) => addSurface(fromChart(x(event))));
   chart.addEventListener('keydown', (event) => {
     const index = Number(/** @type {Element} */ (event.target).getAttribute('data-surface') ?? NaN);
-    const steps = /** @type {Record<string, number>} */ ({ ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageUp: 10, PageDown: -10 })[event.key];
-    if (Number.isInteger(index) && steps) {
-      const { min, max } = valueRange();
-      const isovalue = fromChart(toChart((shown.state.surfaces[index].isovalue ?? 0) + steps * (max - min) / 255));
-      changeSurface(index, { isovalue }, true);
+    const { min, max } = valueRange();
+    const isovalue = Number.isInteger(index) ? afterKey(event.key, shown.state.surfaces[index].isovalue ?? 0, min, max) : null;
+    if (isovalue !== null) {
+      changeSurface(index, { isovalue: fromChart(toChart(isovalue)) }, true);
       event.preventDefault();
     }
   });
@@ -499,6 +535,9 @@ byId('add', HTMLElement).onclick = () => {
     .find((/** @type {number} */ value) => values.every((/** @type {number} */ used) => Math.abs(used - value) > (max - min) / 50));
   addSurface(free ?? fromChart(toChart((Math.max(min, ...values) + max) / 2)));
 };
+
+/** @param {number} share */
+const percent = (share) => `${Math.round(100 * share)} %`;
 
 let surfacesDrawn = '';
 function drawSurfaces() {
@@ -520,7 +559,7 @@ function drawSurfaces() {
           onchange: (/** @type {any} */ event) => Number.isFinite(event.target.valueAsNumber) && changeSurface(i, { isovalue: event.target.valueAsNumber }) }),
         make('input', { type: 'range', min: '0.05', max: '1', step: '0.05', title: 'Opacity', 'aria-label': `Opacity of surface ${i + 1}`,
           oninput: (/** @type {any} */ event) => changeSurface(i, paint(toHex(shown.state.surfaces[i].color ?? fromHex(PALETTE[0])), event.target.valueAsNumber), true) }),
-        make('output', {}),
+        make('span', { className: 'figure', 'aria-hidden': 'true' }),
         make('button', { className: 'remove', title: 'Remove this surface', 'aria-label': `Remove surface ${i + 1}`,
           onclick: () => change({ surfaces: shown.state.surfaces.filter((/** @type {any} */ __, /** @type {number} */ k) => k !== i) }) }, '✕'));
     }));
@@ -533,7 +572,8 @@ function drawSurfaces() {
       isovalue.value = String(surface.isovalue ?? 0);
     }
     opacity.value = String(paint.alpha ?? 0);
-    /** @type {HTMLElement} */ (page.surfaces.children[i].querySelector('output')).textContent = `${Math.round(100 * (paint.alpha ?? 0))} %`;
+    opacity.setAttribute('aria-valuetext', percent(paint.alpha ?? 0));
+    /** @type {HTMLElement} */ (page.surfaces.children[i].querySelector('.figure')).textContent = percent(paint.alpha ?? 0);
     /** @type {HTMLButtonElement} */ (page.surfaces.children[i].querySelector('.remove')).disabled = surfaces.length === 1;
   });
 }
@@ -609,8 +649,11 @@ function drawLook() {
       input.placeholder = end === 'min' ? 'least' : 'greatest';
     }
   }
-  page.opacityMin.value = String(colorBy?.opacity ? colorBy.opacity.atMin ?? 0 : 1);
-  page.opacityMax.value = String(colorBy?.opacity ? colorBy.opacity.atMax ?? 0 : 1);
+  for (const [input, end] of /** @type {[HTMLInputElement, string][]} */ ([[page.opacityMin, 'atMin'], [page.opacityMax, 'atMax']])) {
+    const opacity = colorBy?.opacity ? colorBy.opacity[end] ?? 0 : 1;
+    input.value = String(opacity);
+    input.setAttribute('aria-valuetext', percent(opacity));
+  }
   page.background.value = toHex(state.backgroundColor);
   const words = lightWords(state.lights);
   page.lights.value = Object.keys(LIGHTS).find((name) => lightWords(LIGHTS[name]) === words) ?? 'custom';
@@ -678,9 +721,18 @@ function makeClipSlider(name, axis) {
       high: box ? box.max?.[key] ?? 0 : whole.max[axis] };
   };
   const thumbs = ['low', 'high'].map((end) => make('div', { className: 'thumb', tabIndex: 0, role: 'slider', 'data-end': end,
-    'data-axis': key, 'aria-label': `${end === 'low' ? 'Least' : 'Greatest'} ${name}` }));
-  const output = make('output');
+    'data-axis': key, 'aria-orientation': 'horizontal', 'aria-label': `${end === 'low' ? 'Least' : 'Greatest'} ${name}` }));
+  const figures = make('span', { className: 'ends', 'aria-hidden': 'true' });
   const bar = make('div', { className: 'slider' }, between, ...thumbs);
+  /**
+   * Thumbs stay a two-hundredth of the range apart.
+   * @param {number} which
+   */
+  const limits = (which) => {
+    const { min, max, low, high } = range();
+    const least = (max - min) / 200;
+    return which === 0 ? { min, max: Math.max(min, high - least), now: low } : { min: Math.min(max, low + least), max, now: high };
+  };
   /** @param {number} which @param {number} value @param {boolean} isMoving */
   const set = (which, value, isMoving) => {
     const now = range();
@@ -690,9 +742,8 @@ function makeClipSlider(name, axis) {
     clip.box ??= { min: toJson(whole.min), max: toJson(whole.max) };
     const step = 10 ** Math.floor(Math.log10((now.max - now.min) / 400));
     const rounded = Number((Math.round(value / step) * step).toPrecision(12));
-    const least = (now.max - now.min) / 200;
-    clip.box[which === 0 ? 'min' : 'max'][key] = which === 0 ? Math.max(now.min, Math.min(rounded, now.high - least))
-      : Math.min(now.max, Math.max(rounded, now.low + least));
+    const { min, max } = limits(which);
+    clip.box[which === 0 ? 'min' : 'max'][key] = Math.max(min, Math.min(max, rounded));
     const isWhole = ['x', 'y', 'z'].every((one, i) => (clip.box.min[one] ?? 0) <= whole.min[i] && (clip.box.max[one] ?? 0) >= whole.max[i]);
     if (isWhole) {
       delete clip.box;
@@ -726,14 +777,14 @@ function makeClipSlider(name, axis) {
   bar.addEventListener('pointerup', end);
   bar.addEventListener('pointercancel', end);
   thumbs.forEach((thumb, which) => thumb.addEventListener('keydown', (event) => {
-    const steps = /** @type {Record<string, number>} */ ({ ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 })[event.key];
-    if (steps && boxOfDataset(shown.dataset)) {
-      const now = range();
-      set(which, (which === 0 ? now.low : now.high) + steps * (now.max - now.min) / 100, true);
+    const { min, max, now } = limits(which);
+    const value = boxOfDataset(shown.dataset) ? afterKey(event.key, now, min, max) : null;
+    if (value !== null) {
+      set(which, value, true);
       event.preventDefault();
     }
   }));
-  return { element: make('div', { className: 'double' }, make('span', {}, name), bar, output), draw: () => {
+  return { element: make('div', { className: 'double' }, make('span', { 'aria-hidden': 'true' }, name), bar, figures), draw: () => {
     const { min, max, low, high } = range();
     /** @param {number} value */
     const share = (value) => `${Math.max(0, Math.min(100, 100 * (value - min) / (max - min)))}%`;
@@ -741,8 +792,11 @@ function makeClipSlider(name, axis) {
     thumbs[1].style.left = share(high);
     between.style.left = share(low);
     between.style.right = share(min + max - high);
-    thumbs.forEach((thumb, i) => thumb.setAttribute('aria-valuenow', String(i === 0 ? low : high)));
-    output.textContent = `${format(low, 4)} – ${format(high, 4)}`;
+    thumbs.forEach((thumb, i) => {
+      const value = limits(i);
+      describeSlider(thumb, { ...value, text: `${format(value.now, 4)}${unit()}` });
+    });
+    figures.textContent = `${format(low, 4)} – ${format(high, 4)}`;
   } };
 }
 
@@ -761,6 +815,9 @@ byId('add-plane', HTMLElement).onclick = () => {
   const offset = Number(normal.reduce((sum, value, axis) => sum + value * middle[axis], 0).toPrecision(6));
   change({ clip: { ...shown.state.clip, halfSpaces: [...planes, { normal: { x: normal[0], y: normal[1], z: normal[2] }, offset }] } });
 };
+
+/** @param {number} value */
+const format12 = (value) => String(Number(value.toPrecision(12)));
 
 let planesDrawn = -1;
 function drawClip() {
@@ -784,7 +841,7 @@ function drawClip() {
   if (planes.length !== planesDrawn) {
     planesDrawn = planes.length;
     page.planes.replaceChildren(...planes.map((/** @type {any} */ _, /** @type {number} */ i) => make('li', {},
-      make('span', { className: 'hint' }), make('input', { type: 'range', step: 'any', 'aria-label': `Place of plane ${i + 1}`,
+      make('span', { className: 'hint' }), make('input', { type: 'range', 'aria-label': `Place of plane ${i + 1}`,
         oninput: (/** @type {any} */ event) => setPlane(i, { offset: Number(event.target.valueAsNumber.toPrecision(6)) }, true) }),
       make('button', { className: 'small', title: 'Keep the other side', onclick: () => {
         setPlane(i, otherSideOf(shown.state.clip.halfSpaces[i]), false);
@@ -803,9 +860,15 @@ function drawClip() {
     name.textContent = `${normal.map((value) => format(value, 2)).join(', ')}`;
     if (box && input instanceof HTMLInputElement) {
       const ends = normal.map((value, axis) => [value * box.min[axis], value * box.max[axis]]);
-      input.min = String(ends.reduce((sum, pair) => sum + Math.min(...pair), 0));
-      input.max = String(ends.reduce((sum, pair) => sum + Math.max(...pair), 0));
+      const least = ends.reduce((sum, pair) => sum + Math.min(...pair), 0);
+      const greatest = ends.reduce((sum, pair) => sum + Math.max(...pair), 0);
+      const step = roundLength((greatest - least || 1) / 400);
+      // A range input takes only whole steps from its minimum on.
+      input.step = String(step);
+      input.min = format12(Math.floor(least / step) * step);
+      input.max = format12(Math.ceil(greatest / step) * step);
       input.value = String(plane.offset ?? 0);
+      input.setAttribute('aria-valuetext', `${format(plane.offset ?? 0)}${unit()}`);
     }
   });
 }
@@ -855,10 +918,29 @@ shown.addEventListener('click', async (event) => {
         isovalue: frame.surfaces?.[point.surfaceIndex ?? 0]?.isovalue ?? 0, point }];
     }
     drawPoints();
+    announcer.say(sentenceOfPicks());
   } catch (error) {
     say(`Nothing picked: ${/** @type {Error} */ (error).message}`, true);
   }
 });
+
+/** @returns {string | null} */
+function distanceOfPicks() {
+  if (picks.length < 2) {
+    return null;
+  }
+  const [a, b] = picks.map((pick) => pick.position);
+  return `${format(Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 5)}${unit()}`;
+}
+
+/** The newest point, for screen readers. */
+function sentenceOfPicks() {
+  const pick = picks.at(-1);
+  const distance = distanceOfPicks();
+  return !pick ? 'There is no surface at this point.' : `Point ${'AB'[picks.length - 1]}: position ` +
+    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. Value ${format(pick.isovalue)}.` +
+    (distance ? ` A to B: ${distance}.` : '');
+}
 
 function drawPoints() {
   shown.setPins(picks.map((pick, i) => ({ position: pick.position, label: 'AB'[i] })));
@@ -875,11 +957,9 @@ function drawPoints() {
         ...(steepness !== null ? [make('dt', {}, 'gradient'), make('dd', {}, format(steepness, 4))] : []),
         make('dt', {}, 'block'), make('dd', {}, `${blockId ?? 0}${shardIndex === undefined ? '' : ` of shard ${shardIndex}`}`))];
   });
-  if (picks.length === 2) {
-    const [a, b] = picks.map((pick) => pick.position);
-    const unit = shown.dataset?.patientFrame ? ' mm' : '';
-    rows.push(make('div', { className: 'distance' }, make('span', {}, 'A to B'), make('span', {},
-      `${format(Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 5)}${unit}`)));
+  const distance = distanceOfPicks();
+  if (distance) {
+    rows.push(make('div', { className: 'distance' }, make('span', {}, 'A to B'), make('span', {}, distance)));
   }
   page.points.replaceChildren(...rows);
 }
@@ -1002,7 +1082,7 @@ function drawPill() {
   const stats = shown.stats();
   const kind = !stats.isConnected ? 'closed' : stats.isExact ? 'exact' : 'moving';
   page.state.className = `pill ${kind}`;
-  const latency = stats.latencyMs.p50 === null ? '' : ` · ${format(stats.latencyMs.p50, 2)} ms`;
+  const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
     : `moving${rate}${latency}`;
@@ -1018,10 +1098,15 @@ byId('link', HTMLElement).onclick = () => {
   history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
   copy(location.href, 'The link is copied: it opens this view again.');
 };
+function drawCommand() {
+  page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
+}
+// A view that is being fitted gets its camera from the server.
+shown.addEventListener('state', () => page.dialog.open && drawCommand());
 byId('save', HTMLElement).onclick = () => {
   page.width.value ||= String(shown.width);
   page.height.value ||= String(shown.height);
-  page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
+  drawCommand();
   page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
   page.dialog.showModal();
 };
@@ -1042,6 +1127,15 @@ function saveAs(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
+/** @param {HTMLElement} note @param {string} text @param {'begin' | 'end' | 'error'} stage the end is for screen readers, too */
+function tellOfDownload(note, text, stage) {
+  note.textContent = text;
+  note.classList.toggle('error', stage === 'error');
+  if (stage !== 'begin') {
+    announcer.say(stage === 'end' ? `Downloaded ${text}.` : text);
+  }
+}
+
 page.savePng.onclick = async () => {
   const state = shown.getState();
   const request = { ...state, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
@@ -1050,38 +1144,34 @@ page.savePng.onclick = async () => {
     request.backgroundColor = { red: 0, green: 0, blue: 0, alpha: 0 };
   }
   page.savePng.disabled = true;
-  page.saveNote.classList.remove('error');
-  page.saveNote.textContent = 'Drawing …';
+  tellOfDownload(page.saveNote, 'Drawing …', 'begin');
   try {
     const response = await client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, request);
     const blob = await response.blob();
     saveAs(blob, `${state.dataset || 'isoscope'}.png`);
-    page.saveNote.textContent = formatBytes(blob.size);
+    tellOfDownload(page.saveNote, formatBytes(blob.size), 'end');
   } catch (error) {
-    page.saveNote.textContent = /** @type {Error} */ (error).message;
-    page.saveNote.classList.add('error');
+    tellOfDownload(page.saveNote, /** @type {Error} */ (error).message, 'error');
   }
   page.savePng.disabled = false;
 };
 byId('save-mesh', HTMLElement).onclick = async (event) => {
   const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
   const state = shown.getState();
-  const words = stateToHash({ surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: { ...color, alpha: 1 } })), clip: state.clip });
+  const words = stateToHash({ surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
   button.disabled = true;
-  page.meshNote.classList.remove('error');
-  page.meshNote.textContent = 'Extracting …';
+  tellOfDownload(page.meshNote, 'Extracting …', 'begin');
   try {
     const response = await client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`);
     const blob = await response.blob();
     saveAs(blob, `${state.dataset || 'isoscope'}.glb`);
-    page.meshNote.textContent = formatBytes(blob.size);
+    tellOfDownload(page.meshNote, formatBytes(blob.size), 'end');
   } catch (error) {
-    page.meshNote.textContent = /** @type {Error} */ (error).message;
-    page.meshNote.classList.add('error');
+    tellOfDownload(page.meshNote, /** @type {Error} */ (error).message, 'error');
   }
   button.disabled = false;
 };
 
 listenToHistogram();
 loadDatasets();
-setInterval(watchAgents, 5000);
+whileShown(watchAgents, 5000);

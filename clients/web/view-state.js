@@ -1,7 +1,10 @@
 // The state of the view as words of the command line: `surface=60:0.9,0.8,0.7:1&eye=...`. It is the
 // part of the page's address after '#', the query of GET .../render, and the flags of `isoscope
-// render`. Numbers come back with the same bits.
+// render`. Numbers come back with the same bits. What is written has numbers only; what is read may
+// name colours as CSS does, too.
 // @ts-check
+
+import { colorFromText } from './css-colors.js';
 
 /** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
 
@@ -46,71 +49,50 @@ function colorByToWords(colorBy) {
 }
 
 /**
- * Returns names and values, in the order of the command line's help.
+ * The values of each flag in a state: none, one, or one for each time that the flag is given. The value '' is a flag
+ * alone. Only flags of `isoscope render`: the page shows them as a command.
+ * @type {Record<string, (state: FrameRequest) => string[]>}
+ */
+const FLAG_VALUES = {
+  dataset: ({ dataset }) => dataset ? [dataset] : [],
+  surface: ({ surfaces }) => (surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => {
+    const alpha = color?.alpha ?? 0;
+    return `${isovalue ?? 0}${color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : ''}`;
+  }),
+  'color-by': ({ surfaces }) => (surfaces ?? []).some((/** @type {any} */ surface) => surface.colorBy)
+    ? surfaces.map((/** @type {any} */ surface) => colorByToWords(surface.colorBy)) : [],
+  eye: ({ camera }) => camera ? [vec(camera.eye)] : [],
+  target: ({ camera }) => camera ? [vec(camera.target)] : [],
+  up: ({ camera }) => camera ? [vec(camera.up)] : [],
+  'fov-y': ({ camera }) => camera && !camera.orthographic ? [String(camera.perspective?.fovYDegrees ?? 30)] : [],
+  'orthographic-height': ({ camera }) => camera?.orthographic ? [String(camera.orthographic.height ?? 0)] : [],
+  fit: ({ cameraFit }) => cameraFit === 'CAMERA_FIT_SURFACE' ? ['surface'] : [],
+  'clip-plane': ({ clip }) => (clip?.halfSpaces ?? []).map((/** @type {any} */ plane) => `${vec(plane.normal)},${plane.offset ?? 0}`),
+  'clip-box': ({ clip }) => clip?.box
+    ? [['x', 'y', 'z'].map((axis) => `${clip.box.min?.[axis] ?? 0},${clip.box.max?.[axis] ?? 0}`).join()] : [],
+  caps: ({ caps }) => {
+    const { colorMap, range } = caps ?? {};
+    return !caps ? [] : colorMap ? [`${colorMapFromJson(colorMap)}${range ? `:${range.min ?? 0},${range.max ?? 0}` : ''}`] : [''];
+  },
+  light: ({ lights }) => (lights ?? []).map((/** @type {any} */ { direction, intensity, color }) =>
+    `${vec(direction)}:${intensity ?? 1}${color ? `:${rgb(color)}` : ''}`),
+  'light-space': ({ lights }) => lights?.[0]?.space === 'SPACE_WORLD' ? ['world'] : [],
+  samples: ({ samples }) => samples > 1 ? [String(samples)] : [],
+  'ambient-occlusion': ({ ambientOcclusion: effect }) =>
+    effect ? [`${effect.radiusPx || 32}${effect.strength == null ? '' : `,${effect.strength}`}`] : [],
+  silhouette: ({ silhouette }) =>
+    silhouette ? [`${silhouette.widthPx || 2}${silhouette.color ? `:${rgb(silhouette.color)}` : ''}`] : [],
+  'max-layers': ({ maxLayers }) => maxLayers ? [String(maxLayers)] : [],
+  background: ({ backgroundColor: color }) => color ? [`${rgb(color)}${color.alpha === 1 ? '' : `,${color.alpha ?? 0}`}`] : [],
+};
+export const FLAGS = Object.keys(FLAG_VALUES);
+
+/**
+ * Returns names and values. A part that is null counts as absent.
  * @param {FrameRequest} state @returns {[string, string][]}
  */
 export function stateToWords(state) {
-  /** @type {[string, string][]} */
-  const words = [];
-  if (state.dataset) {
-    words.push(['dataset', state.dataset]);
-  }
-  for (const { isovalue = 0, color } of state.surfaces ?? []) {
-    const alpha = color?.alpha ?? 0;
-    words.push(['surface', `${isovalue}${color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : ''}`]);
-  }
-  if ((state.surfaces ?? []).some((/** @type {any} */ surface) => surface.colorBy)) {
-    for (const surface of state.surfaces) {
-      words.push(['color-by', colorByToWords(surface.colorBy)]);
-    }
-  }
-  const { camera } = state;
-  if (camera) {
-    words.push(['eye', vec(camera.eye)], ['target', vec(camera.target)], ['up', vec(camera.up)]);
-    words.push(camera.orthographic ? ['orthographic-height', String(camera.orthographic.height)]
-      : ['fov-y', String(camera.perspective?.fovYDegrees ?? 30)]);
-  }
-  if (state.cameraFit === 'CAMERA_FIT_SURFACE') {
-    words.push(['fit', 'surface']);
-  }
-  for (const plane of state.clip?.halfSpaces ?? []) {
-    words.push(['clip-plane', `${vec(plane.normal)},${plane.offset ?? 0}`]);
-  }
-  const box = state.clip?.box;
-  if (box) {
-    words.push(['clip-box', ['x', 'y', 'z'].map((axis) => `${box.min?.[axis] ?? 0},${box.max?.[axis] ?? 0}`).join()]);
-  }
-  if (state.caps) {
-    const { colorMap, range } = state.caps;
-    const ends = range ? `:${range.min ?? 0},${range.max ?? 0}` : '';
-    words.push(['caps', colorMap ? `${colorMapFromJson(colorMap)}${ends}` : '']);
-  }
-  for (const light of state.lights ?? []) {
-    const color = light.color ? `:${rgb(light.color)}` : '';
-    words.push(['light', `${vec(light.direction)}:${light.intensity ?? 1}${color}`]);
-  }
-  if (state.lights?.[0]?.space === 'SPACE_WORLD') {
-    words.push(['light-space', 'world']);
-  }
-  if (state.samples > 1) {
-    words.push(['samples', String(state.samples)]);
-  }
-  if (state.ambientOcclusion) {
-    const { radiusPx = 32, strength } = state.ambientOcclusion;
-    words.push(['ambient-occlusion', `${radiusPx || 32}${strength === undefined ? '' : `,${strength}`}`]);
-  }
-  if (state.silhouette) {
-    const { widthPx = 2, color } = state.silhouette;
-    words.push(['silhouette', `${widthPx || 2}${color ? `:${rgb(color)}` : ''}`]);
-  }
-  if (state.maxLayers) {
-    words.push(['max-layers', String(state.maxLayers)]);
-  }
-  if (state.backgroundColor) {
-    const alpha = state.backgroundColor.alpha ?? 0;
-    words.push(['background', `${rgb(state.backgroundColor)}${alpha === 1 ? '' : `,${alpha}`}`]);
-  }
-  return words;
+  return FLAGS.flatMap((name) => FLAG_VALUES[name](state).map((value) => /** @type {[string, string]} */ ([name, value])));
 }
 
 /** @param {FrameRequest} state the part of an address after '#' */
@@ -119,17 +101,21 @@ export function stateToHash(state) {
     `${name}=${encodeURIComponent(value).replace(/%2C/g, ',').replace(/%3A/g, ':')}`).join('&');
 }
 
+/** Its reader knows the coordinator's address, the page does not. */
+const COMMAND = 'isoscope render --server HOST:50051';
+
 /**
- * The command that draws the same picture.
+ * Returns the command that draws the same picture. A fitted view has a camera of its own once the server has answered;
+ * until then the command has the camera that it begins with, for it takes no fit with one.
  * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
  */
 export function stateToCommand(state, file, size) {
-  const flags = stateToWords(state).map(([name, value]) =>
+  const flags = stateToWords(state.camera ? { ...state, cameraFit: undefined } : state).map(([name, value]) =>
     value === '' ? `--${name}` : `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
   if (size) {
     flags.push(`--width ${size.width}`, `--height ${size.height}`);
   }
-  return ['isoscope render --server HOST:50051', ...flags, `--output ${file}`].join(' \\\n  ');
+  return [COMMAND, ...flags, `--output ${file}`].join(' \\\n  ');
 }
 
 /** Reads values and notes what is wrong with them. */
@@ -160,14 +146,26 @@ class Reader {
 
   /** @param {string} name @param {string} text @param {number} [alpha] */
   color(name, text, alpha = 1) {
+    const named = colorFromText(text, alpha);
+    if (named) {
+      return named;
+    }
+    if (!text.includes(',')) {
+      this.problems.push(`${name}=${text.slice(0, 60)} of this link was left out: a colour is a name of CSS, #RRGGBB, or ` +
+        'three numbers from 0 to 1 with commas between them.');
+      return null;
+    }
     const v = this.numbers(name, text, 3, 4);
     return v && { red: v[0], green: v[1], blue: v[2], alpha: v[3] ?? alpha };
   }
 }
 
+/** Words that mean something without a value. */
+const ALONE = ['caps', 'ambient-occlusion', 'silhouette'];
+
 /**
  * Returns the state of the part of an address after '#', and a sentence for each part of it that is
- * wrong and left out.
+ * wrong and left out. A word with the value null, or with none where it needs one, counts as absent.
  * @param {string} hash @returns {{state: FrameRequest, problems: string[]}}
  */
 export function stateFromHash(hash) {
@@ -178,6 +176,9 @@ export function stateFromHash(hash) {
   const camera = {};
   /** @type {any[]} */
   const colorings = [];
+  // Of the surfaces that have no colour of their own.
+  /** @type {any} */
+  let plain = null;
   /** @type {Record<string, (value: string) => void>} */
   const words = {
     dataset: (value) => { state.dataset = value; },
@@ -191,11 +192,11 @@ export function stateFromHash(hash) {
       }
     },
     isovalue: (value) => {
-      const isovalue = reader.numbers('isovalue', value, 1);
-      if (isovalue) {
-        (state.surfaces ??= []).push({ isovalue: isovalue[0] });
+      for (const isovalue of reader.numbers('isovalue', value, 1, 16) ?? []) {
+        (state.surfaces ??= []).push({ isovalue });
       }
     },
+    color: (value) => { plain = reader.color('color', value); },
     'color-by': (value) => {
       const [quantity, map, ends, opacities] = value.split(':');
       if (quantity !== 'none' && !QUANTITIES[quantity] || map && !COLOR_MAPS.includes(map)) {
@@ -260,14 +261,14 @@ export function stateFromHash(hash) {
       }
     },
     'ambient-occlusion': (value) => {
-      const v = reader.numbers('ambient-occlusion', value, 1, 2);
+      const v = value ? reader.numbers('ambient-occlusion', value, 1, 2) : [32];
       if (v) {
         state.ambientOcclusion = { radiusPx: Math.round(v[0]), ...(v.length > 1 ? { strength: v[1] } : {}) };
       }
     },
     silhouette: (value) => {
       const [width, color] = value.split(':');
-      const widthPx = reader.numbers('silhouette', width, 1);
+      const widthPx = width ? reader.numbers('silhouette', width, 1) : [2];
       const tint = color === undefined ? undefined : reader.color('silhouette', color);
       if (widthPx && tint !== null) {
         state.silhouette = { widthPx: Math.round(widthPx[0]), ...(tint ? { color: tint } : {}) };
@@ -283,7 +284,9 @@ export function stateFromHash(hash) {
   const search = new URLSearchParams(hash.replace(/^#/, ''));
   for (const [name, value] of search) {
     if (Object.hasOwn(words, name)) {
-      words[name](value);
+      if (value !== 'null' && (value !== '' || ALONE.includes(name))) {
+        words[name](value);
+      }
     } else {
       reader.problems.push(`${name.slice(0, 40)} of this link was left out: this page does not know it.`);
     }
@@ -295,6 +298,9 @@ export function stateFromHash(hash) {
     state.lights?.forEach((/** @type {any} */ light) => { light.space = 'SPACE_WORLD'; });
   }
   (state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
+    if (plain) {
+      surface.color ??= { ...plain };
+    }
     const coloring = colorings.length === 1 ? colorings[0] : colorings[i];
     if (coloring) {
       surface.colorBy = coloring;

@@ -102,7 +102,7 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
   if (parts.size() > 2) {
     ISOSCOPE_ASSIGN_OR_RETURN(const frame::Color color, ParseColor(parts[2]));
     const auto channel = [](float value) {
-      return static_cast<std::uint8_t>(std::lround(value * 255));
+      return static_cast<std::uint8_t>(std::lround(static_cast<double>(value) * 255));
     };
     light.color = {channel(color.red), channel(color.green), channel(color.blue), 255};
   }

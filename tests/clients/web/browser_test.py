@@ -196,6 +196,15 @@ class PictureTest(PageTest):
         self.assertEqual(('ball', 40), (state['dataset'], state['surfaces'][0]['isovalue']))
         self.assertIn('101 × 101 × 101 uint8', self.browser.find_element(By.ID, 'facts').get_attribute('textContent'))
 
+    def test_without_a_link_the_server_chooses_the_camera(self):
+        self.open_and_wait()
+        first = self.gateway.control()['first']['frame']
+        self.assertEqual(([{'isovalue': 40}], None, None), ([{'isovalue': one['isovalue']} for one in first['surfaces']],
+                                                           first.get('camera'), first.get('cameraFit')))
+        # The mock's default camera: of the whole volume.
+        self.assertEqual(self.js('return import("./isoscope-view.js").then((m) => m.defaultCamera(m.boxOfDataset(isoscope.view.dataset)))'),
+                         self.js('return isoscope.view.camera'))
+
     def test_a_drag_turns_camera_and_picture_and_rests_exact(self):
         self.open_and_wait()
         before, eye = self.picture(), self.js('return isoscope.view.camera.eye')
@@ -291,13 +300,16 @@ class ControlTest(PageTest):
 
     def test_a_drag_leaves_the_controls_alone_and_a_change_of_theirs_draws_them(self):
         self.open_and_wait()
-        self.js('window.chart = document.getElementById("histogram").firstChild; window.row = document.querySelector("#surfaces li");')
+        self.js('''window.curve = document.getElementById("chart").firstChild;
+            window.handle = document.querySelector("#histogram [role=slider]"); window.row = document.querySelector("#surfaces li");''')
         self.drag(120, 40, steps=12)
         self.until_exact()
-        self.assertTrue(self.js('return chart === document.getElementById("histogram").firstChild'))
+        self.assertTrue(self.js('return curve === document.getElementById("chart").firstChild'))
         self.js('isoscope.view.update({ surfaces: [{ isovalue: 62 }] })')
         self.until('isoscope.view.isExact && document.querySelector("#surfaces input[type=number]").value === "62"')
-        self.assertFalse(self.js('return chart === document.getElementById("histogram").firstChild'))
+        self.assertFalse(self.js('return curve === document.getElementById("chart").firstChild'))
+        self.assertTrue(self.js('return handle === document.querySelector("#histogram [role=slider]")'),
+                        'a handle that may have the focus was replaced')
         self.assertTrue(self.js('return row === document.querySelector("#surfaces li")'), 'a control under the pointer was replaced')
 
     def test_axes_and_scale_bar_are_small_and_turn_with_the_picture(self):
@@ -426,6 +438,229 @@ class ControlTest(PageTest):
         self.assertEqual(self.js('return isoscope.view.getState().camera'), render['camera'])
 
 
+class ScreenReaderTest(PageTest):
+    # Collects what live regions say, in the page and in the view.
+    LISTEN = '''window.said = [];
+        window.regions = () => [document, ...[...document.querySelectorAll('.isoscope-view')].map((e) => e.shadowRoot)]
+          .flatMap((root) => [...root.querySelectorAll('[aria-live], [role=status], [role=alert], [role=log], output')]);
+        for (const region of regions()) new MutationObserver(() => said.push(region.textContent)).observe(region,
+          { childList: true, subtree: true, characterData: true });'''
+
+    def test_figures_of_a_moving_view_are_not_said(self):
+        self.open_and_wait()
+        self.js(self.LISTEN)
+        self.assertEqual(['dialog-speech', 'speech'], sorted(self.js('return regions().map((e) => e.id)')))
+        frames = self.js('return isoscope.view.stats().framesShown')
+        for _ in range(3):
+            self.drag(60, 20, steps=6)
+        self.until_exact()
+        self.assertGreater(self.js('return isoscope.view.stats().framesShown'), frames + 3)
+        handle = self.browser.find_element(By.CSS_SELECTOR, '#histogram .handle circle')
+        ActionChains(self.browser, duration=10).move_to_element(handle).click_and_hold().move_by_offset(40, 0).release().perform()
+        self.until_exact()
+        self.assertEqual([], self.js('return said'))
+
+    def test_every_slider_has_a_name_its_limits_and_its_value_in_words(self):
+        self.open_and_wait('#dataset=patient&surface=30:1,0,0:0.4&surface=70&color-by=z:turbo&clip-plane=0.5,0.25,1,20')
+        self.until('document.querySelector("#planes input").value !== "" && document.querySelector("#clip [aria-valuetext]")')
+        sliders = self.js('''return [...document.querySelectorAll('[role=slider], input[type=range]')].map((e) => ({
+            name: e.getAttribute('aria-label') ?? e.labels?.[0]?.textContent ?? '', text: e.getAttribute('aria-valuetext') ?? '',
+            min: e.getAttribute('aria-valuemin') ?? e.getAttribute('min'), max: e.getAttribute('aria-valuemax') ?? e.getAttribute('max'),
+            now: e.getAttribute('aria-valuenow') ?? e.value, step: e.getAttribute('step'), isInput: e.localName === 'input' }));''')
+        self.assertEqual(2 + 2 + 2 + 6 + 1, len(sliders))
+        self.assertEqual(len(sliders), len({slider['name'] for slider in sliders}), 'two sliders have one name')
+        for slider in sliders:
+            with self.subTest(slider['name']):
+                self.assertTrue(slider['name'])
+                self.assertLess(float(slider['min']), float(slider['max']))
+                self.assertLessEqual(float(slider['min']), float(slider['now']))
+                self.assertLessEqual(float(slider['now']), float(slider['max']))
+                self.assertRegex(slider['text'], r'^-?[0-9]')
+                if slider['isInput']:
+                    self.assertGreater(float(slider['step']), 0)
+        text = {slider['name']: slider['text'] for slider in sliders}
+        self.assertEqual(('40 %', '30', '100 mm', '20 mm'), (text['Opacity of surface 1'], text['Isovalue 1'], text['Greatest L'],
+                                                              text['Place of plane 1']))
+
+    def test_keys_take_a_slider_by_steps_and_to_its_ends_and_it_keeps_the_focus(self):
+        self.open_and_wait()
+        for selector, value in (('#histogram .handle', 'isoscope.view.state.surfaces[0].isovalue'),
+                                ('#clip [data-axis=x][data-end=high]', '(isoscope.view.state.clip?.box?.max.x ?? 100)')):
+            self.js('window.slider = document.querySelector(arguments[0]); slider.focus();', selector)
+            for key, condition in ((Keys.HOME, '<'), (Keys.PAGE_UP, '>'), (Keys.ARROW_RIGHT, '>'), (Keys.ARROW_LEFT, '<'), (Keys.END, '>')):
+                before = self.js(f'return {value}')
+                ActionChains(self.browser).send_keys(key).perform()
+                self.until(f'{value} {condition} {before} && Number(slider.getAttribute("aria-valuenow")) === {value}')
+                self.assertTrue(self.js('return document.activeElement === slider'))
+            self.assertEqual(100, self.js(f'return {value}'))
+
+    def test_enter_picks_the_point_at_the_cross_and_it_is_said(self):
+        self.open_and_wait()
+        self.js(self.LISTEN)
+        self.assertEqual('none', self.js('return getComputedStyle(isoscope.view.cross).display'))
+        self.js('isoscope.view.root.focus()')
+        self.assertEqual('block', self.js('return getComputedStyle(isoscope.view.cross).display'))
+        ActionChains(self.browser).send_keys(Keys.ENTER).perform()
+        self.until('isoscope.view.pins.length === 1 && said.length === 1')
+        position = self.js('return isoscope.view.pins[0].position')
+        ray = self.js('const c = isoscope.view.camera; return [c.eye, c.target]')
+        # On the ball, on the line from the eye to the target, up to half a pixel.
+        self.assertAlmostEqual(28 * 1.2, math.dist(position, (50, 50, 50)), places=6)
+        self.assertLess(math.dist(position[:2], ray[1][:2]), 1)
+        words = '; '.join(f'{value:.5g}' for value in position)
+        self.assertEqual([f'Point A: position {words}. Value 40.'], self.js('return said'))
+        self.assertIn('Enter picks', self.js('return isoscope.view.root.getAttribute("aria-label")'))
+
+    def test_a_pick_of_the_background_is_said(self):
+        self.open_and_wait()
+        self.js(self.LISTEN + 'isoscope.view.update({ surfaces: [{ isovalue: 100 }] });')
+        self.until_exact()
+        self.js('isoscope.view.root.focus()')
+        ActionChains(self.browser).send_keys(Keys.ENTER).perform()
+        self.until('said.length === 1')
+        self.assertEqual(['There is no surface at this point.'], self.js('return said'))
+
+    def test_a_lost_connection_is_said_once_and_so_is_its_return(self):
+        self.open_and_wait()
+        self.js(self.LISTEN)
+        self.gateway.control(refuse=True, drop=[1011, 'the coordinator is away'])
+        self.until('isoscope.view.attempt >= 3')
+        self.gateway.control(refuse=False)
+        self.until('isoscope.view.isExact && isoscope.view.stats().reconnects === 1 && said.length > 1')
+        self.assertEqual(['The connection ended: the coordinator is away.', 'Connected again.'], self.js('return said'))
+
+    def test_nothing_moves_by_itself_where_people_want_no_motion(self):
+        spinning = 'isoscope.view.noticeElement.getAnimations({ subtree: true }).length'
+        try:
+            for wish, count in (('no-preference', 1), ('reduce', 0)):
+                self.browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [{'name': 'prefers-reduced-motion', 'value': wish}]})
+                self.gateway.control(mute=True)
+                self.open('#dataset=ball&surface=40')
+                self.until('/Drawing the picture/.test(isoscope.view.stats().notice)')
+                self.assertEqual(count, self.js(f'return {spinning}'))
+                self.assertEqual(count, self.js(f'return document.getAnimations().length + {spinning}'))
+        finally:
+            self.browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+
+
+class HiddenTabTest(PageTest):
+    # Hides the tab as the page sees it. Waits of the page are short, so that what it would ask for comes soon.
+    SCRIPT = '''for (const name of ['setTimeout', 'setInterval']) {
+          const later = window[name].bind(window);
+          window[name] = (action, ms, ...rest) => later(action, Math.min(ms ?? 0, 60), ...rest);
+        }
+        window.hideTab = (isHidden) => {
+          Object.defineProperty(document, 'hidden', { configurable: true, get: () => isHidden });
+          document.dispatchEvent(new Event('visibilitychange'));
+        };'''
+
+    def setUp(self):
+        super().setUp()
+        self.script = self.browser.execute_cdp_cmd('Page.addScriptToEvaluateOnNewDocument', {'source': self.SCRIPT})
+
+    def tearDown(self):
+        self.browser.execute_cdp_cmd('Page.removeScriptToEvaluateOnNewDocument', self.script)
+
+    def hide(self):
+        self.js('hideTab(true)')
+        time.sleep(0.3)  # for what was under way
+        self.gateway.control(reset=True)
+
+    def check_silence(self):
+        time.sleep(0.7)
+        seen = self.gateway.control()
+        self.assertEqual(([], 0), (seen['targets'], seen['states']), 'a hidden tab asked for something')
+
+    def until_asked(self, target):
+        end = time.monotonic() + PATIENCE_S
+        while target not in self.gateway.control()['targets']:
+            self.assertLess(time.monotonic(), end, f'{target} was never asked for')
+            time.sleep(0.02)
+
+    def test_a_hidden_tab_asks_for_no_status_and_sends_no_view_until_it_is_shown(self):
+        self.open_and_wait()
+        self.until_asked('/v1/status')
+        self.hide()
+        self.js('isoscope.view.update({ maxLayers: 3 }); isoscope.view.setCamera({ ...isoscope.view.camera, fovYDegrees: 20 });')
+        self.check_silence()
+        self.js('hideTab(false)')
+        self.until_asked('/v1/status')
+        self.until('isoscope.view.isExact && isoscope.view.frame.camera.fovYDegrees === 20')
+        self.assertEqual(3, self.gateway.control()['last']['frame']['maxLayers'])
+
+    def test_a_connection_that_ends_behind_a_hidden_tab_comes_back_when_it_is_shown(self):
+        self.open_and_wait()
+        self.hide()
+        self.gateway.control(drop=[1011, 'the coordinator is away'])
+        self.until('!isoscope.view.isOpen')
+        self.check_silence()
+        self.js('hideTab(false)')
+        self.until('isoscope.view.isExact && isoscope.view.stats().reconnects === 1')
+
+    def test_a_frame_that_failed_is_not_asked_for_again_by_a_hidden_tab(self):
+        self.open_and_wait()
+        self.gateway.control(fail={'code': 14, 'message': 'an agent was lost'})
+        self.drag(30, 0)
+        self.until('/was lost/.test(isoscope.view.stats().notice)')
+        self.hide()
+        self.check_silence()
+        self.gateway.control(fail=None)
+        self.js('hideTab(false)')
+        self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
+
+    def test_a_page_that_opens_behind_another_tab_begins_when_it_is_shown(self):
+        hidden = self.browser.execute_cdp_cmd('Page.addScriptToEvaluateOnNewDocument',
+                                              {'source': 'hideTab(true);'})
+        try:
+            self.open()
+            self.until('isoscope.view')
+            self.check_silence()
+            self.js('hideTab(false)')
+            self.until('isoscope.view.isExact && isoscope.view.frame')
+        finally:
+            self.browser.execute_cdp_cmd('Page.removeScriptToEvaluateOnNewDocument', hidden)
+
+
+class LatencyTest(PageTest):
+    # The page's clock stands still but for this test; the server answers when it is told to.
+    CLOCK = '''let clock = performance.now();
+        performance.now = () => clock;
+        window.pass = (ms) => { clock += ms; };
+        window.turn = () => {
+          const { camera } = isoscope.view;
+          isoscope.view.setCamera({ ...camera, fovYDegrees: camera.fovYDegrees - 1 });
+          return isoscope.view.sequence;
+        };'''
+
+    def check_shown(self, sequence, text):
+        self.gateway.control(answer=sequence)
+        self.until(f'isoscope.view.shownSequence === {sequence}')
+        self.until(f'/· {text} ms/.test(document.getElementById("state").textContent)')
+
+    def test_the_latency_is_that_of_the_frame_on_the_screen_and_of_no_other_one(self):
+        self.open_and_wait()
+        self.gateway.control(mute=True)
+        self.js(self.CLOCK)
+        first, second = self.js('pass(1000); const first = turn(); pass(4000); const second = turn(); pass(1000); return [first, second];')
+        self.assertEqual(first + 1, second)
+        # The second state is under way when the frame of the first one is shown.
+        self.check_shown(first, '5,000')
+        self.js('pass(500)')
+        self.check_shown(second, '1,500')
+        self.assertEqual(1500, self.js('return isoscope.view.stats().shownLatencyMs'))
+
+    def test_a_slider_has_its_own_latency_and_not_that_of_the_drag_before(self):
+        self.open_and_wait()
+        self.gateway.control(mute=True)
+        self.js(self.CLOCK)
+        first = self.js('pass(1000); const first = turn(); pass(4000); return first;')
+        self.check_shown(first, '4,000')
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 60 }] }, { isMoving: true });')
+        self.until(f'isoscope.view.sequence === {first + 1}')
+        self.js('pass(700)')
+        self.check_shown(first + 1, '700')
+
+
 class LinkTest(PageTest):
     def test_a_link_reopens_the_same_view_to_the_pixel(self):
         self.open_and_wait('#dataset=ball&surface=30:0.2,0.6,0.9&surface=70:1,0.5,0&clip-plane=-1,0.25,0,-60')
@@ -452,6 +687,26 @@ class LinkTest(PageTest):
         self.assertIn('clip-box=1,2,x', toast)
         self.assertIn('nonsense', toast)
         self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+
+class ColorTest(PageTest):
+    def test_names_of_colours_mean_what_the_browser_means(self):
+        self.open_and_wait()
+        wrong = self.js('''const context = document.createElement('canvas').getContext('2d');
+            return import('./css-colors.js').then(({ CSS_COLORS, colorFromText }) => {
+              const theirs = (text) => { context.fillStyle = '#010203'; context.fillStyle = text; return context.fillStyle; };
+              const digits = (color) => '#' + [color.red, color.green, color.blue].map((c) => Math.round(255 * c).toString(16).padStart(2, '0')).join('');
+              const names = [...CSS_COLORS.keys()].filter((name) => name !== 'transparent');
+              return names.length === 148 ? names.filter((name) => digits(colorFromText(name)) !== theirs(name)) : names.length; });''')
+        self.assertEqual([], wrong)
+
+    def test_a_link_may_name_colours(self):
+        self.open_and_wait('#dataset=ball&surface=40:tomato&background=#fff')
+        self.until('document.querySelector("#surfaces input[type=color]")')
+        self.assertEqual(('#ff6347', '#ffffff'), tuple(self.js('return [document.querySelector("#surfaces input[type=color]").value, '
+                                                               'document.getElementById("background").value]')))
+        self.assertEqual((255, 255, 255), self.picture()[2][0][0])
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
 
 
 class TokenTest(PageTest):
@@ -640,9 +895,10 @@ class RealTest(PageTest):
         shutil.rmtree(cls.folder, ignore_errors=True)
 
     def command_line(self):
-        """The picture of the command that the page gives, on the same volume."""
-        command = self.js('return import("./view-state.js").then((m) => m.stateToCommand(isoscope.view.getState(), '
-                          '"picture.png", isoscope.view))')
+        """The picture of the command that the page shows, on the same volume."""
+        self.js('document.getElementById("save").click()')
+        command = self.js('return document.getElementById("command").textContent')
+        self.js('document.getElementById("dialog").close()')
         words = shlex.split(command.replace('\\\n', ' '))
         begin = words.index('--server')
         del words[begin:begin + 2]
@@ -665,6 +921,25 @@ class RealTest(PageTest):
         self.browser.refresh()
         self.until('isoscope.view.isExact && isoscope.view.frame')
         self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+    def test_without_a_link_it_begins_as_the_command_line_does(self):
+        run = {'check': True, 'cwd': self.folder, 'env': self.environment, 'stderr': subprocess.DEVNULL}
+        histogram = json.loads(subprocess.run([self.program, 'info', self.volume, '--histogram', '--json'], stdout=subprocess.PIPE, **run).stdout)
+        isovalue = next(one['isovalue'] for one in histogram['histogram']['suggestions'] if one['method'] == 'between-classes')
+        subprocess.run([self.program, 'render', self.volume, '--renderer', 'cpu', '--isovalue', str(isovalue), '--output', 'front.png',
+                        '--save-camera', 'front.json'], stdout=subprocess.DEVNULL, **run)
+        with open(os.path.join(self.folder, 'front.json'), encoding='utf-8') as file:
+            camera = json.load(file)
+        address = urllib.parse.urlsplit(self.page)
+        token = urllib.parse.parse_qs(address.query).get('token', [''])[0]
+        self.browser.get('about:blank')
+        self.browser.get(f'{address.scheme}://{address.netloc}/?max-side=420&token={urllib.parse.quote(token)}')
+        self.until('isoscope.view.isExact && isoscope.view.frame && isoscope.view.state.backgroundColor')
+        state = self.js('return isoscope.view.getState()')
+        self.assertEqual([isovalue], [surface['isovalue'] for surface in state['surfaces']])
+        for name in ('eye', 'target', 'up'):
+            self.assertEqual(camera[name], list(state['camera'][name].values()), name)
+        self.assertEqual(camera['perspective']['fov_y_degrees'], state['camera']['perspective']['fovYDegrees'])
 
     def test_another_site_shows_no_picture_of_it_and_its_link_to_the_page_is_followed(self):
         address = urllib.parse.urlsplit(self.page)
@@ -700,6 +975,42 @@ class RealTest(PageTest):
                 self.assertNotIn('token', self.browser.current_url)
             finally:
                 server.shutdown()
+
+    # Each control of the page, and a condition that holds once it has worked.
+    CONTROLS = [
+        ("document.getElementById('add').click()", 'isoscope.view.state.surfaces.length === 2'),
+        *((f"choose('quantity', '{name}')", 'isoscope.view.state.surfaces[0].colorBy') for name in ('x', 'normal', 'gradient', 'z')),
+        ("choose('map', 'cool-warm')", 'isoscope.view.state.surfaces[0].colorBy.colorMap === "COLOR_MAP_COOL_WARM"'),
+        ("document.getElementById('range-min').value = '-1'; choose('range-max', '30')", 'isoscope.view.state.surfaces[0].colorBy.range'),
+        ("choose('opacity-min', '0.5', 'input')", 'isoscope.view.state.surfaces[0].colorBy.opacity'),
+        ("choose('quantity', 'none')", '!isoscope.view.state.surfaces[0].colorBy'),
+        ("choose('background', '#336699', 'input')", 'isoscope.view.state.backgroundColor.red === 0.2'),
+        *((f"choose('lights', '{name}')", 'isoscope.view.state.lights') for name in ('studio', 'side')),
+        ("document.getElementById('occlusion').click()", 'isoscope.view.state.ambientOcclusion'),
+        ("document.getElementById('silhouette').click()", 'isoscope.view.state.silhouette'),
+        *((f"choose('samples', '{n}')", f'isoscope.view.state.samples === {n}') for n in (4, 9, 16)),
+        ("choose('samples', '1')", '!isoscope.view.state.samples'),
+        ("document.getElementById('parallel').click()", 'isoscope.view.camera.height > 0'),
+        ("document.getElementById('add-plane').click()", 'isoscope.view.state.clip.halfSpaces'),
+        ("press('#clip [data-axis=y][data-end=low]', 'PageUp')", 'isoscope.view.state.clip.box'),
+        *((f"choose('caps', '{name}')", 'isoscope.view.state.caps') for name in ('filled', 'slice')),
+        ("press('#histogram .handle', 'PageUp')", 'true'),
+        ("document.querySelector('#views button:nth-child(2)').click()", '!isoscope.view.state.cameraFit'),
+    ]
+
+    def test_each_control_leaves_a_command_that_draws_the_picture_on_the_page(self):
+        self.browser.get('about:blank')
+        self.browser.get(f'{self.page}&max-side=128')
+        self.until('isoscope.view.isExact && isoscope.view.frame && document.querySelector("#clip [aria-valuetext]")')
+        self.js('''window.choose = (id, value, type = 'change') => {
+              const element = document.getElementById(id); element.value = value; element.dispatchEvent(new Event(type)); };
+            window.press = (selector, key) => document.querySelector(selector).dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));''')
+        for action, condition in self.CONTROLS:
+            with self.subTest(action):
+                self.js(action)
+                self.command_line()  # also of a view that still moves
+                self.until(f'isoscope.view.isExact && {condition}')
+                self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
 
     def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
         self.browser.get('about:blank')

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs one check of clients/web; ends with 77 (skipped) where its program is missing:
-#   check_web.sh types | unit | browser
+#   check_web.sh types | unit | command | browser
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -20,12 +20,19 @@ case "${1:-}" in
     require node nodejs
     node --test view_test.mjs view_state_test.mjs
     ;;
+  command)
+    require node nodejs
+    if [[ ! -x "${ISOSCOPE_BIN:-}/isoscope" ]]; then
+      exec python3 ../../support/skips.py programs "ISOSCOPE_BIN names no folder with isoscope"
+    fi
+    node --test command_test.mjs
+    ;;
   browser)
     # Debian's own: another Python first on the PATH has no python3-selenium.
     exec /usr/bin/python3 browser_test.py
     ;;
   *)
-    echo "usage: check_web.sh types | unit | browser" >&2
+    echo "usage: check_web.sh types | unit | command | browser" >&2
     exit 2
     ;;
 esac

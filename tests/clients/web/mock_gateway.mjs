@@ -6,10 +6,11 @@
 //   node mock_gateway.mjs     prints its port on standard output
 //
 // POST /control {...}: `fail`: {code, message} for frames | null; `mute`: whether to answer no state;
+// `answer`: the sequence number of a state that was not answered, to answer now by a quick frame;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
 // `refuse`: whether new streams are refused; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
-// dataset | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, last: the
-// newest state, picks: n, renders: [requests], targets: [addresses below /v1/]}.
+// dataset | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
+// states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
 import { createServer } from 'node:http';
@@ -167,7 +168,7 @@ export function gridOf(image, columns) {
 // ---- the server ----
 
 const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null };
-const seen = { shown: [], states: 0, last: null, picks: 0, renders: [], targets: [] };
+const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] };
 const streams = new Set();
 
 function webSocketFrame(opcode, data) {
@@ -242,7 +243,9 @@ function receive(stream, text) {
     }
     stream.sequence = Number(message.viewState.sequenceNumber);
     stream.newest = message.viewState;
+    stream.states.set(stream.sequence, message.viewState);
     seen.states += 1;
+    seen.first ??= message.viewState;
     seen.last = message.viewState;
     work(stream);
   }
@@ -280,7 +283,7 @@ function upgrade(request, socket) {
   socket.write('HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n' +
     (protocols.includes('isoscope') ? 'Sec-WebSocket-Protocol: isoscope\r\n' : '') +
     `Sec-WebSocket-Accept: ${createHash('sha1').update(key).digest('base64')}\r\n\r\n`);
-  const stream = { socket, frames: 0, sequence: 0, newest: null, timer: 0 };
+  const stream = { socket, frames: 0, sequence: 0, newest: null, states: new Map(), timer: 0 };
   streams.add(stream);
   let bytes = Buffer.alloc(0);
   socket.on('data', (data) => {
@@ -329,15 +332,20 @@ async function respond(request, body, reply) {
     fail(401, 'UNAUTHENTICATED', 'a token is asked for here: open the address that was printed');
   } else if (url.pathname === '/control') {
     if (request.method === 'POST') {
-      const { drop, reset, ...rest } = JSON.parse(body);
+      const { answer: sequence, drop, reset, ...rest } = JSON.parse(body);
       if (reset) {
-        Object.assign(seen, { shown: [], states: 0, last: null, picks: 0, renders: [], targets: [] });
+        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] });
       }
       Object.assign(control, rest);
       if (drop) {
         [...streams].forEach((stream) => close(stream, drop[0], drop[1]));
       }
-      [...streams].forEach(work);
+      for (const stream of streams) {
+        if (stream.states.has(sequence)) {
+          answer(stream, stream.states.get(sequence), false);
+        }
+        work(stream);
+      }
     }
     send(seen);
   } else if (url.pathname === '/v1/datasets') {

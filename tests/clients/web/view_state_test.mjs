@@ -4,6 +4,7 @@ import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
+import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, otherSideOf, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -56,8 +57,8 @@ test('the hash can be read by people, and survives a mail program that encodes i
 });
 
 test('what is wrong in a link is left out with a sentence, and the rest is kept', () => {
-  const { state, problems } = stateFromHash('#surface=x&surface=60:1,2&surface=30&eye=1,2&fov-y=&clip-box=1,2,3&' +
-    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=heat&caps=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=red');
+  const { state, problems } = stateFromHash('#surface=x&surface=60:1,2&surface=30&eye=1,2&fov-y=wide&clip-box=1,2,3&' +
+    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=heat&caps=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=reddish');
   assert.deepEqual(state, { surfaces: [{ isovalue: 30 }] });
   assert.equal(problems.length, 13);
   problems.forEach((sentence) => assert.match(sentence, /of this link was left out: .+\.$/));
@@ -83,6 +84,54 @@ test('no link makes the reader throw', () => {
 test('an isovalue alone, as isoscope view names it, is a surface', () => {
   assert.deepEqual(stateFromHash('dataset=head&isovalue=60').state, { dataset: 'head', surfaces: [{ isovalue: 60 }] });
   assert.equal(stateFromHash('isovalue=x').problems.length, 1);
+});
+
+test('a colour of a link may be a name of CSS or hexadecimal digits, in any case', () => {
+  const { state, problems } = stateFromHash('#surface=60:Tomato&surface=70:#0f8:0.5&surface=80:%23336699CC&light=0,0,1:1:gold&' +
+    'silhouette=2:DarkSlateGrey&background=rebeccapurple');
+  assert.deepEqual(problems, []);
+  assert.deepEqual(state.surfaces.map((surface) => surface.color), [
+    { red: 1, green: 99 / 255, blue: 71 / 255, alpha: 1 }, { red: 0, green: 1, blue: 136 / 255, alpha: 0.5 },
+    { red: 0.2, green: 0.4, blue: 0.6, alpha: 0.8 }]);
+  assert.deepEqual(state.lights[0].color, { red: 1, green: 215 / 255, blue: 0, alpha: 1 });
+  assert.deepEqual(state.silhouette.color, colorFromText('#2f4f4f'));
+  assert.deepEqual(state.backgroundColor, colorFromText('#639'));
+  // Written with numbers, which come back the same.
+  assert.deepEqual(stateFromHash(stateToHash(state)).state, state);
+  for (const text of ['', 'reddish', '#12345', '#gg0000', 'ff0000', '#', 'constructor']) {
+    assert.equal(colorFromText(text), null, text);
+  }
+  assert.equal(colorFromText('transparent').alpha, 0);
+});
+
+test('isovalues with commas between them are surfaces, and a colour is that of all that have none', () => {
+  const { state, problems } = stateFromHash('#isovalue=30,60.5&surface=70:#f00&color=white');
+  assert.deepEqual(problems, []);
+  const white = { red: 1, green: 1, blue: 1, alpha: 1 };
+  assert.deepEqual(state.surfaces, [{ isovalue: 30, color: white }, { isovalue: 60.5, color: white },
+    { isovalue: 70, color: { red: 1, green: 0, blue: 0, alpha: 1 } }]);
+});
+
+test('a word that is null or has no value counts as absent, and so does a part of a state', () => {
+  const { state, problems } = stateFromHash('#dataset=&surface=60&background=null&fov-y=&clip-box=null&caps=null&samples=');
+  assert.deepEqual([state, problems], [{ surfaces: [{ isovalue: 60 }] }, []]);
+  assert.deepEqual(stateFromHash('#caps=&ambient-occlusion&silhouette=').state,
+    { caps: {}, ambientOcclusion: { radiusPx: 32 }, silhouette: { widthPx: 2 } });
+  const nothing = Object.fromEntries(Object.keys(FULL).map((name) => [name, null]));
+  assert.equal(stateToHash(nothing), '');
+  assert.equal(stateToHash({ ambientOcclusion: { radiusPx: null, strength: null }, silhouette: { widthPx: null, color: null },
+    surfaces: [{ isovalue: null, color: null, colorBy: null }], lights: [{ direction: { x: 1, y: null }, intensity: null, color: null }],
+    clip: { box: null, halfSpaces: null } }), 'surface=0&light=1,0,0:1&ambient-occlusion=32&silhouette=2');
+});
+
+test('links of older versions open as they did', () => {
+  const { state, problems } = stateFromHash('#dataset=head&surface=60:0.9,0.8,0.7&surface=75:1,1,0.9:0.5&color-by=z:turbo:0,10:1,0.5&' +
+    'color-by=none&eye=1,2,3&target=0,0,0&up=0,1,0&fov-y=30&clip-plane=1,0,0,5&clip-box=0,1,0,1,0,1&caps=grey:0,9&' +
+    'light=1,2,3:0.5:1,1,1&light-space=world&samples=4&ambient-occlusion=24,0.5&silhouette=3:1,0,0&max-layers=4&background=0,0,0,0.5');
+  assert.deepEqual(problems, []);
+  assert.deepEqual(Object.keys(state), ['dataset', 'surfaces', 'clip', 'caps', 'lights', 'samples', 'ambientOcclusion', 'silhouette',
+    'maxLayers', 'backgroundColor', 'camera']);
+  assert.deepEqual(stateFromHash('#fit=surface&orthographic-height=7&eye=1,0,0&target=0,0,0&up=0,1,0').state.camera.orthographic, { height: 7 });
 });
 
 test('the command of a state quotes what a shell would read otherwise', () => {

@@ -346,3 +346,45 @@ test('a refusal is asked again after the time that it tells, and given up when t
     [globalThis.fetch, globalThis.document] = saved;
   }
 });
+
+test('a refusal is not asked again behind a hidden tab', async () => {
+  const saved = [globalThis.fetch, globalThis.document];
+  const tab = Object.assign(new EventTarget(), { baseURI: 'http://localhost/', hidden: false });
+  let asked = 0;
+  globalThis.document = tab;
+  globalThis.fetch = async () => {
+    asked += 1;
+    tab.hidden = asked === 1;
+    return asked === 1 ? new Response(JSON.stringify({ code: 'RESOURCE_EXHAUSTED', message: 'full', retry_delay_ms: 1 }), { status: 429 })
+      : new Response('{}');
+  };
+  try {
+    const answer = new view.Client('http://localhost/').get('v1/datasets');
+    await new Promise((resolve) => { setTimeout(resolve, 50); });
+    tab.dispatchEvent(new Event('visibilitychange'));  // hidden still
+    await new Promise((resolve) => { setTimeout(resolve, 10); });
+    assert.equal(asked, 1);
+    tab.hidden = false;
+    tab.dispatchEvent(new Event('visibilitychange'));
+    assert.deepEqual(await answer, {});
+    assert.equal(asked, 2);
+  } finally {
+    [globalThis.fetch, globalThis.document] = saved;
+  }
+});
+
+test('of many sentences a screen reader gets the first one, and after two seconds the newest', () => {
+  const said = [];
+  const waits = [];
+  const announcer = new view.Announcer((sentence) => said.push(sentence), (action, ms) => waits.push([action, ms]));
+  ['lost', 'a pick', 'another pick', 'back'].forEach((sentence) => announcer.say(sentence));
+  assert.deepEqual(said, ['lost']);
+  assert.equal(waits[0][1], 2000);
+  waits.shift()[0]();
+  assert.deepEqual(said, ['lost', 'back']);
+  assert.equal(waits.length, 1);
+  waits.shift()[0]();
+  assert.deepEqual([said.length, waits.length], [2, 0]);
+  announcer.say('later');
+  assert.deepEqual(said, ['lost', 'back', 'later']);
+});

@@ -2,9 +2,11 @@
 
 #include "client-cli/terminal/terminal_viewer.h"
 
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -59,6 +61,29 @@ TEST(LayoutOfTest, LargeWindowsAndBlocksKeepTheirShape) {
   const ViewerLayout tiny = LayoutOf(PictureFormat::kSixel, {1, 1, {}});
   EXPECT_GE(tiny.viewport.width_px, 1);
   EXPECT_GE(tiny.viewport.height_px, 1);
+}
+
+// The time of the newest state gave a frame 1 s where it had taken 5.
+TEST(SentStatesTest, TheLatencyIsThatOfTheStateOfTheFrameWhileNewerOnesAreUnderWay) {
+  const absl::Time start = absl::UnixEpoch();
+  SentStates sent;
+  sent.Add(1, start);
+  sent.Add(2, start + absl::Seconds(4));
+  EXPECT_EQ(sent.TakeLatency(1, start + absl::Seconds(5)), absl::Seconds(5));
+  EXPECT_EQ(sent.TakeLatency(2, start + absl::Seconds(6)), absl::Seconds(2));
+  // The exact frame answers the same state.
+  EXPECT_EQ(sent.TakeLatency(2, start + absl::Seconds(7)), absl::Seconds(3));
+}
+
+TEST(SentStatesTest, AFrameOfAnUnknownStateHasNoLatency) {
+  SentStates sent;
+  EXPECT_EQ(sent.TakeLatency(1, absl::UnixEpoch()), std::nullopt);
+  for (int sequence_number = 1; sequence_number <= 1000; ++sequence_number) {
+    sent.Add(sequence_number, absl::UnixEpoch());
+  }
+  EXPECT_EQ(sent.TakeLatency(1, absl::UnixEpoch()), std::nullopt);
+  EXPECT_EQ(sent.TakeLatency(1000, absl::UnixEpoch()), absl::ZeroDuration());
+  EXPECT_EQ(sent.TakeLatency(999, absl::UnixEpoch()), std::nullopt);
 }
 
 TEST(DrawFrameTest, KittyAndITerm2GetTheBytesOfTheExactFrame) {

@@ -34,6 +34,12 @@ TEST(LookFlagsTest, LightsHaveDirectionIntensityAndColor) {
   }
 }
 
+// Half of a level: the float 0.7 is a little less, so that the server takes 178.
+TEST(LookFlagsTest, TheColorOfALightIsRoundedAsTheServerDoes) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Light light, ParseLight("0,0,1:1:0.7,0.3,0.1"));
+  EXPECT_EQ(light.color, (image::Rgba8{178, 77, 26, 255}));
+}
+
 TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
   const std::vector<std::pair<const char*, ColorByValue>> right = {
       {"z", {ColorBy{.quantity = ColorBy::Quantity::kPositionZ}}},

@@ -1,0 +1,105 @@
+// The commands that the page shows, run by the real `isoscope render` of the folder ISOSCOPE_BIN, on a volume of 16³.
+import assert from 'node:assert/strict';
+import { spawnSync } from 'node:child_process';
+import { existsSync, mkdtempSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { after, test } from 'node:test';
+
+import { COLOR_MAPS, FLAGS, stateFromHash, stateToCommand } from '../../../clients/web/view-state.js';
+
+const program = join(process.env.ISOSCOPE_BIN ?? '', 'isoscope');
+const folder = mkdtempSync(join(tmpdir(), 'isoscope-command-'));
+const volume = join(folder, 'it\'s a gyroid.nrrd');
+after(() => rmSync(folder, { recursive: true, force: true }));
+
+/** @param {string[]} words */
+function run(words) {
+  const result = spawnSync(program, words, { cwd: folder, encoding: 'utf8', env: { ...process.env, XDG_CACHE_HOME: folder } });
+  return { status: result.status, text: result.stdout + result.stderr };
+}
+assert.equal(run(['generate', 'gyroid', '--dims', '16,16,16', '--type', 'uint8', '--output', volume]).status, 0);
+
+/** Takes a command apart as a shell does. @param {string} command @returns {string[]} */
+function wordsOf(command) {
+  const result = spawnSync('sh', ['-c', `for word in ${command.replace(/^isoscope /, '')}; do printf '%s\\0' "$word"; done`], { encoding: 'utf8' });
+  assert.equal(result.status, 0, result.stderr);
+  return result.stdout.split('\0').slice(0, -1);
+}
+
+/** @param {any} state */
+const commandOf = (state) => stateToCommand(state, 'picture.png', { width: 24, height: 16 });
+
+const SURFACE = { isovalue: 100, color: { red: 0.8627, green: 0.1, blue: 1 / 3, alpha: 1 } };
+const CAMERA = { eye: { x: -30, y: -0.1 - 0.2, z: 1e-7 }, target: { x: 7, y: 7, z: 7 }, up: { x: 0, y: 0, z: 1 }, perspective: { fovYDegrees: 29.999999999999996 } };
+const CLIP = { halfSpaces: [{ normal: { x: -1, y: 0, z: -0.5 }, offset: -12.5 }, { normal: { x: 0, y: 1, z: 0 }, offset: 3 }],
+  box: { min: { x: -1, y: 2, z: 3 }, max: { x: 14, y: 12.5, z: 11 } } };
+/** @param {string} quantity @param {any} [rest] */
+const colored = (quantity, rest) => ({ ...SURFACE, colorBy: { quantity: `QUANTITY_${quantity}`, ...rest } });
+
+/** Each control of the page, and each part that only a link can bring. @type {Record<string, any>} */
+const STATES = {
+  'an isovalue alone': { surfaces: [{ isovalue: 100 }] },
+  'an isovalue of zero, and one below': { surfaces: [{ isovalue: 0 }, { isovalue: -1e-7 }] },
+  'translucent surfaces': { surfaces: [{ isovalue: 60, color: { ...SURFACE.color, alpha: 0.35 } }, SURFACE], maxLayers: 12 },
+  'one coloured surface of two': { surfaces: [colored('POSITION_X'), SURFACE] },
+  normal: { surfaces: [colored('NORMAL')] },
+  gradient: { surfaces: [colored('GRADIENT_MAGNITUDE', { opacity: { atMin: 0.2, atMax: 1 } })] },
+  ...Object.fromEntries(COLOR_MAPS.map((name) => [name, { surfaces: [colored('POSITION_Y',
+    { colorMap: `COLOR_MAP_${name.toUpperCase().replace('-', '_')}`, range: { min: -1, max: 12.5 }, opacity: { atMin: 0, atMax: 0.75 } })] }])),
+  camera: { surfaces: [SURFACE], camera: CAMERA },
+  'parallel projection': { surfaces: [SURFACE], camera: { eye: { x: 1, y: 2, z: 40 }, target: { x: 1 }, up: { y: 1 }, orthographic: { height: 7.25 } } },
+  'a view from a side': { surfaces: [SURFACE], camera: CAMERA, cameraFit: 'CAMERA_FIT_SURFACE' },
+  'the default camera, fitted': { surfaces: [SURFACE], cameraFit: 'CAMERA_FIT_SURFACE' },
+  'clip planes and box': { surfaces: [SURFACE], clip: CLIP },
+  'filled cuts': { surfaces: [SURFACE], clip: CLIP, caps: {} },
+  'cuts with samples': { surfaces: [SURFACE], clip: CLIP, caps: { colorMap: 'COLOR_MAP_GREY' } },
+  'cuts with a range of samples': { surfaces: [SURFACE], clip: CLIP, caps: { colorMap: 'COLOR_MAP_COOL_WARM', range: { min: -5, max: 200 } } },
+  'lights of the view': { surfaces: [SURFACE], lights: [{ direction: { x: -1, y: 1.2, z: 1.6 }, intensity: 0.85 },
+    { direction: { x: 1, y: 0, z: 1 }, intensity: 0.3, color: { red: 0.75, green: 0.85, blue: 1, alpha: 1 } }] },
+  'lights of the world': { surfaces: [SURFACE], lights: [{ direction: { x: -1 }, space: 'SPACE_WORLD' }] },
+  effects: { surfaces: [SURFACE], samples: 4, ambientOcclusion: { radiusPx: 32 }, silhouette: { widthPx: 2 } },
+  'effects of a link': { surfaces: [SURFACE], samples: 16, ambientOcclusion: { radiusPx: 24, strength: 0.5 },
+    silhouette: { widthPx: 3, color: { red: 1, green: 0, blue: 0, alpha: 1 } } },
+  'a background': { surfaces: [SURFACE], backgroundColor: { red: 0.0431, green: 0.05, blue: 0.08, alpha: 1 } },
+  'a transparent background': { surfaces: [SURFACE], backgroundColor: { red: 0, green: 0, blue: 0 } },
+  'names of colours': stateFromHash('#surface=100:tomato:0.5&silhouette=2:#639&light=0,0,1:1:gold&background=#11223344').state,
+  'names of datasets': { dataset: 'it\'s --help; $HOME', surfaces: [SURFACE] },
+  'a dataset that begins as a flag does': { dataset: '--output', surfaces: [SURFACE] },
+};
+
+test('no command has a flag that isoscope render does not have, and each flag is among those tried', () => {
+  const { text } = run(['render', '--help']);
+  const known = new Set(text.match(/(?<=^\s+(?:-\w,)?)--[a-z-]+/gm));
+  assert.ok(known.has('--surface') && known.has('--output'), text);
+  const printed = new Set(Object.values(STATES).flatMap((state) => wordsOf(commandOf(state))
+    .filter((word) => /^--[a-z-]/.test(word)).map((word) => word.replace(/=.*/s, ''))));
+  assert.deepEqual([...printed].filter((flag) => !known.has(flag)), []);
+  assert.deepEqual(FLAGS.filter((name) => !printed.has(`--${name}`)), [], 'a flag that the page can print is not tried here');
+});
+
+for (const [name, state] of Object.entries(STATES)) {
+  test(`the command draws a picture: ${name}`, () => {
+    const words = wordsOf(commandOf(state));
+    assert.deepEqual(words.slice(0, 3), ['render', '--server', 'HOST:50051']);
+    // The volume in place of a server and its dataset.
+    const rest = words.slice(3);
+    if (state.dataset) {
+      assert.deepEqual(rest.splice(0, 2), ['--dataset', state.dataset]);
+    }
+    const { status, text } = run(['render', volume, '--renderer', 'cpu', ...rest]);
+    assert.equal(status, 0, `${words.join(' ')}\n${text}`);
+    assert.ok(existsSync(join(folder, 'picture.png')));
+    rmSync(join(folder, 'picture.png'));
+  });
+}
+
+test('the program takes the dataset of the command as its value, whatever its name', () => {
+  for (const dataset of ['--output', '-x', 'it\'s --help; $HOME']) {
+    const words = wordsOf(commandOf({ dataset, surfaces: [SURFACE] }));
+    // Nobody listens there: it gets as far as the connection.
+    words[words.indexOf('HOST:50051')] = '127.0.0.1:1';
+    const { status, text } = run([...words, '--timeout', '1']);
+    assert.equal(status !== 0 && /127\.0\.0\.1:1/.test(text) && !/Usage/i.test(text), true, `${status}: ${text}`);
+  }
+});
