@@ -1,4 +1,4 @@
-// isoscope serve DIR [--listen HOST:PORT]
+// isoscope serve INPUT | DIR [--listen HOST:PORT]
 
 #include <cstdint>
 #include <memory>
@@ -11,6 +11,8 @@
 
 #include "client-cli/commands/program.h"
 #include "client-cli/session/embedded_cluster.h"
+#include "client-cli/session/partition_volume.h"
+#include "client-cli/session/session.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
@@ -28,7 +30,7 @@ constexpr const char* kDefaultAddress = "127.0.0.1:50051";
 constexpr absl::Duration kGrace = absl::Seconds(30);
 
 struct ServeFlags {
-  std::optional<std::string> directory;
+  SessionFlags session;  // input, shards, cache and how to read a volume
   std::optional<std::string> listen_address;
   rpc::TransportFlags transport;
   std::string token_file;
@@ -42,11 +44,11 @@ absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
 }
 
 absl::Status Run(const ServeFlags& flags, const Context& context) {
-  if (!flags.directory) {
-    return UsageError("DIR is missing: the dataset folder to serve");
+  if (!flags.session.input) {
+    return UsageError("INPUT or DIR is missing: the volume or the dataset folder to serve");
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   EmbeddedClusterOptions options;
-  options.dataset_directory = *flags.directory;
   options.listen_address = flags.listen_address.value_or(kDefaultAddress);
   const absl::Status secure = rpc::CheckListen(flags.transport, options.listen_address);
   if (!secure.ok()) {
@@ -58,6 +60,9 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
   options.expected_viewport = view::kCommonViewport;
+  // Its lock keeps a cached dataset from being evicted while this serves it.
+  ISOSCOPE_ASSIGN_OR_RETURN(const CachedDataset dataset, PrepareInput(flags.session, context));
+  options.dataset_directory = dataset.directory;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<EmbeddedCluster> cluster,
                             EmbeddedCluster::Start(options));
   // The port asked for may be 0.
@@ -80,7 +85,9 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
 
 Action RegisterServeFlags(FlagSet* set) {
   const auto flags = std::make_shared<ServeFlags>();
-  AddFlag(set, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
+  AddFlag(
+      set, "input", "INPUT|DIR", &flags->session.input, ParseText,
+      "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
   AddFlag(
       set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
       absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
@@ -94,6 +101,10 @@ Action RegisterServeFlags(FlagSet* set) {
   AddFlag(
       set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
       "memory of all agents together, as in 512MiB or 2G (default: a quarter of the machine's)");
+  AddFlag(set, "--shards", "P", &flags->session.shard_count, ParseShardCount,
+          "cut a volume into P shards, one agent each (default: 1)");
+  AddCacheLimitFlag(set, &flags->session.cache_limit_bytes);
+  AddSourceFlags(set, &flags->session.source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 
@@ -102,10 +113,11 @@ Action RegisterServeFlags(FlagSet* set) {
 Command ServeCommand() {
   return {
       .name = "serve",
-      .summary = "Serves a dataset folder: coordinator and all agents in this process",
-      .usage = "DIR [OPTIONS]",
+      .summary = "Serves a volume or a dataset folder: coordinator and all agents in this process",
+      .usage = "INPUT | DIR [OPTIONS]",
       .examples =
           "  isoscope serve head\n"
+          "  isoscope serve head.nii.gz\n"
           "  isoscope serve head --listen 0.0.0.0:50051 --tls-cert coordinator.pem \\\n"
           "    --tls-key coordinator.key --tls-ca ca.pem --tokens tokens.json\n"
           "\nPrints the address on standard output once frames can be rendered; log lines go to\n"

@@ -112,16 +112,6 @@ absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
   return CachedDataset{.directory = input};
 }
 
-// The dataset directory that the flags mean.
-absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context) {
-  if (store::IsDatasetDirectory(*flags.input)) {
-    return PrepareDataset(flags);
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files,
-                            SourceFiles(flags.source, *flags.input));
-  return PrepareVolume(flags, files, context);
-}
-
 }  // namespace
 
 void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
@@ -157,6 +147,15 @@ void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes) {
 void AddRendererFlag(FlagSet* set, SessionFlags* flags) {
   AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
           "back end of the embedded agents (default: auto, EGL on a GPU, else the CPU)");
+}
+
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context) {
+  if (store::IsDatasetDirectory(*flags.input)) {
+    return PrepareDataset(flags);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files,
+                            SourceFiles(flags.source, *flags.input));
+  return PrepareVolume(flags, files, context);
 }
 
 absl::Status CheckUsage(const SessionFlags& flags) {

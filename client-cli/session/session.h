@@ -13,6 +13,7 @@
 #include "absl/time/time.h"
 
 #include "client-cli/session/connection_flags.h"
+#include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/source_flags.h"
 #include "core/cli/command.h"
 #include "core/cli/flag_set.h"
@@ -53,6 +54,11 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
+
+// The dataset directory of `flags.input`: itself, or that of a source volume, which is partitioned
+// into the cache first unless it is there already. UsageError if --shards differs from the
+// dataset's. Other errors as partition::Partition.
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context);
 
 // A way to ask for frames of one dataset. Thread-safe.
 class Session {
