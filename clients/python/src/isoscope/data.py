@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+import os
+import pathlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -390,6 +392,21 @@ class Mesh:
         """Gives points, triangles: `points, triangles = mesh`."""
         yield self.points
         yield self.triangles
+
+    def __contains__(self, part: object) -> bool:
+        """Whether iteration gives this array: by identity, because arrays of other shapes have no truth."""
+        return any(part is one for one in self)
+
+    def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
+        """Writes a file by the ending of its name: .ply, .stl, .obj, .glb; with PyVista also .vtp and .vtk.
+
+        The mesh is in memory here: `isoscope export` writes the same formats without that.
+        """
+        from isoscope import _mesh_files
+
+        target = pathlib.Path(path)
+        _mesh_files.save(self, target)
+        return target
 
     @property
     def area(self) -> float:
