@@ -286,6 +286,11 @@ def test_a_refusal_tells_its_delay_unless_it_is_damaged_negative_or_of_another_c
     assert told_delay(Refusal(retry_info(), grpc.StatusCode.UNAVAILABLE)) == 0
     assert told_delay(Refusal(retry_info(seconds=1), grpc.StatusCode.INTERNAL)) is None
     assert told_delay(Refusal(retry_info(seconds=-1))) is None  # nobody can sleep that long
+    # Other details before it, and fields that a later version may have.
+    other = any_pb2.Any(type_url="type.googleapis.com/google.rpc.ErrorInfo", value=b"\x0a\x01x").SerializeToString()
+    several = Refusal(retry_info(seconds=2) + b"\x10\x07\x1d\0\0\0\0")
+    several.details = b"\x1a" + bytes([len(other)]) + other + several.details
+    assert told_delay(several) == 2
     # It says five bytes, and has the two of another number.
     assert told_delay(Refusal(b"\x0a\x05\x08\x01")) is None
 
