@@ -103,6 +103,8 @@ class View:
 
             frames = KernelFrames(dataset._client, send, dataset.name)
             widget.on_msg(lambda _, content, buffers: frames.handle(content))
+            # Its comm goes when the widget is closed, here or there.
+            widget.observe(lambda change: None if change["new"] else frames.close(), names="comm")
 
     @property
     def state(self) -> dict[str, Any]:
