@@ -167,6 +167,9 @@ class Client:
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError("an async client belongs to its event loop and is not pickled: pickle an isoscope.Dataset")
+
     def __repr__(self) -> str:
         version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
         return f"<isoscope.aio.Client of {self.address}{version}>"

@@ -63,8 +63,9 @@ def connect(
         tls: whether to encrypt; by default if a file or a server name is given.
         ca_file: PEM file of the authorities that may have signed the server's certificate.
         cert_file, key_file: PEM files of a client certificate, for servers that want one.
-        server_name: name in the server's certificate, where it isn't the address's host.
-        token: sent as `authorization: Bearer TOKEN` with each call.
+        server_name: name in the server's certificate, where it isn't the address's host. The defaults of these are
+            $ISOSCOPE_TLS_CA, $ISOSCOPE_TLS_CERT, $ISOSCOPE_TLS_KEY, $ISOSCOPE_TLS_SERVER_NAME, as of the programs.
+        token: sent as `authorization: Bearer TOKEN` with each call; default: that of `token_file`, else $ISOSCOPE_TOKEN.
         token_file: a file with that token.
         allow_insecure_token: send the token unencrypted to another machine.
         metadata: more metadata of each call.
@@ -133,11 +134,12 @@ class Client:
     def __getitem__(self, name: str) -> Dataset:
         return self.dataset(name)
 
-    def __iter__(self) -> Iterator[Dataset]:
-        return iter(self.datasets())
+    def __iter__(self) -> Iterator[str]:
+        """Gives the names that `client[name]` takes, as a mapping does; `datasets` has the datasets."""
+        return iter([dataset.name for dataset in self.datasets()])
 
     def __contains__(self, name: object) -> bool:
-        return any(dataset.name == name for dataset in self.datasets())
+        return any(one == name for one in self)
 
     # ----------------------------------------------------------------------------- cluster
 
@@ -184,6 +186,10 @@ class Client:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles where to connect, without the token; see `_shared_client`."""
+        return _shared_client, (self._target, self._capabilities)
 
     def __repr__(self) -> str:
         version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
@@ -262,6 +268,20 @@ class Client:
         pick = _wire.pick_request(request, pixels)
         response = self._unary(rpc.IsosurfaceServiceStub, "PickSurface", pick, timeout)
         return _wire.picked_from_proto(response, pixels)
+
+
+# What unpickled datasets of this process share, by target, as long as one of them lives.
+_SHARED: weakref.WeakValueDictionary[Target, Client] = weakref.WeakValueDictionary()
+
+
+def _shared_client(target: Target, capabilities: Capabilities | None) -> Client:
+    """Returns the client of an unpickled dataset. It connects at its first call, with the token of this process."""
+    target = target.with_token()
+    client = _SHARED.get(target)
+    if client is None or client._channel.is_closed:
+        client = _SHARED[target] = Client(target)
+        client._capabilities = capabilities
+    return client
 
 
 def raise_closed(error: ValueError, address: str) -> NoReturn:
