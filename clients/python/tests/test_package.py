@@ -94,9 +94,8 @@ def distributions(tmp_path_factory):
     environment = {**os.environ, "ISOSCOPE_VERSION": "3.2.1-4-gabc"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    made = {"".join(path.suffixes[-2:]) if path.suffix == ".gz" else path.suffix: path for path in (source / "dist").iterdir()}
-    assert set(made) == {".whl", ".tar.gz"}
-    return made
+    (wheel,), (archive,) = (source / "dist").glob("*.whl"), (source / "dist").glob("*.tar.gz")
+    return {".whl": wheel, ".tar.gz": archive}
 
 
 def test_wheel_and_sdist_hold_messages_types_viewer_and_the_projects_version(distributions):
@@ -115,7 +114,9 @@ def test_wheel_and_sdist_hold_messages_types_viewer_and_the_projects_version(dis
 
 
 @pytest.mark.parametrize("kind", [".whl", ".tar.gz"])
-def test_what_was_built_is_installed_in_a_fresh_environment_and_renders(distributions, programs, folder, tmp_path, kind):
+def test_what_was_built_is_installed_in_a_fresh_environment_and_renders(
+    distributions, programs, folder, tmp_path, kind
+):
     subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", tmp_path / "venv"], check=True)
     python = tmp_path / "venv" / "bin" / "python"
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "ISOSCOPE_VERSION")}

@@ -1,4 +1,4 @@
-"""Meshes as files, with numpy alone: the formats of `isoscope export`. Others are written by PyVista, if it is there."""
+"""Meshes as files, with numpy alone: formats of `isoscope export`. Others are written by PyVista, if it is there."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ from isoscope import client as _blocking
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
 from isoscope.errors import CancelledError, InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
-from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike
+from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
 
 __all__ = ["Client", "Dataset", "connect"]
 
@@ -253,7 +253,7 @@ class Dataset(DatasetInfo):
         region: tuple[int, int, int, int] | None = None,
         background: ColorLike | None = None,
         clip: ClipLike | None = None,
-        lights: Sequence[LightLike] = (),
+        lights: Sequence[LightLike] | LightLike = (),
         color_by: ColorBy | None = None,
         samples: int | None = None,
         ambient_occlusion: AmbientOcclusion | bool = False,
@@ -290,12 +290,12 @@ class Dataset(DatasetInfo):
 
     @overload
     async def pick(
-        self, pixels: list[tuple[int, int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
+        self, pixels: Sequence[Sequence[int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
     ) -> list[PickedPoint | None]: ...
 
     async def pick(
         self,
-        pixels: tuple[int, int] | list[tuple[int, int]],
+        pixels: tuple[int, int] | Sequence[Sequence[int]],
         isovalue: float | None = None,
         *,
         frame: Frame | None = None,
@@ -303,13 +303,13 @@ class Dataset(DatasetInfo):
         **look: Any,
     ) -> PickedPoint | None | list[PickedPoint | None]:
         """Tells what pixels show: `isoscope.Dataset.pick` tells about the arguments."""
-        several = pixels if isinstance(pixels, list) else [pixels]
+        several, is_one = as_pixels(pixels)
         request = _wire.pick_request(
             _blocking.pick_frame(self, self._client._capabilities, isovalue, frame, look), several
         )
         response = await self._client._unary(rpc.IsosurfaceServiceStub, "PickSurface", request, timeout)
         points = _wire.picked_from_proto(response, several)
-        return points if isinstance(pixels, list) else points[0]
+        return points[0] if is_one else points
 
     async def mesh(
         self,

@@ -253,7 +253,7 @@ def make_view(
             )
         isovalue = suggestions[0].isovalue
     if gateway is None:
-        gateway = dataset._client.capabilities().gateway_address
+        gateway = dataset._client.capabilities().gateway_address or ""
     if gateway and not gateway.startswith(("http://", "https://", "/")):
         raise InvalidArgumentError(f"gateway {gateway!r}: must begin with http://, https:// or /")
     request = _wire.frame_request(
