@@ -103,7 +103,8 @@ def test_bounds_and_world_from_index_follow_direction_spacing_and_origin():
     [
         ("#ff0000", (1, 0, 0, 1)), ("#0f0", (0, 1, 0, 1)), ("#0000ff80", (0, 0, 1, 128 / 255)),
         ("White", (1, 1, 1, 1)), ("#00f8", (0, 0, 1, 136 / 255)), ("transparent", (0, 0, 0, 0)),
-        ("lightgoldenrodyellow", (250 / 255, 250 / 255, 210 / 255, 1)), ((0.25, 0.5, 1), (0.25, 0.5, 1, 1)), (np.array([0, 0, 0, 0.5]), (0, 0, 0, 0.5)),
+        ("lightgoldenrodyellow", (250 / 255, 250 / 255, 210 / 255, 1)),
+        ((0.25, 0.5, 1), (0.25, 0.5, 1, 1)), (np.array([0, 0, 0, 0.5]), (0, 0, 0, 0.5)),
     ],
 )  # fmt: skip
 def test_colors_are_hex_names_or_numbers(color, expected):
@@ -128,7 +129,8 @@ def test_every_color_of_css_has_a_name():
 def test_an_address_without_a_port_has_the_coordinators_wherever_it_is_resolved():
     for address, expected in {
         "host": "host:50051", " host ": "host:50051", "host:1": "host:1",
-        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7", "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051",
+        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7",
+        "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051",
         "dns://192.0.2.1/host": "dns://192.0.2.1/host:50051", "dns:///host:7": "dns:///host:7",
         "ipv4:192.0.2.1,192.0.2.2:7": "ipv4:192.0.2.1:50051,192.0.2.2:7", "ipv6:[::1]": "ipv6:[::1]:50051",
         "unix:/run/isoscope": "unix:/run/isoscope",
