@@ -48,6 +48,9 @@ def test_a_token_of_the_environment_goes_unencrypted_to_no_other_machine(monkeyp
     assert pickle.loads(pickle.dumps(Target("host:1", tls=True))).with_token().token == "t"
     with pytest.raises(isoscope.InvalidArgumentError, match="unencrypted"):
         isoscope.connect("host:1")
+    monkeypatch.setenv("ISOSCOPE_TOKEN", "two words")
+    with pytest.raises(isoscope.InvalidArgumentError, match="ISOSCOPE_TOKEN holds no token"):
+        isoscope.connect("localhost:1")
 
 
 def test_datasets_of_one_server_share_a_connection_until_it_is_closed(dataset):

@@ -87,7 +87,7 @@ class Target:
         """Returns a pickled target with this process's token: of its file, else of $ISOSCOPE_TOKEN."""
         if self.token_file is not None and os.path.isfile(self.token_file):
             return dataclasses.replace(self, token=_read_token(self.token_file))
-        token = os.environ.get("ISOSCOPE_TOKEN", "").strip() or None
+        token = _token_of_environment()
         if token and not self.tls and not self.allow_insecure_token and not _is_local(self.address):
             token = None  # the server will say that it asks for one
         return dataclasses.replace(self, token=token, token_file=None)
@@ -138,9 +138,19 @@ def _read(path: str | None, name: str) -> bytes | None:
 
 def _read_token(path: str) -> str:
     """Returns the token in a file, without white space around it."""
-    token = (_read(path, "token_file") or b"").decode("ascii", "replace").strip()
+    return _checked_token((_read(path, "token_file") or b"").decode("ascii", "replace"), f"token_file: {path!r}")
+
+
+def _token_of_environment() -> str | None:
+    """Returns $ISOSCOPE_TOKEN, as the programs take it; None if there is none."""
+    token = os.environ.get("ISOSCOPE_TOKEN", "").strip()
+    return _checked_token(token, "$ISOSCOPE_TOKEN") if token else None
+
+
+def _checked_token(text: str, place: str) -> str:
+    token = text.strip()
     if not token or not token.isascii() or not token.isprintable() or " " in token:
-        raise InvalidArgumentError(f"token_file: {path!r} holds no token: one line of printable ASCII without spaces")
+        raise InvalidArgumentError(f"{place} holds no token: one line of printable ASCII without spaces")
     return token
 
 
@@ -185,7 +195,7 @@ def make_target(
         token_file = os.fspath(token_file)
         token = _read_token(token_file)
     elif token is None:
-        token = os.environ.get("ISOSCOPE_TOKEN", "").strip() or None
+        token = _token_of_environment()
     if token and not secure and not allow_insecure_token and not _is_local(full):
         raise InvalidArgumentError(
             f"a token would go to {full} unencrypted: pass tls=True or ca_file=..., or allow_insecure_token=True where "
