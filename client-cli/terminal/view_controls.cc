@@ -47,9 +47,7 @@ ViewControls::ViewControls(const ViewedVolume& volume, double isovalue)
       first_isovalue_(isovalue),
       isovalue_step_(IsovalueStep(volume.values)),
       camera_(view::MakeDefaultCamera(volume.bounds)),
-      isovalue_(isovalue) {
-  LookFrom(0);
-}
+      isovalue_(isovalue) {}
 
 void ViewControls::LookFrom(int view) {
   const auto index = static_cast<std::size_t>(view);

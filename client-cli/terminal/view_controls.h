@@ -24,7 +24,7 @@ struct ViewedVolume {
 // Thread-compatible.
 class ViewControls {
  public:
-  // Begins with the default camera.
+  // Begins with the default camera, as `render` and the page do.
   ViewControls(const ViewedVolume& volume, double isovalue);
 
   enum class Effect { kNone, kMoved, kHelp, kQuit };

@@ -37,6 +37,13 @@ def programs():
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory):
+    """The programs' cache of partitioned volumes: the tests' own, also for the processes that they start."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+    return pathlib.Path(os.environ["XDG_CACHE_HOME"]) / "isoscope"
+
+
 @pytest.fixture(scope="session")
 def run(programs):
     """Runs `isoscope ARGUMENTS...` and returns its standard output."""

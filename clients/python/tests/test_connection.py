@@ -352,13 +352,69 @@ def test_both_clients_have_the_same_names_and_arguments():
     assert inspect.signature(isoscope.connect).parameters == inspect.signature(isoscope.aio.connect).parameters
 
 
-def test_grpc_is_told_of_forks_unless_the_environment_says_otherwise():
-    code = "import isoscope, os; print(os.environ['GRPC_ENABLE_FORK_SUPPORT'])"
-    for value, expected in ((None, "1"), ("0", "0")):
+def test_the_hosts_environment_stays_as_it_was(client):
+    code = (
+        "import os\n"
+        "before = dict(os.environ)\n"
+        "import isoscope, sys\n"
+        "isoscope.connect(sys.argv[1], token_file=sys.argv[2])['shells'].render(127.5, size=16)\n"
+        "assert dict(os.environ) == before\n"
+        "from grpc._cython import cygrpc\n"
+        "print(cygrpc.is_fork_support_enabled())\n"
+    )
+    for value, expected in ((None, "True"), ("0", "False")):
         environment = {key: text for key, text in os.environ.items() if key != "GRPC_ENABLE_FORK_SUPPORT"}
         environment.update({} if value is None else {"GRPC_ENABLE_FORK_SUPPORT": value})
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+        command = [sys.executable, "-c", code, client.address, client.token_file]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
         assert done.stdout.strip() == expected, done.stderr
+
+
+def test_grpc_writes_no_lines_beside_our_errors():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"no TLS\n" * 9)
+                connection.recv(4096)
+
+        threading.Thread(target=answer, daemon=True).start()
+        code = (
+            "import isoscope, sys\n"
+            "try:\n"
+            "    isoscope.connect(sys.argv[1], tls=True, connect_timeout=3)\n"
+            "except isoscope.IsoscopeError:\n"
+            "    print('refused')\n"
+        )
+        environment = {key: text for key, text in os.environ.items() if key != "GRPC_VERBOSITY"}
+        command = [sys.executable, "-c", code, f"127.0.0.1:{server.getsockname()[1]}"]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert (done.stdout.strip(), done.stderr) == ("refused", "")
+
+
+ONE_HANDLER = """
+import os
+import isoscope
+from isoscope._channel import Target
+from isoscope.client import Client
+
+registered = []
+os.register_at_fork = lambda **handlers: registered.append(handlers)
+clients = [Client(Target("localhost:1")) for _ in range(5)]
+for client in clients:
+    client._channel._lock.acquire()  # as a thread of the parent does in the moment of the fork
+pid = os.fork()
+if pid == 0:
+    os._exit(0 if all(client._channel._lock.acquire(timeout=5) for client in clients) else 1)
+print(len(registered), os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+"""
+
+
+def test_a_process_has_one_fork_handler_however_many_clients_it_makes():
+    """In a process of its own, as above."""
+    done = subprocess.run([sys.executable, "-c", ONE_HANDLER], capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["0", "0"], done.stderr
 
 
 @pytest.fixture(scope="module")

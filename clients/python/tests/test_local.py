@@ -42,11 +42,34 @@ def test_a_volume_file_is_served_and_everything_is_gone_afterwards(volume):
     client = isoscope.serve(volume)
     (keeper,) = [pid for pid, args in set(children_of(os.getpid())) - before if "isoscope-serve" in args]
     servers = [pid for pid, args in children_of(keeper) if "isoscope serve" in args and "sh -c" not in args]
-    scratch = [args.split(" serve ")[1].split()[0] for pid, args in children_of(keeper) if pid in servers][0]
-    assert client.dataset().name == "shells" and os.path.isdir(scratch)
+    scratch = pathlib.Path(client.token_file).parent
+    assert client.dataset().source == "shells.nrrd" and servers and scratch.is_dir()
     client.close()
     assert wait_until(lambda: not any(map(is_alive, servers)))
-    assert not os.path.exists(os.path.dirname(scratch))
+    assert not scratch.exists()
+
+
+def test_a_volume_is_partitioned_once_for_python_and_the_command_line(run, programs, cache, tmp_path):
+    volume = tmp_path / "once.nrrd"
+    run("generate", "shells", "--dims", "20,20,20", "--type", "uint8", "--output", volume)
+
+    def entries():
+        return {path.name: (path / "manifest.json").stat().st_ino for path in cache.glob("once-*")}
+
+    with isoscope.serve(volume) as client:
+        made = entries()
+        assert list(made) == [client.dataset().name]
+        # None that is in use is removed.
+        done = subprocess.run([programs / "isoscope", "cache", "clear", volume], capture_output=True, text=True)
+        assert "in use" in done.stderr and entries() == made
+    run("render", volume, "--isovalue", "100", "--output", tmp_path / "once.png")
+    with isoscope.serve(volume) as client:
+        assert client.dataset().render(100, size=16).width == 16
+    assert entries() == made
+    with isoscope.serve(volume, name="own") as client:
+        assert list(client) == ["own"] and entries() == made
+    with isoscope.serve(volume, shards=2) as client:
+        assert client.dataset().shard_count == 2 and len(entries()) == 2
 
 
 def test_nobody_without_the_token_gets_in(client, folder):
@@ -64,7 +87,7 @@ def test_nobody_without_the_token_gets_in(client, folder):
     # Who has the token gets in, and each server has one of its own.
     assert asyncio.run(by_aio(token_file=client.token_file)) == (["shells"], client.token_file)
     with isoscope.connect(client.address, token_file=client.token_file) as through:
-        assert [dataset.name for dataset in through] == ["shells"] and through.token_file == client.token_file
+        assert list(through) == ["shells"] and through.token_file == client.token_file
     with isoscope.serve(folder) as other:
         with pytest.raises(isoscope.UnauthenticatedError):
             isoscope.connect(other.address, token_file=client.token_file)
@@ -146,7 +169,7 @@ def test_a_missing_program_is_said_with_what_to_do(monkeypatch, tmp_path, volume
 
 
 def test_the_programs_own_sentence_is_the_error(programs, tmp_path, folder):
-    with pytest.raises(ProgramError, match="isoscope partition failed.*nothing.nrrd"):
+    with pytest.raises(ProgramError, match="isoscope serve failed.*nothing.nrrd"):
         isoscope.serve(tmp_path / "nothing.nrrd")
     with pytest.raises(ProgramError, match="isoscope serve failed.*odd"):
         isoscope.serve(folder, renderer="odd")

@@ -2,11 +2,16 @@
 
 import filecmp
 import importlib.util
+import os
 import pathlib
+import runpy
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
+
+import pytest
 
 import skips
 from conftest import PACKAGE, ROOT
@@ -71,30 +76,82 @@ def test_every_public_name_is_documented():
                     assert inspect.getdoc(member), f"{name}.{key}"
 
 
-def test_the_wheel_is_built_installed_and_imported(tmp_path):
-    for module in ("setuptools", "wheel", "pip"):
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory):
+    """The wheel and the sdist that `python3 -m build` makes of the checkout; $ISOSCOPE_VERSION is 3.2.1-4-gabc."""
+    for module in ("build", "setuptools", "wheel", "pip", "ensurepip"):
         if importlib.util.find_spec(module) is None:
             skips.skip("python", f"no {module} (python3-{module}) to build a wheel with")
     # A copy: building writes beside setup.py.
-    source = tmp_path / "clients" / "python"
-    shutil.copytree(PACKAGE, source, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build"))
-    viewer = ROOT / "clients" / "web" / "isoscope-view.js"
-    if viewer.is_file():
-        (tmp_path / "clients" / "web").mkdir()
-        shutil.copy(viewer, tmp_path / "clients" / "web")
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
-    flags = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
-    subprocess.run([*pip, "wheel", *flags, "--wheel-dir", tmp_path / "wheels", source], check=True)
-    (wheel,) = (tmp_path / "wheels").iterdir()
-    assert wheel.name == "isoscope-0.1.0-py3-none-any.whl"
-    names = zipfile.ZipFile(wheel).namelist()
-    assert {"isoscope/py.typed", "isoscope/_proto/frame_pb2.py", "isoscope/_proto/frame_pb2.pyi"} <= set(names)
-    assert ("isoscope/_static/isoscope-view.js" in names) == viewer.is_file()
-    assert not any("test" in name for name in names)
-    site = tmp_path / "site"
-    subprocess.run([*pip, "install", *flags, "--target", site, wheel], check=True)
-    code = "import isoscope; print(isoscope.__version__, isoscope.__file__)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={"PYTHONPATH": str(site)}, cwd=tmp_path, capture_output=True, text=True
+    copy = tmp_path_factory.mktemp("checkout")
+    source = copy / "clients" / "python"
+    shutil.copytree(PACKAGE, source, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build", "dist"))
+    (copy / "clients" / "web").mkdir()
+    shutil.copy(ROOT / "clients" / "web" / "isoscope-view.js", copy / "clients" / "web")
+    for name in ("CMakeLists.txt", "LICENSE"):
+        shutil.copy(ROOT / name, copy)
+    command = [sys.executable, "-m", "build", "--no-isolation", source]
+    environment = {**os.environ, "ISOSCOPE_VERSION": "3.2.1-4-gabc"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,), (archive,) = (source / "dist").glob("*.whl"), (source / "dist").glob("*.tar.gz")
+    return {".whl": wheel, ".tar.gz": archive}
+
+
+def test_wheel_and_sdist_hold_messages_types_viewer_and_the_projects_version(distributions):
+    assert distributions[".whl"].name == "isoscope-3.2.1+4.gabc-py3-none-any.whl"
+    assert distributions[".tar.gz"].name == "isoscope-3.2.1+4.gabc.tar.gz"
+    inside = {
+        "isoscope/py.typed", "isoscope/_proto/frame_pb2.py", "isoscope/_proto/frame_pb2.pyi",
+        "isoscope/_proto/isosurface_service_pb2_grpc.py", "isoscope/_static/isoscope-view.js",
+    }  # fmt: skip
+    names = zipfile.ZipFile(distributions[".whl"]).namelist()
+    assert inside <= set(names) and not any("test" in name for name in names)
+    with tarfile.open(distributions[".tar.gz"]) as archive:
+        sources = {name.partition("/")[2] for name in archive.getnames()}
+    assert {f"src/{name}" for name in inside} | {"setup.py", "README.md", "LICENSE"} <= sources
+    assert not any(name.startswith(("tests", "tools")) for name in sources)
+
+
+@pytest.mark.parametrize("kind", [".whl", ".tar.gz"])
+def test_what_was_built_is_installed_in_a_fresh_environment_and_renders(
+    distributions, programs, folder, tmp_path, kind
+):
+    subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", tmp_path / "venv"], check=True)
+    python = tmp_path / "venv" / "bin" / "python"
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "ISOSCOPE_VERSION")}
+    flags = ["--disable-pip-version-check", "--no-index", "--no-deps", "--no-build-isolation", "--quiet"]
+    install = [python, "-m", "pip", "install", *flags, distributions[kind]]
+    done = subprocess.run(install, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    code = (
+        "import isoscope, sys\n"
+        "from isoscope import viewer\n"
+        "print(isoscope.__version__, isoscope.__file__, viewer.module_path())\n"
+        "with isoscope.serve(sys.argv[1], renderer='cpu') as client:\n"
+        "    print(client.dataset().render(127.5, size=24).rgb.shape)\n"
     )
-    assert done.stdout.split()[0] == "0.1.0" and pathlib.Path(done.stdout.split()[1]).is_relative_to(site), done.stderr
+    done = subprocess.run(
+        [python, "-c", code, folder], env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    version, *paths = first.split()
+    assert version == "3.2.1+4.gabc" and second == "(24, 24, 3)"
+    assert all(pathlib.Path(path).is_relative_to(tmp_path / "venv") for path in paths), paths
+
+
+def test_the_version_is_that_of_the_whole_project(monkeypatch):
+    path = PACKAGE / "src" / "isoscope" / "_version.py"
+    monkeypatch.delenv("ISOSCOPE_VERSION", raising=False)
+    module = runpy.run_path(str(path))
+    assert f"VERSION {module['__version__']}\n" in (ROOT / "CMakeLists.txt").read_text()
+    for text, expected in {
+        "1.2.3": "1.2.3", "v1.2.3": "1.2.3", "v1.2-7-g0abc12": "1.2+7.g0abc12", "1.2.3-dirty": "1.2.3+dirty",
+        "1.2-7-gabc-dirty": "1.2+7.gabc.dirty", "1.2rc1": "1.2rc1", "1.2+7.gabc": "1.2+7.gabc",
+    }.items():  # fmt: skip
+        assert module["python_version"](text) == expected
+    with pytest.raises(ValueError, match="git describe"):
+        module["python_version"]("8c9ec9f")
+    monkeypatch.setenv("ISOSCOPE_VERSION", "9.8.7")
+    assert runpy.run_path(str(path))["__version__"] == "9.8.7"

@@ -133,7 +133,7 @@ def test_picks_are_the_planes(dataset):
     rows, columns = np.nonzero(np.isfinite(frame.depth))
     x, y = int(columns[len(columns) // 2]), int(rows[len(rows) // 2])
     point = frame.pick(x, y)
-    assert point.pixel == (x, y) and point.surface == 0
+    assert point.pixel == (x, y) and point.surface_index == 0 and point.is_hit
     assert np.float32(point.depth) == frame.depth[y, x]
     assert (np.float32(point.position) == frame.position[y, x]).all()
     assert dataset.pick((x, y), 127.5, azimuth=30, **SIZE) == point
@@ -206,7 +206,7 @@ def test_mesh_goes_to_pyvista_or_says_what_is_missing(dataset, monkeypatch):
 
 
 def test_datasets_tell_their_grid_range_and_state(client, dataset):
-    assert [one.name for one in client] == ["shells"] and "shells" in client and "head" not in client
+    assert list(client) == ["shells"] and "shells" in client and "head" not in client
     assert client.dataset() == dataset and dataset.refresh() == dataset
     assert dataset.dims == (48, 40, 32) and dataset.dtype == np.uint8 and dataset.range == (0, 255)
     assert dataset.spacing == (1, 1.5, 0.75) and dataset.origin == (-3, 7, 0.1)
@@ -219,7 +219,7 @@ def test_datasets_tell_their_grid_range_and_state(client, dataset):
 
 def test_histogram_counts_every_sample_and_is_that_of_the_command_line(run, client, dataset):
     histogram = dataset.histogram(bins=4096)
-    assert histogram.has_counts and histogram.counts.sum() == 48 * 40 * 32
+    assert histogram.has_sample_counts and histogram.sample_count.sum() == 48 * 40 * 32
     assert len(histogram.edges) == len(histogram) + 1 and (np.diff(histogram.edges) == 1).all()
     assert (histogram.centers == histogram.edges[:-1] + 0.5).all()
     text = run("info", *server_flags(client), "--histogram", "--json", "--bins", 4096)
@@ -232,11 +232,73 @@ def test_histogram_counts_every_sample_and_is_that_of_the_command_line(run, clie
 
 def test_statistics_add_up(dataset):
     stats = dataset.render(127.5, **SIZE).stats
-    assert stats.active_blocks == stats.visible_blocks + stats.culled_blocks
-    assert stats.triangles > 0 and stats.seconds > 0 and stats.png_bytes > 0
-    assert sum(agent.active_blocks for agent in stats.agents) == stats.active_blocks
+    assert stats.active_block_count == stats.visible_block_count + stats.culled_block_count
+    assert stats.triangle_count > 0 and stats.seconds > 0 and stats.png_bytes > 0
+    assert sum(agent.active_block_count for agent in stats.agents) == stats.active_block_count
     coloring = dataset.render(127.5, color_by=ColorBy("x"), **SIZE).colorings[0]
     assert coloring.color_by == ColorBy("x", "viridis", tuple(dataset.bounds[:2]))
+
+
+def without_absent(values):
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def test_statistics_picks_and_histograms_have_the_names_of_the_command_line(run, client, dataset, tmp_path):
+    view = ["--isovalue", 127.5, "--width", 160, "--height", 120]
+    run("render", *server_flags(client), *view, "--output", tmp_path / "f.png", "--stats", tmp_path / "s.json")
+    (stated,) = json.loads((tmp_path / "s.json").read_text())["frames"]
+    frame = dataset.render(127.5, **SIZE)
+    same = ("active_block_count", "visible_block_count", "triangle_count", "unique_vertex_count", "png_bytes")
+    for name in stated.keys() - {"wall_ms"}:  # of the program
+        assert hasattr(frame.stats, name), name
+    assert [getattr(frame.stats, name) for name in same] == [stated[name] for name in same]
+    assert frame.stats.durations_ms.keys() == stated["durations_ms"].keys()
+    for name in stated["agents"][0].keys() - {"shard"}:
+        assert hasattr(frame.stats.agents[0], name), name
+
+    pixels = [(80, 60), (0, 0)]
+    text = run("pick", *server_flags(client), *view, "--json", *[f"--pixel={x},{y}" for x, y in pixels])
+    hit, miss = json.loads(text)["points"]
+    point, none = dataset.pick(pixels, 127.5, **SIZE)
+    assert none is None and not miss.get("is_hit", miss.get("hit"))
+    for name, value in without_absent(hit).items():
+        mine = getattr(point, {"hit": "is_hit"}.get(name, name))
+        assert (list(mine) if isinstance(mine, tuple) else mine) == value, name
+
+    stated = json.loads(run("info", *server_flags(client), "--histogram", "--json", "--bins", 16))["histogram"]
+    histogram = dataset.histogram(bins=16)
+    for name in stated["bins"][0].keys() - {"min", "max"}:
+        assert getattr(histogram, name).tolist() == [one[name] for one in stated["bins"]], name
+    assert histogram.has_sample_counts == stated["has_sample_counts"]
+    methods = [one["method"].replace("-", "_") for one in stated["suggestions"]]
+    assert [one.method for one in histogram.suggestions] == methods == ["between_classes", "one_percent"]
+
+
+def test_pixels_lights_and_clips_come_as_any_sequence(dataset):
+    pixels = [(80, 60), (0, 0)]
+    expected = dataset.pick(pixels, 127.5, **SIZE)
+    assert dataset.pick(((80, 60), (0, 0)), 127.5, **SIZE) == expected
+    assert dataset.pick(np.array(pixels), 127.5, **SIZE) == expected
+    assert dataset.pick(np.array([80, 60]), 127.5, **SIZE) == dataset.pick([80, 60], 127.5, **SIZE) == expected[0]
+    lit = dataset.render(127.5, lights=[(0, 1, 1)], **SIZE).png
+    assert dataset.render(127.5, lights=(0, 1, 1), **SIZE).png == lit
+    assert dataset.render(127.5, lights=np.array([[0, 1, 1]]), **SIZE).png == lit
+    plane = isoscope.Plane.through(dataset.center, (1, 0, 0))
+    clipped = dataset.render(127.5, clip=plane, **SIZE).png
+    assert dataset.render(127.5, clip=(plane,), **SIZE).png == clipped != dataset.render(127.5, **SIZE).png
+
+
+def test_a_color_is_named_or_hexadecimal_wherever_there_is_one(dataset):
+    def pictures(color):
+        return [
+            dataset.render(127.5, color=color, **SIZE).png,
+            dataset.render(127.5, background=color, **SIZE).png,
+            dataset.render(surfaces=[isoscope.Surface(127.5, color=color)], **SIZE).png,
+            dataset.render(127.5, lights=[isoscope.Light((0, 0, 1), color=color)], **SIZE).png,
+            dataset.render(127.5, silhouette=isoscope.Silhouette(color=color), **SIZE).png,
+        ]
+
+    assert pictures("RebeccaPurple") == pictures("#639") == pictures("#663399ff") == pictures((0.4, 0.2, 0.6))
 
 
 def test_a_frame_is_saved_shown_and_pickled_with_its_exact_bytes(dataset, tmp_path):
@@ -309,10 +371,10 @@ def test_a_picture_of_some_shards_says_what_is_missing(programs, folder, dataset
             client["shells"].render(127.5, **SIZE)
         frame = client["shells"].render(127.5, allow_partial=True, **SIZE)
         assert frame.stats.missing_shards == (0, 2)
-        assert 0.1 < frame.stats.coverage < 0.6
+        assert 0.1 < frame.stats.active_block_coverage < 0.6
     whole = dataset.render(127.5, allow_partial=True, **SIZE)
     assert whole.png == dataset.render(127.5, **SIZE).png != frame.png
-    assert whole.stats.missing_shards == () and whole.stats.coverage == 1
+    assert whole.stats.missing_shards == () and whole.stats.active_block_coverage is None
 
 
 def start(stack, program, event, *flags):

@@ -102,7 +102,9 @@ def test_bounds_and_world_from_index_follow_direction_spacing_and_origin():
     "color, expected",
     [
         ("#ff0000", (1, 0, 0, 1)), ("#0f0", (0, 1, 0, 1)), ("#0000ff80", (0, 0, 1, 128 / 255)),
-        ("White", (1, 1, 1, 1)), ((0.25, 0.5, 1), (0.25, 0.5, 1, 1)), (np.array([0, 0, 0, 0.5]), (0, 0, 0, 0.5)),
+        ("White", (1, 1, 1, 1)), ("#00f8", (0, 0, 1, 136 / 255)), ("transparent", (0, 0, 0, 0)),
+        ("lightgoldenrodyellow", (250 / 255, 250 / 255, 210 / 255, 1)),
+        ((0.25, 0.5, 1), (0.25, 0.5, 1, 1)), (np.array([0, 0, 0, 0.5]), (0, 0, 0, 0.5)),
     ],
 )  # fmt: skip
 def test_colors_are_hex_names_or_numbers(color, expected):
@@ -113,6 +115,56 @@ def test_colors_are_hex_names_or_numbers(color, expected):
 def test_wrong_colors_are_errors_that_show_the_value(color):
     with pytest.raises(InvalidArgumentError, match="color .*must be '#rrggbb'"):
         parse_color(color, "color")
+
+
+def test_every_color_of_css_has_a_name():
+    from isoscope.look import _NAMED_COLORS
+
+    # 148 names and "transparent"; both spellings of grey.
+    assert len(_NAMED_COLORS) == 149
+    for name in [name for name in _NAMED_COLORS if "gray" in name]:
+        assert parse_color(name, "color") == parse_color(name.replace("gray", "grey"), "color")
+
+
+def test_an_address_without_a_port_has_the_coordinators_wherever_it_is_resolved():
+    for address, expected in {
+        "host": "host:50051", " host ": "host:50051", "host:1": "host:1",
+        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7",
+        "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051",
+        "dns://192.0.2.1/host": "dns://192.0.2.1/host:50051", "dns:///host:7": "dns:///host:7",
+        "ipv4:192.0.2.1,192.0.2.2:7": "ipv4:192.0.2.1:50051,192.0.2.2:7", "ipv6:[::1]": "ipv6:[::1]:50051",
+        "unix:/run/isoscope": "unix:/run/isoscope",
+    }.items():  # fmt: skip
+        assert target(address).address == expected
+
+
+def statistics(**changes):
+    counts = dict.fromkeys(
+        ("active_block_count", "ray_hit_block_count", "visible_block_count", "culled_block_count",
+         "occluding_block_count", "triangle_count", "unique_vertex_count", "read_bytes", "network_bytes", "png_bytes",
+         "truncated_pixel_count"), 0)  # fmt: skip
+    return isoscope.Statistics(**{**counts, **changes})
+
+
+def test_old_names_are_readable_and_say_the_new_ones():
+    agent = isoscope.AgentStatistics("a", (0,), 1, 2, 3, 4, 5.0, 6.0, 7.0)
+    point = isoscope.PickedPoint((1, 2), (0, 0, 0), 1.0, 3, None, None, 4, None)
+    ones = np.ones(2, np.int64)
+    histogram = isoscope.Histogram(np.arange(3.0), ones, ones * 2, ones * 3, ones * 4, True, 0, 0, 0, ())
+    stats = statistics(triangle_count=9, durations_ms={"encode": 1500.0})
+    for thing, old, new, value in (
+        (stats, "triangles", "triangle_count", 9), (stats, "active_blocks", "active_block_count", 0),
+        (stats, "coverage", "active_block_coverage", 1), (stats, "step_seconds", "durations_ms", {"encode": 1.5}),
+        (agent, "busy_seconds", "busy_ms", 0.005), (agent, "visible_blocks", "visible_block_count", 2),
+        (isoscope.SurfaceStatistics(1, 2), "vertices", "unique_vertex_count", 2),
+        (point, "surface", "surface_index", 3), (point, "block", "block_id", 4), (point, "shard", "shard_index", None),
+        (histogram, "counts", "sample_count", [1, 1]), (histogram, "active_bytes", "active_block_bytes", [3, 3]),
+        (histogram, "has_counts", "has_sample_counts", True),
+    ):  # fmt: skip
+        with pytest.warns(DeprecationWarning, match=f"{old} is called {new} now"):
+            read = getattr(thing, old)
+        assert (read.tolist() if isinstance(read, np.ndarray) else read) == value, old
+    assert stats.active_block_coverage is None and stats.seconds == 1.5
 
 
 def test_plane_through_a_point_keeps_the_side_of_its_normal():
@@ -286,6 +338,11 @@ def test_a_refusal_tells_its_delay_unless_it_is_damaged_negative_or_of_another_c
     assert told_delay(Refusal(retry_info(), grpc.StatusCode.UNAVAILABLE)) == 0
     assert told_delay(Refusal(retry_info(seconds=1), grpc.StatusCode.INTERNAL)) is None
     assert told_delay(Refusal(retry_info(seconds=-1))) is None  # nobody can sleep that long
+    # Other details before it, and fields that a later version may have.
+    other = any_pb2.Any(type_url="type.googleapis.com/google.rpc.ErrorInfo", value=b"\x0a\x01x").SerializeToString()
+    several = Refusal(retry_info(seconds=2) + b"\x10\x07\x1d\0\0\0\0")
+    several.details = b"\x1a" + bytes([len(other)]) + other + several.details
+    assert told_delay(several) == 2
     # It says five bytes, and has the two of another number.
     assert told_delay(Refusal(b"\x0a\x05\x08\x01")) is None
 

@@ -1,6 +1,7 @@
 """`Dataset.view`: the exact picture always, the inlined viewer with a gateway, the widget with anywidget."""
 
 import base64
+import functools
 import json
 import pathlib
 import queue
@@ -9,12 +10,14 @@ import shutil
 import struct
 import subprocess
 import sys
+import threading
 import types
 
 import pytest
 
 import isoscope
 from isoscope import viewer
+from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import interact_service_pb2 as interact_pb
 from isoscope.errors import InvalidArgumentError
 from proxy import Proxy
@@ -95,8 +98,17 @@ class AnyWidget:
 
     def __init__(self, **values):
         self.picked = None
-        self.handlers, self.sent = [], queue.Queue()
+        self.handlers, self.observers, self.sent = [], [], queue.Queue()
         self.__dict__.update(values)
+
+    def observe(self, handler, names):
+        assert names == "comm"
+        self.observers.append(handler)
+
+    def close(self):
+        """The comm goes, as when the cell is cleared."""
+        for handler in self.observers:
+            handler({"new": None})
 
     def on_msg(self, handler):
         self.handlers.append(handler)
@@ -203,6 +215,57 @@ def test_frames_come_through_the_kernel_where_the_browser_asks_for_it(client, an
         view.widget.receive({"type": "isoscope/open"})
         view.widget.receive(state_message(8, frame))
         assert view.widget.frame()[0]["sequenceNumber"] == "8"
+
+
+def view_threads():
+    return [thread for thread in threading.enumerate() if thread.name == "isoscope-view"]
+
+
+def wait_for_no_view_thread():
+    for thread in view_threads():
+        thread.join(30)
+    return view_threads() == []
+
+
+def test_no_thread_outlives_its_tab(client, anywidget, monkeypatch):
+    calls = queue.Queue()
+
+    def interact(requests, upstream):
+        ended = threading.Event()
+        calls.put(ended)
+        try:
+            for request in requests:
+                frame = upstream.RenderIsosurface(request.view_state.frame, timeout=30)
+                yield interact_pb.InteractResponse(sequence_number=request.view_state.sequence_number, frame=frame)
+        finally:
+            ended.set()
+
+    def shows(view, number):
+        view.widget.receive(state_message(number, {**view.state, "viewport": {"widthPx": 16, "heightPx": 16}}))
+        return view.widget.frame()[0]["sequenceNumber"] == str(number)
+
+    with Proxy(client, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
+        # The comm goes.
+        view = through["shells"].view(127.5, size=(16, 16))
+        view.widget.receive({"type": "isoscope/open"})
+        assert shows(view, 1) and view_threads()
+        view.widget.close()
+        assert wait_for_no_view_thread() and calls.get(timeout=30).wait(30)
+        # The browser goes, and nobody tells the kernel; one that was only silent goes on.
+        monkeypatch.setattr(viewer, "KernelFrames", functools.partial(KernelFrames, idle_seconds=0.2))
+        view = through["shells"].view(127.5, size=(16, 16))
+        view.widget.receive({"type": "isoscope/open"})
+        assert shows(view, 2)
+        assert wait_for_no_view_thread() and calls.get(timeout=30).wait(30)
+        assert shows(view, 3) and wait_for_no_view_thread()
+
+        # The comm can't send any more.
+        def fail(content, buffers):
+            raise RuntimeError("the comm is closed")
+
+        view.widget.send = fail
+        view.widget.receive(state_message(4, {**view.state, "viewport": {"widthPx": 16, "heightPx": 16}}))
+        assert wait_for_no_view_thread()
 
 
 def test_the_browser_hears_why_no_frame_comes_through_the_kernel(client, anywidget):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import ipaddress
 import json
 import os
 import threading
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -58,6 +60,7 @@ class Target:
         token_file: the file that `token` was read from, if it was.
         metadata: more pairs for each call.
         timeout: deadline of a call, seconds.
+        allow_insecure_token: whether the token may go unencrypted to another machine.
     """
 
     address: str
@@ -70,10 +73,24 @@ class Target:
     token_file: str | None = None
     metadata: tuple[tuple[str, str], ...] = field(default=(), repr=False)
     timeout: float = DEFAULT_TIMEOUT
+    allow_insecure_token: bool = False
 
     def call_metadata(self) -> tuple[tuple[str, str], ...]:
         """Returns the metadata of each call."""
         return self.metadata + ((("authorization", f"Bearer {self.token}"),) if self.token else ())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles where to connect: no token, and no metadata, which may hold secrets, too."""
+        return {**self.__dict__, "token": None, "metadata": ()}
+
+    def with_token(self) -> Target:
+        """Returns a pickled target with this process's token: of its file, else of $ISOSCOPE_TOKEN."""
+        if self.token_file is not None and os.path.isfile(self.token_file):
+            return dataclasses.replace(self, token=_read_token(self.token_file))
+        token = _token_of_environment()
+        if token and not self.tls and not self.allow_insecure_token and not _is_local(self.address):
+            token = None  # the server will say that it asks for one
+        return dataclasses.replace(self, token=token, token_file=None)
 
     def credentials(self) -> Any:
         """Returns gRPC's credentials; InvalidArgumentError if a file can't be read."""
@@ -121,9 +138,19 @@ def _read(path: str | None, name: str) -> bytes | None:
 
 def _read_token(path: str) -> str:
     """Returns the token in a file, without white space around it."""
-    token = (_read(path, "token_file") or b"").decode("ascii", "replace").strip()
+    return _checked_token((_read(path, "token_file") or b"").decode("ascii", "replace"), f"token_file: {path!r}")
+
+
+def _token_of_environment() -> str | None:
+    """Returns $ISOSCOPE_TOKEN, as the programs take it; None if there is none."""
+    token = os.environ.get("ISOSCOPE_TOKEN", "").strip()
+    return _checked_token(token, "$ISOSCOPE_TOKEN") if token else None
+
+
+def _checked_token(text: str, place: str) -> str:
+    token = text.strip()
     if not token or not token.isascii() or not token.isprintable() or " " in token:
-        raise InvalidArgumentError(f"token_file: {path!r} holds no token: one line of printable ASCII without spaces")
+        raise InvalidArgumentError(f"{place} holds no token: one line of printable ASCII without spaces")
     return token
 
 
@@ -147,6 +174,12 @@ def make_target(
             f"address {address!r}: that is the form of a web gateway's address; give the coordinator's, HOST:PORT "
             f"(default port: {DEFAULT_PORT})"
         )
+    if tls is not False:
+        ca_file = ca_file or os.environ.get("ISOSCOPE_TLS_CA") or None
+        if cert_file is None and key_file is None:
+            cert_file = os.environ.get("ISOSCOPE_TLS_CERT") or None
+            key_file = os.environ.get("ISOSCOPE_TLS_KEY") or None
+        server_name = server_name or os.environ.get("ISOSCOPE_TLS_SERVER_NAME") or None
     if (cert_file is None) != (key_file is None):
         raise InvalidArgumentError("cert_file and key_file belong together: give both or neither")
     if not timeout > 0:
@@ -161,6 +194,8 @@ def make_target(
             raise InvalidArgumentError("token and token_file exclude each other: give one of them")
         token_file = os.fspath(token_file)
         token = _read_token(token_file)
+    elif token is None:
+        token = _token_of_environment()
     if token and not secure and not allow_insecure_token and not _is_local(full):
         raise InvalidArgumentError(
             f"a token would go to {full} unencrypted: pass tls=True or ca_file=..., or allow_insecure_token=True where "
@@ -177,17 +212,27 @@ def make_target(
         token_file=token_file,
         metadata=tuple((str(key).lower(), str(value)) for key, value in metadata),
         timeout=timeout,
+        allow_insecure_token=allow_insecure_token,
         **paths,
     )
 
 
 def _with_port(address: str) -> str:
-    """Adds the default port to a host without one."""
+    """Adds the default port to a host without one, also behind a resolver's name: gRPC's own default is 443."""
     text = address.strip()
     if not text:
         raise InvalidArgumentError("address is empty: give the coordinator's, HOST:PORT")
-    if text.startswith(("unix:", "dns:", "ipv4:", "ipv6:", "xds:")):
+    if text.startswith(("unix:", "unix-abstract:", "xds:")):
         return text
+    if text.startswith(("dns:", "ipv4:", "ipv6:")):
+        scheme, _, rest = text.partition(":")
+        # dns:[//AUTHORITY/]HOST, and for the others a list of addresses.
+        authority, slash, hosts = rest.rpartition("/")
+        return f"{scheme}:{authority}{slash}" + ",".join(_host_with_port(host, address) for host in hosts.split(","))
+    return _host_with_port(text, address)
+
+
+def _host_with_port(text: str, address: str) -> str:
     if text.startswith("["):
         return text if "]:" in text else f"{text}:{DEFAULT_PORT}"
     if text.count(":") > 1:
@@ -222,7 +267,7 @@ class ProcessChannel:
         self._pid = -1
         self._channel: Any = None
         self._closed = False
-        os.register_at_fork(after_in_child=_renew_lock(self))
+        _CHANNELS.add(self)
 
     def get(self) -> Any:
         """Returns this process's channel; CancelledError if the client is closed."""
@@ -235,6 +280,11 @@ class ProcessChannel:
                 self._pid = os.getpid()
             return self._channel
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether calls are refused."""
+        return self._closed
+
     def take_to_close(self) -> Any:
         """Returns the channel to close, or None, and refuses calls from now on."""
         with self._lock:
@@ -243,18 +293,17 @@ class ProcessChannel:
             return channel
 
 
-def _renew_lock(channel: ProcessChannel) -> Callable[[], None]:
-    """Returns what a forked child does: another thread of the parent may have held the lock."""
-    import weakref
+# Those of this process, for the one fork handler.
+_CHANNELS: weakref.WeakSet[ProcessChannel] = weakref.WeakSet()
 
-    alive = weakref.ref(channel)
 
-    def renew() -> None:
-        one = alive()
-        if one is not None:
-            one._lock = threading.Lock()
+def _renew_locks() -> None:
+    """In a forked child: a thread that only the parent has may have held a lock."""
+    for channel in list(_CHANNELS):
+        channel._lock = threading.Lock()
 
-    return renew
+
+os.register_at_fork(after_in_child=_renew_locks)
 
 
 def make_channel(target: Target) -> Any:

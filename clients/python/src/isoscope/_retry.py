@@ -6,14 +6,51 @@ import time
 from typing import Any
 
 import grpc
-from google.protobuf import any_pb2, duration_pb2
+from google.protobuf import any_pb2, descriptor_pb2, descriptor_pool, duration_pb2, message_factory
 from google.protobuf.message import DecodeError
 
 _DETAILS_KEY = "grpc-status-details-bin"
-_RETRY_INFO_URL = "type.googleapis.com/google.rpc.RetryInfo"
-# google.rpc.Status.details and google.rpc.RetryInfo.retry_delay.
-_DETAILS_FIELD = 3
-_RETRY_DELAY_FIELD = 1
+_RETRY_INFO = "google.rpc.RetryInfo"
+
+
+def _google_rpc() -> tuple[Any, Any]:
+    """Returns the classes of google.rpc.Status and google.rpc.RetryInfo, with the fields that are read here.
+
+    In a pool of their own: Debian 12 has no googleapis-common-protos, and where it is installed the default pool has
+    these names already.
+    """
+    pool = descriptor_pool.DescriptorPool()
+    for module in (any_pb2, duration_pb2):
+        pool.AddSerializedFile(module.DESCRIPTOR.serialized_pb)
+    file = descriptor_pb2.FileDescriptorProto(
+        name="google/rpc/isoscope_retry.proto",
+        package="google.rpc",
+        syntax="proto3",
+        dependency=["google/protobuf/any.proto", "google/protobuf/duration.proto"],
+    )
+    fields = descriptor_pb2.FieldDescriptorProto
+    status = file.message_type.add(name="Status")
+    status.field.add(
+        name="details", number=3, label=fields.LABEL_REPEATED, type=fields.TYPE_MESSAGE,
+        type_name=".google.protobuf.Any",
+    )  # fmt: skip
+    info = file.message_type.add(name="RetryInfo")
+    info.field.add(
+        name="retry_delay", number=1, label=fields.LABEL_OPTIONAL, type=fields.TYPE_MESSAGE,
+        type_name=".google.protobuf.Duration",
+    )  # fmt: skip
+    pool.AddSerializedFile(file.SerializeToString())
+
+    def message_class(name: str) -> Any:
+        descriptor = pool.FindMessageTypeByName(name)
+        if hasattr(message_factory, "GetMessageClass"):  # protobuf 4.22 and newer
+            return message_factory.GetMessageClass(descriptor)
+        return message_factory.MessageFactory(pool).GetPrototype(descriptor)
+
+    return message_class("google.rpc.Status"), message_class(_RETRY_INFO)
+
+
+_Status, _RetryInfo = _google_rpc()
 # The codes of errors that say that the same call may work later.
 _REFUSALS = (grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.UNAVAILABLE)
 
@@ -45,54 +82,16 @@ def told_delay(error: Any) -> float | None:
     for key, value in error.trailing_metadata() or ():
         if key == _DETAILS_KEY and isinstance(value, bytes):
             try:
-                return _delay_of_details(value)
-            except (DecodeError, ValueError, IndexError):
+                return _delay_of(_Status.FromString(value))
+            except DecodeError:
                 return None
     return None
 
 
-def _delay_of_details(details: bytes) -> float | None:
-    for field, value in _byte_fields(details):
-        detail = any_pb2.Any()
-        if field != _DETAILS_FIELD or not detail.ParseFromString(value) or detail.type_url != _RETRY_INFO_URL:
-            continue
-        delay = duration_pb2.Duration()
-        for inner, inner_value in _byte_fields(detail.value):
-            if inner == _RETRY_DELAY_FIELD:
-                delay.ParseFromString(inner_value)
-        seconds = delay.seconds + delay.nanos * 1e-9
-        return seconds if seconds >= 0 else None
+def _delay_of(status: Any) -> float | None:
+    for detail in status.details:
+        if detail.type_url.rpartition("/")[2] == _RETRY_INFO:
+            delay = _RetryInfo.FromString(detail.value).retry_delay
+            seconds = float(delay.seconds + delay.nanos * 1e-9)
+            return seconds if seconds >= 0 else None
     return None
-
-
-def _byte_fields(message: bytes) -> list[tuple[int, bytes]]:
-    """Returns the numbers and values of the fields that hold bytes; ValueError or IndexError if it is no message."""
-    fields = []
-    at = 0
-    while at < len(message):
-        tag, at = _varint(message, at)
-        kind = tag & 7
-        if kind == 0:
-            _, at = _varint(message, at)
-        elif kind == 2:
-            size, at = _varint(message, at)
-            if size > len(message) - at:
-                raise ValueError("cut")
-            fields.append((tag >> 3, message[at : at + size]))
-            at += size
-        elif kind in (1, 5):
-            at += 8 if kind == 1 else 4
-        else:
-            raise ValueError("a group")
-    return fields
-
-
-def _varint(message: bytes, at: int) -> tuple[int, int]:
-    value = 0
-    for shift in range(0, 70, 7):
-        byte = message[at]
-        at += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, at
-    raise ValueError("too long")

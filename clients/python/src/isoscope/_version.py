@@ -1,3 +1,35 @@
-"""The version, in one place."""
+"""The version. In a wheel and in an sdist setup.py has put the version itself here, in place of this module.
 
-__version__ = "0.1.0"
+In a checkout it is that of the whole project, whose one place is `project()` in CMakeLists.txt; $ISOSCOPE_VERSION is
+taken instead where it is set. `git describe` of n commits after a tag becomes VERSION+n.gCOMMIT, as PEP 440 has it.
+"""
+
+import os
+import pathlib
+import re
+
+
+def python_version(text: str) -> str:
+    """Returns the version as PEP 440 writes it, also of `git describe`; ValueError if it is none."""
+    match = re.fullmatch(r"v?(\d+(?:\.\d+)*)(?:-(\d+)-(g[0-9a-f]+))?(-dirty)?", text.strip())
+    if match is None:
+        if re.fullmatch(r"\d+(\.\d+)*((a|b|rc)\d+)?(\.post\d+)?(\.dev\d+)?(\+[a-z0-9]+(\.[a-z0-9]+)*)?", text.strip()):
+            return text.strip()
+        raise ValueError(f"version {text!r}: must be as 1.2.3, or as git describe writes it")
+    local = [part for part in (match[2], match[3], match[4] and "dirty") if part]
+    return match[1] + ("+" + ".".join(local) if local else "")
+
+
+def _of_project() -> str:
+    named = os.environ.get("ISOSCOPE_VERSION")
+    if named:
+        return named
+    root = pathlib.Path(__file__).resolve().parents[4]
+    text = (root / "CMakeLists.txt").read_text(encoding="utf-8")
+    match = re.search(r"project\(isoscope\s+VERSION\s+([0-9.]+)", text)
+    if match is None:
+        raise ValueError(f"{root / 'CMakeLists.txt'} names no version of the project isoscope")
+    return match[1]
+
+
+__version__ = python_version(_of_project())

@@ -42,6 +42,7 @@ from isoscope.look import (
     as_bounds,
     as_clip,
     as_light,
+    as_lights,
     as_plane,
     as_surface,
     parse_color,
@@ -293,7 +294,7 @@ def set_appearance(
     *,
     color: ColorLike | None,
     background: ColorLike | None,
-    lights: Sequence[LightLike],
+    lights: Sequence[LightLike] | LightLike,
     color_by: ColorBy | None,
     samples: int | None,
     ambient_occlusion: AmbientOcclusion | bool,
@@ -309,7 +310,7 @@ def set_appearance(
         _set_color_by(request, color_by)
     if background is not None:
         request.background_color.CopyFrom(_color(background, "background"))
-    request.lights.extend(map(_light, lights))
+    request.lights.extend(map(_light, as_lights(lights)))
     if samples is not None:
         request.samples = _int(samples, "samples")
     if ambient_occlusion:
@@ -439,8 +440,8 @@ def dataset_fields(proto: dataset_pb2.Dataset) -> dict[str, Any]:
         "block_count": proto.block_count,
         "shard_count": proto.shard_count,
         "missing_shards": tuple(proto.missing_shards),
-        "samples_digest": proto.samples_digest,
-        "patient_frame": proto.patient_frame,
+        "samples_digest": proto.samples_digest or None,
+        "patient_frame": proto.patient_frame or None,
         "max_gradient": proto.max_gradient_magnitude if proto.HasField("max_gradient_magnitude") else None,
     }
 
@@ -454,11 +455,11 @@ def histogram_from_proto(proto: datasets_pb.GetHistogramResponse) -> Histogram:
 
     return Histogram(
         edges=np.array([one.min for one in bins] + [one.max for one in bins[-1:]], np.float64),
-        counts=column("sample_count"),
-        active_blocks=column("active_block_count"),
-        active_bytes=column("active_block_bytes"),
-        triangles=column("estimated_triangle_count"),
-        has_counts=proto.has_sample_counts,
+        sample_count=column("sample_count"),
+        active_block_count=column("active_block_count"),
+        active_block_bytes=column("active_block_bytes"),
+        estimated_triangle_count=column("estimated_triangle_count"),
+        has_sample_counts=proto.has_sample_counts,
         nan_count=proto.nan_count,
         negative_infinity_count=proto.negative_infinity_count,
         positive_infinity_count=proto.positive_infinity_count,
@@ -478,7 +479,7 @@ def capabilities_from_proto(proto: cluster_pb.GetCapabilitiesResponse) -> Capabi
         max_queued_frames=proto.max_queued_frame_count,
         max_message_bytes=proto.max_message_bytes,
         max_frame_seconds=proto.max_frame_seconds,
-        gateway_address=proto.gateway_address,
+        gateway_address=proto.gateway_address or None,
         features=frozenset(proto.features),
     )
 
@@ -510,38 +511,39 @@ def agents_from_proto(proto: cluster_pb.GetClusterStatusResponse) -> list[AgentS
     ]
 
 
-def _seconds(duration: Any) -> float:
-    return float(duration.seconds + duration.nanos * 1e-9)
+def _milliseconds(duration: Any) -> float:
+    return float(duration.seconds * 1e3 + duration.nanos * 1e-6)
 
 
 def statistics_from_proto(proto: frame_pb2.RenderStatistics) -> Statistics:
     """Returns the cost of a frame."""
     steps = ("occluder_selection", "occluder_rendering", "visibility_culling", "composite", "encode")
     return Statistics(
-        active_blocks=proto.active_block_count,
-        visible_blocks=proto.visible_block_count,
-        culled_blocks=proto.culled_block_count,
-        occluding_blocks=proto.occluding_block_count,
-        triangles=proto.triangle_count,
-        vertices=proto.unique_vertex_count,
+        active_block_count=proto.active_block_count,
+        ray_hit_block_count=proto.ray_hit_block_count,
+        visible_block_count=proto.visible_block_count,
+        culled_block_count=proto.culled_block_count,
+        occluding_block_count=proto.occluding_block_count,
+        triangle_count=proto.triangle_count,
+        unique_vertex_count=proto.unique_vertex_count,
         read_bytes=proto.read_bytes,
         network_bytes=proto.network_bytes,
         png_bytes=proto.png_bytes,
-        truncated_pixels=proto.truncated_pixel_count,
+        truncated_pixel_count=proto.truncated_pixel_count,
         missing_shards=tuple(proto.missing_shards),
-        coverage=proto.active_block_coverage if proto.HasField("active_block_coverage") else 1.0,
-        step_seconds={step: _seconds(getattr(proto.durations, f"{step}_duration")) for step in steps},
+        active_block_coverage=proto.active_block_coverage if proto.HasField("active_block_coverage") else None,
+        durations_ms={step: _milliseconds(getattr(proto.durations, f"{step}_duration")) for step in steps},
         agents=tuple(
             AgentStatistics(
                 address=agent.agent_address,
                 shards=tuple(agent.shard_indices),
-                active_blocks=agent.active_block_count,
-                visible_blocks=agent.visible_block_count,
-                triangles=agent.triangle_count,
+                active_block_count=agent.active_block_count,
+                visible_block_count=agent.visible_block_count,
+                triangle_count=agent.triangle_count,
                 read_bytes=agent.read_bytes,
-                busy_seconds=_seconds(agent.busy_duration),
-                extract_seconds=_seconds(agent.extract_duration),
-                render_seconds=_seconds(agent.render_duration),
+                busy_ms=_milliseconds(agent.busy_duration),
+                extract_ms=_milliseconds(agent.extract_duration),
+                render_ms=_milliseconds(agent.render_duration),
             )
             for agent in proto.agents
         ),
@@ -560,7 +562,7 @@ def camera_from_proto(proto: geometry_pb2.Camera) -> Camera:
 def _coloring(proto: pb.SurfaceColoring) -> SurfaceColoring:
     one = proto.color_by
     return SurfaceColoring(
-        surface=proto.surface_index,
+        surface_index=proto.surface_index,
         color_by=ColorBy(
             quantity=cast(Any, _key(_QUANTITIES, int(one.quantity), "normal")),
             map=cast(Any, _key(_MAPS, int(one.color_map), "viridis")) if int(one.quantity) != 4 else None,
@@ -619,7 +621,7 @@ class FrameParts:
             camera=camera_from_proto(rest.camera),
             stats=statistics_from_proto(rest.statistics),
             colorings=tuple(map(_coloring, rest.colorings)),
-            jpeg=self._joined("jpeg"),
+            jpeg=self._joined("jpeg") or None,
             _png_bytes=self._joined("png"),
             _rgba_bytes=self._joined("rgba8"),
             _planes=self.planes(),
@@ -663,11 +665,11 @@ def picked_from_proto(
             pixel=(int(pixel[0]), int(pixel[1])),
             position=_tuple3(point.position),
             depth=point.depth,
-            surface=point.surface_index,
+            surface_index=point.surface_index,
             normal=_tuple3(point.normal) if point.HasField("normal") else None,
             gradient=_tuple3(point.gradient) if point.HasField("gradient") else None,
-            block=point.block_id,
-            shard=point.shard_index if point.HasField("shard_index") else None,
+            block_id=point.block_id,
+            shard_index=point.shard_index if point.HasField("shard_index") else None,
         )
         if point.is_hit
         else None

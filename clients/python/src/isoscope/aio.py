@@ -39,7 +39,7 @@ from isoscope import client as _blocking
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
 from isoscope.errors import CancelledError, InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
-from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike
+from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
 
 __all__ = ["Client", "Dataset", "connect"]
 
@@ -167,6 +167,9 @@ class Client:
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError("an async client belongs to its event loop and is not pickled: pickle an isoscope.Dataset")
+
     def __repr__(self) -> str:
         version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
         return f"<isoscope.aio.Client of {self.address}{version}>"
@@ -250,7 +253,7 @@ class Dataset(DatasetInfo):
         region: tuple[int, int, int, int] | None = None,
         background: ColorLike | None = None,
         clip: ClipLike | None = None,
-        lights: Sequence[LightLike] = (),
+        lights: Sequence[LightLike] | LightLike = (),
         color_by: ColorBy | None = None,
         samples: int | None = None,
         ambient_occlusion: AmbientOcclusion | bool = False,
@@ -287,12 +290,12 @@ class Dataset(DatasetInfo):
 
     @overload
     async def pick(
-        self, pixels: list[tuple[int, int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
+        self, pixels: Sequence[Sequence[int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
     ) -> list[PickedPoint | None]: ...
 
     async def pick(
         self,
-        pixels: tuple[int, int] | list[tuple[int, int]],
+        pixels: tuple[int, int] | Sequence[Sequence[int]],
         isovalue: float | None = None,
         *,
         frame: Frame | None = None,
@@ -300,13 +303,13 @@ class Dataset(DatasetInfo):
         **look: Any,
     ) -> PickedPoint | None | list[PickedPoint | None]:
         """Tells what pixels show: `isoscope.Dataset.pick` tells about the arguments."""
-        several = pixels if isinstance(pixels, list) else [pixels]
+        several, is_one = as_pixels(pixels)
         request = _wire.pick_request(
             _blocking.pick_frame(self, self._client._capabilities, isovalue, frame, look), several
         )
         response = await self._client._unary(rpc.IsosurfaceServiceStub, "PickSurface", request, timeout)
         points = _wire.picked_from_proto(response, several)
-        return points if isinstance(pixels, list) else points[0]
+        return points[0] if is_one else points
 
     async def mesh(
         self,

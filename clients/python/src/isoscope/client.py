@@ -26,7 +26,7 @@ from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
 from isoscope.errors import InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
-from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike
+from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
 from isoscope.viewer import View, make_view
 
 __all__ = ["Client", "Dataset", "connect"]
@@ -63,9 +63,10 @@ def connect(
         tls: whether to encrypt; by default if a file or a server name is given.
         ca_file: PEM file of the authorities that may have signed the server's certificate.
         cert_file, key_file: PEM files of a client certificate, for servers that want one.
-        server_name: name in the server's certificate, where it isn't the address's host.
-        token: sent as `authorization: Bearer TOKEN` with each call.
-        token_file: a file with that token.
+        server_name: name in the server's certificate, where it isn't the address's host. The defaults of these are
+            $ISOSCOPE_TLS_CA, $ISOSCOPE_TLS_CERT, $ISOSCOPE_TLS_KEY, $ISOSCOPE_TLS_SERVER_NAME, as of the programs.
+        token: sent as `authorization: Bearer TOKEN` with each call; default: $ISOSCOPE_TOKEN.
+        token_file: a file with that token, instead.
         allow_insecure_token: send the token unencrypted to another machine.
         metadata: more metadata of each call.
 
@@ -133,11 +134,12 @@ class Client:
     def __getitem__(self, name: str) -> Dataset:
         return self.dataset(name)
 
-    def __iter__(self) -> Iterator[Dataset]:
-        return iter(self.datasets())
+    def __iter__(self) -> Iterator[str]:
+        """Gives the names that `client[name]` takes, as a mapping does; `datasets` has the datasets."""
+        return iter([dataset.name for dataset in self.datasets()])
 
     def __contains__(self, name: object) -> bool:
-        return any(dataset.name == name for dataset in self.datasets())
+        return any(one == name for one in self)
 
     # ----------------------------------------------------------------------------- cluster
 
@@ -184,6 +186,10 @@ class Client:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles where to connect, without the token; see `_shared_client`."""
+        return _shared_client, (self._target, self._capabilities)
 
     def __repr__(self) -> str:
         version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
@@ -264,6 +270,20 @@ class Client:
         return _wire.picked_from_proto(response, pixels)
 
 
+# What unpickled datasets of this process share, by target, as long as one of them lives.
+_SHARED: weakref.WeakValueDictionary[Target, Client] = weakref.WeakValueDictionary()
+
+
+def _shared_client(target: Target, capabilities: Capabilities | None) -> Client:
+    """Returns the client of an unpickled dataset. It connects at its first call, with the token of this process."""
+    target = target.with_token()
+    client = _SHARED.get(target)
+    if client is None or client._channel.is_closed:
+        client = _SHARED[target] = Client(target)
+        client._capabilities = capabilities
+    return client
+
+
 def raise_closed(error: ValueError, address: str) -> NoReturn:
     """Raises CancelledError for a call on a closed channel, else the error itself."""
     from isoscope.errors import CancelledError
@@ -302,7 +322,7 @@ class Dataset(DatasetInfo):
         region: tuple[int, int, int, int] | None = None,
         background: ColorLike | None = None,
         clip: ClipLike | None = None,
-        lights: Sequence[LightLike] = (),
+        lights: Sequence[LightLike] | LightLike = (),
         color_by: ColorBy | None = None,
         samples: int | None = None,
         ambient_occlusion: AmbientOcclusion | bool = False,
@@ -371,12 +391,12 @@ class Dataset(DatasetInfo):
 
     @overload
     def pick(
-        self, pixels: list[tuple[int, int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
+        self, pixels: Sequence[Sequence[int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
     ) -> list[PickedPoint | None]: ...
 
     def pick(
         self,
-        pixels: tuple[int, int] | list[tuple[int, int]],
+        pixels: tuple[int, int] | Sequence[Sequence[int]],
         isovalue: float | None = None,
         *,
         frame: Frame | None = None,
@@ -389,19 +409,19 @@ class Dataset(DatasetInfo):
             dataset.pick([(9, 8), (10, 8)], frame=frame)
 
         Args:
-            pixels: one (column, row), or a list of 1 to 1000; row 0 is the top.
+            pixels: one (column, row), or a sequence or array of 1 to 1000; row 0 is the top.
             isovalue: as in `render`.
             frame: the frame whose pixels are meant, instead of isovalue and the rest.
             look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, as in `render`.
             timeout: deadline in seconds; default: the client's.
 
         Returns:
-            For one pixel, its point, or None where the background shows; for a list, a list of these.
+            For one pixel, its point, or None where the background shows; for several, a list of these.
         """
-        several = pixels if isinstance(pixels, list) else [pixels]
+        several, is_one = as_pixels(pixels)
         request = pick_frame(self, self._client._capabilities, isovalue, frame, look)
         points = self._client._pick(request, several, timeout)
-        return points if isinstance(pixels, list) else points[0]
+        return points[0] if is_one else points
 
     def mesh(
         self,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+import os
+import pathlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from isoscope._renamed import renamed
 from isoscope.camera import Camera, Vec3, default_camera, named_camera
 from isoscope.errors import IsoscopeError
 
@@ -31,6 +34,10 @@ __all__ = [
 ]
 
 
+def _seconds(milliseconds: float) -> float:
+    return milliseconds / 1000
+
+
 @dataclass(frozen=True)
 class Capabilities:
     """Version and limits of a server.
@@ -42,7 +49,7 @@ class Capabilities:
         max_queued_frames: most frames that wait; more are refused with ResourceExhaustedError.
         max_message_bytes: largest message.
         max_frame_seconds: longest time of a frame.
-        gateway_address: address of the web gateway, such as "https://host:8080/"; "" if there is none.
+        gateway_address: address of the web gateway, such as "https://host:8080/"; None if there is none.
         features: what the server can do beyond its first version, such as "dataset_id".
     """
 
@@ -52,7 +59,7 @@ class Capabilities:
     max_queued_frames: int
     max_message_bytes: int
     max_frame_seconds: float
-    gateway_address: str = ""
+    gateway_address: str | None = None
     features: frozenset[str] = frozenset()
 
 
@@ -97,8 +104,8 @@ class DatasetInfo:
         block_count: number of blocks.
         shard_count: number of shards.
         missing_shards: shards that no agent serves; empty if frames can be rendered.
-        samples_digest: digest of samples and grid, however they were partitioned; "" if unknown.
-        patient_frame: sides of the patient that +x, +y, +z point to, such as "LPS"; "" if there is none.
+        samples_digest: digest of samples and grid, however they were partitioned; None if unknown.
+        patient_frame: sides of the patient that +x, +y, +z point to, such as "LPS"; None if there is none.
         max_gradient: bound of the gradient's length, field units per world unit; None if unknown.
     """
 
@@ -115,8 +122,8 @@ class DatasetInfo:
     block_count: int
     shard_count: int
     missing_shards: tuple[int, ...] = ()
-    samples_digest: str = ""
-    patient_frame: str = ""
+    samples_digest: str | None = None
+    patient_frame: str | None = None
     max_gradient: float | None = None
 
     @property
@@ -151,7 +158,7 @@ class DatasetInfo:
 
     def camera(self, view: str = "front", azimuth: float = 0, elevation: float = 0, zoom: float = 1) -> Camera:
         """Returns the camera from a side (isoscope.VIEWS), turned (degrees) and zoomed from there."""
-        camera = named_camera(view, *self._box(), self.patient_frame)
+        camera = named_camera(view, *self._box(), self.patient_frame or "")
         camera = camera.azimuth(azimuth) if azimuth else camera
         camera = camera.elevation(elevation) if elevation else camera
         return camera.zoom(zoom) if zoom != 1 else camera
@@ -220,21 +227,21 @@ class Histogram:
 
     Attributes:
         edges: float64, shape (bins + 1,): bin i holds edges[i] <= value < edges[i + 1], field units.
-        counts: int64: samples in each bin; all 0 without `has_counts`.
-        active_blocks: int64: blocks that the surface in the middle of the bin meets.
-        active_bytes: int64: their size in the shards: the most that a first frame reads.
-        triangles: int64: estimated triangles of that surface, mostly within a factor of 2.
-        has_counts: whether samples were counted when the volume was partitioned.
+        sample_count: int64: samples in each bin; all 0 without `has_sample_counts`.
+        active_block_count: int64: blocks that the surface in the middle of the bin meets.
+        active_block_bytes: int64: their size in the shards: the most that a first frame reads.
+        estimated_triangle_count: int64: estimated triangles of that surface, mostly within a factor of 2.
+        has_sample_counts: whether samples were counted when the volume was partitioned.
         nan_count, negative_infinity_count, positive_infinity_count: samples outside of all bins.
         suggestions: isovalues that are worth a look.
     """
 
     edges: npt.NDArray[np.float64]
-    counts: npt.NDArray[np.int64]
-    active_blocks: npt.NDArray[np.int64]
-    active_bytes: npt.NDArray[np.int64]
-    triangles: npt.NDArray[np.int64]
-    has_counts: bool
+    sample_count: npt.NDArray[np.int64]
+    active_block_count: npt.NDArray[np.int64]
+    active_block_bytes: npt.NDArray[np.int64]
+    estimated_triangle_count: npt.NDArray[np.int64]
+    has_sample_counts: bool
     nan_count: int
     negative_infinity_count: int
     positive_infinity_count: int
@@ -246,121 +253,161 @@ class Histogram:
         return (self.edges[:-1] + self.edges[1:]) / 2
 
     def __len__(self) -> int:
-        return len(self.counts)
+        return len(self.sample_count)
 
     def __repr__(self) -> str:
         ends = f"{self.edges[0]:g} to {self.edges[-1]:g}" if len(self) else "empty"
-        return f"Histogram({len(self)} bins, {ends}, {int(self.counts.sum())} samples)"
+        return f"Histogram({len(self)} bins, {ends}, {int(self.sample_count.sum())} samples)"
+
+    counts = renamed("counts", "sample_count")
+    active_blocks = renamed("active_blocks", "active_block_count")
+    active_bytes = renamed("active_bytes", "active_block_bytes")
+    triangles = renamed("triangles", "estimated_triangle_count")
+    has_counts = renamed("has_counts", "has_sample_counts")
 
 
 @dataclass(frozen=True)
 class SurfaceStatistics:
     """Cost of one surface of a frame: triangles, and grid edges that it crosses, in the drawn blocks."""
 
-    triangles: int
-    vertices: int
+    triangle_count: int
+    unique_vertex_count: int
+
+    triangles = renamed("triangles", "triangle_count")
+    vertices = renamed("vertices", "unique_vertex_count")
 
 
 @dataclass(frozen=True)
 class AgentStatistics:
-    """Cost of one agent's part in a frame. Seconds are wall time.
+    """Cost of one agent's part in a frame. Milliseconds are wall time.
 
     Attributes:
         address: as the coordinator dialled it.
         shards: shards that it worked on.
-        active_blocks, visible_blocks: blocks that a surface meets; that were drawn.
-        triangles: extracted for this frame.
+        active_block_count, visible_block_count: blocks that a surface meets; that were drawn.
+        triangle_count: extracted for this frame.
         read_bytes: read from disk.
-        busy_seconds: all its work; extract_seconds and render_seconds are parts of it.
+        busy_ms: all its work; extract_ms and render_ms are parts of it.
     """
 
     address: str
     shards: tuple[int, ...]
-    active_blocks: int
-    visible_blocks: int
-    triangles: int
+    active_block_count: int
+    visible_block_count: int
+    triangle_count: int
     read_bytes: int
-    busy_seconds: float
-    extract_seconds: float
-    render_seconds: float
+    busy_ms: float
+    extract_ms: float
+    render_ms: float
+
+    active_blocks = renamed("active_blocks", "active_block_count")
+    visible_blocks = renamed("visible_blocks", "visible_block_count")
+    triangles = renamed("triangles", "triangle_count")
+    busy_seconds = renamed("busy_seconds", "busy_ms", _seconds)
+    extract_seconds = renamed("extract_seconds", "extract_ms", _seconds)
+    render_seconds = renamed("render_seconds", "render_ms", _seconds)
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Cost of one frame, over all agents. Seconds are wall time in the coordinator.
+    """Cost of one frame, over all agents, with the names of `isoscope render --stats FILE.json`.
 
     Attributes:
-        active_blocks: blocks that a surface meets and that are not clipped.
-        visible_blocks: blocks that were extracted and drawn.
-        culled_blocks: active blocks outside the view, or hidden.
-        occluding_blocks: blocks that were drawn first.
-        triangles: extracted for this frame, of all surfaces.
-        vertices: grid edges that cross an isovalue, in the drawn blocks.
+        active_block_count: blocks that a surface meets and that are not clipped.
+        ray_hit_block_count: blocks that rays of the depth estimate hit.
+        visible_block_count: blocks that were extracted and drawn.
+        culled_block_count: active blocks outside the view, or hidden.
+        occluding_block_count: blocks that were drawn first.
+        triangle_count: extracted for this frame, of all surfaces.
+        unique_vertex_count: grid edges that cross an isovalue, in the drawn blocks.
         read_bytes: read from shards; bytes found in a cache don't count.
         network_bytes: of messages between coordinator and agents.
         png_bytes: size of the PNG; 0 if none was asked for.
-        truncated_pixels: pixels with more translucent fragments than max_layers.
+        truncated_pixel_count: pixels with more translucent fragments than max_layers.
         missing_shards: whose blocks the picture lacks; only with `allow_partial`.
-        coverage: share of the active blocks that the picture has a chance to show; 1 if none is missing.
-        step_seconds: wall time by step: "occluder_selection", "occluder_rendering",
+        active_block_coverage: share of the active blocks that the picture has a chance to show; None if no shard is
+            missing.
+        durations_ms: wall time by step, milliseconds: "occluder_selection", "occluder_rendering",
             "visibility_culling", "composite", "encode".
         agents: parts of the agents.
         surfaces: by surface, in the order of the request.
     """
 
-    active_blocks: int
-    visible_blocks: int
-    culled_blocks: int
-    occluding_blocks: int
-    triangles: int
-    vertices: int
+    active_block_count: int
+    ray_hit_block_count: int
+    visible_block_count: int
+    culled_block_count: int
+    occluding_block_count: int
+    triangle_count: int
+    unique_vertex_count: int
     read_bytes: int
     network_bytes: int
     png_bytes: int
-    truncated_pixels: int
+    truncated_pixel_count: int
     missing_shards: tuple[int, ...] = ()
-    coverage: float = 1.0
-    step_seconds: dict[str, float] = field(default_factory=dict)
+    active_block_coverage: float | None = None
+    durations_ms: dict[str, float] = field(default_factory=dict)
     agents: tuple[AgentStatistics, ...] = ()
     surfaces: tuple[SurfaceStatistics, ...] = ()
 
     @property
     def seconds(self) -> float:
-        """Time of the frame in the coordinator."""
-        return sum(self.step_seconds.values())
+        """Time of the frame in the coordinator, seconds."""
+        return sum(self.durations_ms.values()) / 1000
+
+    active_blocks = renamed("active_blocks", "active_block_count")
+    visible_blocks = renamed("visible_blocks", "visible_block_count")
+    culled_blocks = renamed("culled_blocks", "culled_block_count")
+    occluding_blocks = renamed("occluding_blocks", "occluding_block_count")
+    triangles = renamed("triangles", "triangle_count")
+    vertices = renamed("vertices", "unique_vertex_count")
+    truncated_pixels = renamed("truncated_pixels", "truncated_pixel_count")
+    coverage = renamed("coverage", "active_block_coverage", lambda share: 1.0 if share is None else share)
+    step_seconds = renamed("step_seconds", "durations_ms", lambda steps: {key: _seconds(steps[key]) for key in steps})
 
 
 @dataclass(frozen=True)
 class SurfaceColoring:
     """How a surface with a `color_by` was coloured: with the map and range that were used, for a legend."""
 
-    surface: int
+    surface_index: int
     color_by: ColorBy
+
+    surface = renamed("surface", "surface_index")
 
 
 @dataclass(frozen=True)
 class PickedPoint:
-    """What one pixel shows.
+    """What one pixel shows, with the names of `isoscope pick --json`. Where the background shows there is None instead.
 
     Attributes:
         pixel: (column, row), row 0 at the top.
         position: point on the surface, world space.
         depth: distance from the eye along the view axis, world units.
-        surface: index of the surface in the request, from 0.
+        surface_index: index of the surface in the request, from 0.
         normal: unit vector towards smaller values, world space; None if the surface has none there.
         gradient: of the field, field units per world unit; None where it is not finite.
-        block: id of the block that drew it.
-        shard: shard that holds the block; None if unknown.
+        block_id: id of the block that drew it.
+        shard_index: shard that holds the block; None if unknown.
     """
 
     pixel: tuple[int, int]
     position: Vec3
     depth: float
-    surface: int
+    surface_index: int
     normal: Vec3 | None
     gradient: Vec3 | None
-    block: int
-    shard: int | None
+    block_id: int
+    shard_index: int | None
+
+    @property
+    def is_hit(self) -> bool:
+        """True: there is a point."""
+        return True
+
+    surface = renamed("surface", "surface_index")
+    block = renamed("block", "block_id")
+    shard = renamed("shard", "shard_index")
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,6 +437,21 @@ class Mesh:
         """Gives points, triangles: `points, triangles = mesh`."""
         yield self.points
         yield self.triangles
+
+    def __contains__(self, part: object) -> bool:
+        """Whether iteration gives this array: by identity, because arrays of other shapes have no truth."""
+        return any(part is one for one in self)
+
+    def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
+        """Writes a file by the ending of its name: .ply, .stl, .obj, .glb; with PyVista also .vtp and .vtk.
+
+        The mesh is in memory here: `isoscope export` writes the same formats without that.
+        """
+        from isoscope import _mesh_files
+
+        target = pathlib.Path(path)
+        _mesh_files.save(self, target)
+        return target
 
     @property
     def area(self) -> float:

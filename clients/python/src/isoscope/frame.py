@@ -43,7 +43,7 @@ class Frame:
         camera: the camera of the picture.
         stats: what it cost.
         colorings: how surfaces with `color_by` were coloured.
-        jpeg: the picture as JPEG; b"" unless asked for.
+        jpeg: the picture as JPEG; None unless asked for.
     """
 
     width: int
@@ -51,7 +51,7 @@ class Frame:
     camera: Camera
     stats: Statistics
     colorings: tuple[SurfaceColoring, ...]
-    jpeg: bytes
+    jpeg: bytes | None
     _png_bytes: bytes
     _rgba_bytes: bytes
     _planes: Planes
@@ -142,7 +142,7 @@ class Frame:
 
     def __repr__(self) -> str:
         return (
-            f"Frame({self.width} x {self.height}, {self.stats.triangles} triangles, "
+            f"Frame({self.width} x {self.height}, {self.stats.triangle_count} triangles, "
             f"{self.stats.seconds * 1000:.1f} ms in the coordinator)"
         )
 
@@ -150,7 +150,7 @@ class Frame:
         return self.png if self._png_bytes or self._rgba_bytes else None
 
     def _repr_jpeg_(self) -> bytes | None:
-        return self.jpeg or None
+        return self.jpeg
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         bundle: dict[str, Any] = {"text/plain": repr(self)}

@@ -7,7 +7,6 @@ import contextlib
 import hashlib
 import json
 import os
-import pathlib
 import secrets
 import shutil
 import signal
@@ -97,9 +96,10 @@ def serve(
         source: a dataset folder; or a volume that `isoscope partition` takes: NIfTI, NRRD, MetaImage,
             VTI, HDF5 (file.h5:/dataset), DICOM, TIFF or raw samples; or a numpy array of shape
             (nz, ny, nx).
-        name: name of the dataset; default: from the file's name.
-        folder: folder to keep the dataset in, which must not exist yet; default: a temporary one,
-            removed when the client is closed.
+        name: name of the dataset: a dataset folder of that name is made for this client alone.
+        folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
+            partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then
+            its dataset is named as there, and `client.dataset()` needs no name. An array is "array", not cached.
         spacing: world units between samples along x, y, z: of an array, or of raw samples.
         origin: world position of the first sample: of an array, or of raw samples.
         dims: samples along x, y, z: of raw samples.
@@ -116,7 +116,7 @@ def serve(
     program = find_program()
     server = _Server()
     try:
-        dataset = _dataset_folder(
+        volume = _volume(
             program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, dims=dims,
             dtype=dtype, shards=shards,
         )  # fmt: skip
@@ -124,8 +124,8 @@ def serve(
         flags += [] if threads is None else ["--threads", str(threads)]
         flags += [] if memory_limit is None else ["--memory-limit", memory_limit]
         token_file, digest_file = server.make_token()
-        address = server.start([program, "serve", dataset, "--tokens", digest_file, *flags])
-        client = connect(address, token_file=token_file, timeout=timeout)
+        address = server.start([program, "serve", *volume, "--tokens", digest_file, *flags])
+        client = connect(address, tls=False, token_file=token_file, timeout=timeout)
     except BaseException:
         server.close()
         raise
@@ -135,7 +135,7 @@ def serve(
     return client
 
 
-def _dataset_folder(
+def _volume(
     program: str,
     source: str | os.PathLike[str] | npt.NDArray[Any],
     server: _Server,
@@ -147,33 +147,39 @@ def _dataset_folder(
     dims: Sequence[int] | None,
     dtype: npt.DTypeLike | None,
     shards: int,
-) -> str:
-    """Returns a dataset folder for `source`, made by `isoscope partition` if it isn't one."""
+) -> list[str]:
+    """Returns the arguments of `isoscope serve` for `source`: a dataset folder, or a volume that goes into the cache.
+
+    An array, and a volume with a name or folder of its own, become a dataset folder by `isoscope partition`.
+    """
+    is_file = not isinstance(source, np.ndarray)
     if isinstance(source, np.ndarray):
         if dims is not None or dtype is not None:
             raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
         path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
-        name = name or "array"
+        name = name or ("array" if folder is None else None)
     else:
         path = os.fspath(source)
         if os.path.isfile(os.path.join(path, "manifest.json")):
-            return path
-    if folder is None:
-        stem = name or pathlib.PurePath(path.partition(":")[0]).name.split(".")[0] or "volume"
-        folder = os.path.join(server.scratch(), stem)
-    elif name is not None:
-        raise InvalidArgumentError("name and folder exclude each other: a dataset has the name of its folder")
-    command = [program, "partition", path, "--output", os.fspath(folder), "--shards", str(shards)]
+            return [path]
+    flags = ["--shards", str(shards)]
     if dims is not None:
-        command += ["--dims", _joined(dims), "--type", np.dtype(dtype if dtype is not None else "uint8").name]
-        command += ["--spacing", _joined(spacing)] if spacing is not None else []
-        command += ["--origin", _joined(origin)] if origin is not None else []
+        flags += ["--dims", _joined(dims), "--type", np.dtype(dtype if dtype is not None else "uint8").name]
+        flags += ["--spacing", _joined(spacing)] if spacing is not None else []
+        flags += ["--origin", _joined(origin)] if origin is not None else []
     elif spacing is not None or origin is not None or dtype is not None:
         raise InvalidArgumentError("spacing, origin and dtype are for arrays and for raw files, which need dims too")
+    if folder is None:
+        if is_file and name is None:
+            return [path, *flags]
+        folder = os.path.join(server.scratch(), name or "volume")
+    elif name is not None:
+        raise InvalidArgumentError("name and folder exclude each other: a dataset has the name of its folder")
+    command = [program, "partition", path, "--output", os.fspath(folder), *flags]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
     if done.returncode != 0:
         raise ProgramError(f"isoscope partition failed: {_last_line(done.stderr)}")
-    return os.fspath(folder)
+    return [os.fspath(folder)]
 
 
 def _sample_type(array: npt.NDArray[Any]) -> np.dtype[Any]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Union
+from typing import Any, Literal, Union, cast
 
 from isoscope.camera import Vec3, as_vec3
 from isoscope.errors import InvalidArgumentError
@@ -28,22 +29,49 @@ __all__ = [
     "SurfaceLike",
 ]
 
-#: "#rrggbb", "#rrggbbaa", "#rgb", a name such as "ivory", or red, green, blue(, alpha) in [0, 1], sRGB.
+#: "#rrggbb", "#rrggbbaa", "#rgb", "#rgba", a name of CSS such as "ivory", or red, green, blue(, alpha) in [0, 1], sRGB.
 ColorLike = Union[str, Sequence[float]]
 #: Colour maps of 256 colours.
 ColorMap = Literal["viridis", "magma", "cividis", "turbo", "cool-warm", "grey"]
 #: What `ColorBy` shows: world coordinates, normals, or the length of the gradient of the samples.
 Quantity = Literal["x", "y", "z", "normal", "gradient"]
 
+# The colours of CSS Color Module Level 4, section 6.1; "transparent" has an alpha.
 _NAMED_COLORS = {
-    "black": "000000", "silver": "c0c0c0", "gray": "808080", "grey": "808080", "white": "ffffff",
-    "maroon": "800000", "red": "ff0000", "purple": "800080", "magenta": "ff00ff", "fuchsia": "ff00ff",
-    "green": "008000", "lime": "00ff00", "olive": "808000", "yellow": "ffff00", "navy": "000080",
-    "blue": "0000ff", "teal": "008080", "cyan": "00ffff", "aqua": "00ffff", "orange": "ffa500",
-    "pink": "ffc0cb", "brown": "a52a2a", "gold": "ffd700", "tan": "d2b48c", "ivory": "fffff0",
-    "salmon": "fa8072", "coral": "ff7f50", "tomato": "ff6347", "peru": "cd853f", "wheat": "f5deb3",
-    "beige": "f5f5dc", "linen": "faf0e6", "bisque": "ffe4c4", "skyblue": "87ceeb",
-    "steelblue": "4682b4", "lightgrey": "d3d3d3", "lightgray": "d3d3d3",
+    "aliceblue": "f0f8ff", "antiquewhite": "faebd7", "aqua": "00ffff", "aquamarine": "7fffd4", "azure": "f0ffff",
+    "beige": "f5f5dc", "bisque": "ffe4c4", "black": "000000", "blanchedalmond": "ffebcd", "blue": "0000ff",
+    "blueviolet": "8a2be2", "brown": "a52a2a", "burlywood": "deb887", "cadetblue": "5f9ea0", "chartreuse": "7fff00",
+    "chocolate": "d2691e", "coral": "ff7f50", "cornflowerblue": "6495ed", "cornsilk": "fff8dc", "crimson": "dc143c",
+    "cyan": "00ffff", "darkblue": "00008b", "darkcyan": "008b8b", "darkgoldenrod": "b8860b", "darkgray": "a9a9a9",
+    "darkgreen": "006400", "darkgrey": "a9a9a9", "darkkhaki": "bdb76b", "darkmagenta": "8b008b",
+    "darkolivegreen": "556b2f", "darkorange": "ff8c00", "darkorchid": "9932cc", "darkred": "8b0000",
+    "darksalmon": "e9967a", "darkseagreen": "8fbc8f", "darkslateblue": "483d8b", "darkslategray": "2f4f4f",
+    "darkslategrey": "2f4f4f", "darkturquoise": "00ced1", "darkviolet": "9400d3", "deeppink": "ff1493",
+    "deepskyblue": "00bfff", "dimgray": "696969", "dimgrey": "696969", "dodgerblue": "1e90ff", "firebrick": "b22222",
+    "floralwhite": "fffaf0", "forestgreen": "228b22", "fuchsia": "ff00ff", "gainsboro": "dcdcdc",
+    "ghostwhite": "f8f8ff", "gold": "ffd700", "goldenrod": "daa520", "gray": "808080", "green": "008000",
+    "greenyellow": "adff2f", "grey": "808080", "honeydew": "f0fff0", "hotpink": "ff69b4", "indianred": "cd5c5c",
+    "indigo": "4b0082", "ivory": "fffff0", "khaki": "f0e68c", "lavender": "e6e6fa", "lavenderblush": "fff0f5",
+    "lawngreen": "7cfc00", "lemonchiffon": "fffacd", "lightblue": "add8e6", "lightcoral": "f08080",
+    "lightcyan": "e0ffff", "lightgoldenrodyellow": "fafad2", "lightgray": "d3d3d3", "lightgreen": "90ee90",
+    "lightgrey": "d3d3d3", "lightpink": "ffb6c1", "lightsalmon": "ffa07a", "lightseagreen": "20b2aa",
+    "lightskyblue": "87cefa", "lightslategray": "778899", "lightslategrey": "778899", "lightsteelblue": "b0c4de",
+    "lightyellow": "ffffe0", "lime": "00ff00", "limegreen": "32cd32", "linen": "faf0e6", "magenta": "ff00ff",
+    "maroon": "800000", "mediumaquamarine": "66cdaa", "mediumblue": "0000cd", "mediumorchid": "ba55d3",
+    "mediumpurple": "9370db", "mediumseagreen": "3cb371", "mediumslateblue": "7b68ee", "mediumspringgreen": "00fa9a",
+    "mediumturquoise": "48d1cc", "mediumvioletred": "c71585", "midnightblue": "191970", "mintcream": "f5fffa",
+    "mistyrose": "ffe4e1", "moccasin": "ffe4b5", "navajowhite": "ffdead", "navy": "000080", "oldlace": "fdf5e6",
+    "olive": "808000", "olivedrab": "6b8e23", "orange": "ffa500", "orangered": "ff4500", "orchid": "da70d6",
+    "palegoldenrod": "eee8aa", "palegreen": "98fb98", "paleturquoise": "afeeee", "palevioletred": "db7093",
+    "papayawhip": "ffefd5", "peachpuff": "ffdab9", "peru": "cd853f", "pink": "ffc0cb", "plum": "dda0dd",
+    "powderblue": "b0e0e6", "purple": "800080", "rebeccapurple": "663399", "red": "ff0000", "rosybrown": "bc8f8f",
+    "royalblue": "4169e1", "saddlebrown": "8b4513", "salmon": "fa8072", "sandybrown": "f4a460", "seagreen": "2e8b57",
+    "seashell": "fff5ee", "sienna": "a0522d", "silver": "c0c0c0", "skyblue": "87ceeb", "slateblue": "6a5acd",
+    "slategray": "708090", "slategrey": "708090", "snow": "fffafa", "springgreen": "00ff7f", "steelblue": "4682b4",
+    "tan": "d2b48c", "teal": "008080", "thistle": "d8bfd8", "tomato": "ff6347", "turquoise": "40e0d0",
+    "violet": "ee82ee", "wheat": "f5deb3", "white": "ffffff", "whitesmoke": "f5f5f5", "yellow": "ffff00",
+    "yellowgreen": "9acd32",
+    "transparent": "00000000",
 }  # fmt: skip
 
 
@@ -172,8 +200,8 @@ class Clip:
     caps: Union[Caps, bool, None] = None
 
 
-#: A Clip, a Plane, or six numbers: a box as in Clip.box.
-ClipLike = Union[Clip, Plane, Sequence[float]]
+#: A Clip, a Plane, planes, or six numbers: a box as in Clip.box.
+ClipLike = Union[Clip, Plane, Sequence[Plane], Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -204,12 +232,12 @@ class Silhouette:
 
 def parse_color(color: ColorLike, name: str) -> tuple[float, float, float, float]:
     """Returns red, green, blue, alpha in [0, 1]; InvalidArgumentError names the field otherwise."""
-    expected = "'#rrggbb', a name such as 'ivory', or (red, green, blue[, alpha]) from 0 to 1"
+    expected = "'#rrggbb', a name of CSS such as 'ivory', or (red, green, blue[, alpha]) from 0 to 1"
     wrong = InvalidArgumentError(f"{name} {color!r}: must be {expected}")
     if isinstance(color, str):
         text = color.strip().lower()
         digits = _NAMED_COLORS.get(text, text[1:] if text.startswith("#") else "")
-        if len(digits) == 3:
+        if len(digits) in (3, 4):
             digits = "".join(digit * 2 for digit in digits)
         if len(digits) not in (6, 8) or any(digit not in "0123456789abcdef" for digit in digits):
             raise wrong
@@ -225,12 +253,13 @@ def parse_color(color: ColorLike, name: str) -> tuple[float, float, float, float
 
 
 def as_clip(clip: ClipLike) -> Clip:
-    """Returns the region, also of one plane or of six numbers."""
+    """Returns the region, also of one plane, of planes or of six numbers."""
     if isinstance(clip, Clip):
         return clip
     if isinstance(clip, Plane):
         return Clip(planes=(clip,))
-    return Clip(box=clip)
+    planes = [one for one in clip if isinstance(one, Plane)]
+    return Clip(planes=planes) if planes and len(planes) == len(clip) else Clip(box=cast(Sequence[float], clip))
 
 
 def as_plane(plane: Plane | Sequence[float]) -> Plane:
@@ -249,6 +278,21 @@ def as_bounds(box: Sequence[float]) -> tuple[float, ...]:
 def as_light(light: LightLike) -> Light:
     """Returns a light, also of a direction."""
     return light if isinstance(light, Light) else Light(as_vec3(light, "light direction"))
+
+
+def as_lights(lights: Sequence[LightLike] | LightLike) -> list[LightLike]:
+    """Returns lights, also of one light or of one direction."""
+    if isinstance(lights, Light):
+        return [lights]
+    several: list[Any] = list(lights)
+    return [several] if several and isinstance(several[0], numbers.Real) else several
+
+
+def as_pixels(pixels: Any) -> tuple[list[tuple[int, int]], bool]:
+    """Returns pixels, and whether it was one, (column, row), instead of a sequence or an array of them."""
+    several: list[Any] = list(pixels)
+    is_one = bool(several) and isinstance(several[0], numbers.Real)
+    return ([cast(Any, tuple(several))] if is_one else several), is_one
 
 
 def as_surface(surface: SurfaceLike) -> Surface:

@@ -103,6 +103,8 @@ class View:
 
             frames = KernelFrames(dataset._client, send, dataset.name)
             widget.on_msg(lambda _, content, buffers: frames.handle(content))
+            # Its comm goes when the widget is closed, here or there.
+            widget.observe(lambda change: None if change["new"] else frames.close(), names="comm")
 
     @property
     def state(self) -> dict[str, Any]:
@@ -251,7 +253,7 @@ def make_view(
             )
         isovalue = suggestions[0].isovalue
     if gateway is None:
-        gateway = dataset._client.capabilities().gateway_address
+        gateway = dataset._client.capabilities().gateway_address or ""
     if gateway and not gateway.startswith(("http://", "https://", "/")):
         raise InvalidArgumentError(f"gateway {gateway!r}: must begin with http://, https:// or /")
     request = _wire.frame_request(

@@ -87,7 +87,7 @@ std::vector<WrongUsage> GeneralRows() {
       {{"info", "d", "--jsn"}, {"unknown flag --jsn", "did you mean --json"}},
       {{"info", "d", "e"}, {"'e' is one argument too many"}},
       {{"info", "--server", "h"}, {"--server", "'h' is not HOST:PORT"}},
-      {{"serve"}, {"DIR is missing"}},
+      {{"serve"}, {"INPUT or DIR is missing"}},
       {{"serve", "d", "--listen", "70000"}, {"--listen", "HOST:PORT"}},
       {{"serve", "d", "--renderer", "gl"}, {"--renderer", "\"gl\"", "auto", "egl", "cpu"}},
       {{"serve", "d", "--threads", "0"}, {"--threads", "'0' is not a whole number from 1"}},
