@@ -15,7 +15,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev
-  libwebp-dev libsixel-dev libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core prometheus-cpp-dev
+  libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core prometheus-cpp-dev
 )
 
 # What the programs run with, in the container images: all three; those that draw (isoscope-agent and
@@ -26,7 +26,7 @@ ISOSCOPE_RUNTIME_PACKAGES=(
   libprometheus-cpp-pull1.0)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 libwebp7 libwebpmux3 libsixel1
-  libmeshoptimizer2d libcairo2 fonts-dejavu-core)
+  libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
 
 # What the tests and benchmarks are built from besides; what the unit tests and the guards of the promises run with;
 # what the other tests run with: the Python client, shells, manuals.

@@ -4,6 +4,9 @@
 //
 // Lengths are multiples of the text's size, which is a part of the picture's shorter side. Text and
 // lines have an outline in the opposite lightness, so that they show on any surface.
+//
+// Pango shapes text: letters of any script, from the fonts that the machine has for it, right to
+// left where the script is.
 
 #include "clients/cpp/picture_file/annotations.h"
 
@@ -23,6 +26,8 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
+#include <fontconfig/fontconfig.h>
+#include <pango/pangocairo.h>
 
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -33,8 +38,8 @@ namespace {
 
 constexpr double kTextShare = 0.022;  // of the shorter side
 constexpr double kMinTextPx = 11;
-constexpr char kFontFamily[] = "DejaVu Sans";
-constexpr double kOutlineShare = 0.22;  // of the text's size
+constexpr char kFontFamily[] = "DejaVu Sans";  // others for letters that it lacks
+constexpr double kOutlineShare = 0.22;         // of the text's size
 constexpr double kLineSpacing = 1.3;
 constexpr int kMaxLegendTicks = 8;
 constexpr double kLeastArm = 0.35;  // of an arm in the picture, for letters at both of its ends
@@ -56,6 +61,12 @@ struct SurfaceDeleter {
 struct ContextDeleter {
   void operator()(cairo_t* context) const { cairo_destroy(context); }
 };
+struct ObjectDeleter {
+  void operator()(gpointer object) const { g_object_unref(object); }
+};
+struct FontDeleter {
+  void operator()(PangoFontDescription* font) const { pango_font_description_free(font); }
+};
 
 // A transparent sheet whose top left corner lies on pixel (x, y) of the picture.
 class Sheet {
@@ -66,16 +77,20 @@ class Sheet {
         surface_(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, std::max(1, width),
                                             std::max(1, height))),
         context_(cairo_create(surface_.get())),
+        fonts_(pango_cairo_font_map_new()),
+        shaping_(pango_font_map_create_context(fonts_.get())),
+        layout_(pango_layout_new(shaping_.get())),
         text_px_(text_px),
         ink_(is_light ? Ink{0, 0, 0} : Ink{1, 1, 1}),
         outline_(is_light ? Ink{1, 1, 1} : Ink{0, 0, 0}) {
-    cairo_select_font_face(cr(), kFontFamily, CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
     SetTextPx(text_px);
     cairo_font_options_t* const options = cairo_font_options_create();
     cairo_font_options_set_antialias(options, CAIRO_ANTIALIAS_GRAY);
     cairo_font_options_set_hint_style(options, CAIRO_HINT_STYLE_NONE);
     cairo_font_options_set_hint_metrics(options, CAIRO_HINT_METRICS_OFF);
-    cairo_set_font_options(cr(), options);
+    pango_cairo_context_set_font_options(shaping_.get(), options);
+    pango_context_set_round_glyph_positions(shaping_.get(), FALSE);
+    pango_layout_set_single_paragraph_mode(layout_.get(), TRUE);
     cairo_font_options_destroy(options);
     cairo_set_line_cap(cr(), CAIRO_LINE_CAP_ROUND);
     cairo_set_line_join(cr(), CAIRO_LINE_JOIN_ROUND);
@@ -86,19 +101,25 @@ class Sheet {
 
   void SetTextPx(double text_px) {
     text_px_ = text_px;
-    cairo_set_font_size(cr(), text_px);
+    const std::unique_ptr<PangoFontDescription, FontDeleter> font(pango_font_description_new());
+    pango_font_description_set_family_static(font.get(), kFontFamily);
+    pango_font_description_set_absolute_size(font.get(), text_px * PANGO_SCALE);
+    pango_layout_set_font_description(layout_.get(), font.get());
   }
 
   [[nodiscard]] double WidthOf(const std::string& text) const {
-    cairo_text_extents_t extents;
-    cairo_text_extents(cr(), text.c_str(), &extents);
-    return extents.x_advance;
+    SetText(text);
+    PangoRectangle logical;
+    pango_layout_get_extents(layout_.get(), nullptr, &logical);
+    return static_cast<double>(logical.width) / PANGO_SCALE;
   }
 
   // Text whose baseline begins at (x, y).
   void DrawText(double x, double y, const std::string& text, const Ink& ink) const {
-    cairo_move_to(cr(), x, y);
-    cairo_text_path(cr(), text.c_str());
+    SetText(text);
+    const double baseline = static_cast<double>(pango_layout_get_baseline(layout_.get()));
+    cairo_move_to(cr(), x, y - baseline / PANGO_SCALE);
+    pango_cairo_layout_path(cr(), layout_.get());
     Outline(kOutlineShare * text_px_);
     SetInk(ink, 1);
     cairo_fill(cr());
@@ -126,9 +147,7 @@ class Sheet {
   absl::Status LayOver(image::RgbaImage* picture, std::vector<view::PixelRect>* boxes) const {
     cairo_surface_flush(surface_.get());
     if (const cairo_status_t status = cairo_status(cr()); status != CAIRO_STATUS_SUCCESS) {
-      return status == CAIRO_STATUS_INVALID_STRING
-                 ? absl::InvalidArgumentError("--caption: the text is not valid UTF-8")
-                 : absl::InternalError(absl::StrCat("Cairo: ", cairo_status_to_string(status)));
+      return absl::InternalError(absl::StrCat("Cairo: ", cairo_status_to_string(status)));
     }
     const unsigned char* const data = cairo_image_surface_get_data(surface_.get());
     const int stride = cairo_image_surface_get_stride(surface_.get());
@@ -159,6 +178,9 @@ class Sheet {
   }
 
  private:
+  void SetText(const std::string& text) const {
+    pango_layout_set_text(layout_.get(), text.data(), static_cast<int>(text.size()));
+  }
   void SetInk(const Ink& ink, double alpha) const {
     cairo_set_source_rgba(cr(), ink.red, ink.green, ink.blue, alpha);
   }
@@ -189,6 +211,9 @@ class Sheet {
   const int y_;
   const std::unique_ptr<cairo_surface_t, SurfaceDeleter> surface_;
   const std::unique_ptr<cairo_t, ContextDeleter> context_;
+  const std::unique_ptr<PangoFontMap, ObjectDeleter> fonts_;
+  const std::unique_ptr<PangoContext, ObjectDeleter> shaping_;
+  const std::unique_ptr<PangoLayout, ObjectDeleter> layout_;
   double text_px_;
   const Ink ink_;
   const Ink outline_;
@@ -416,6 +441,9 @@ std::string IsovalueText(const AnnotationScene& scene) {
 absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scene,
                          Annotated* annotated) {
   const image::RgbaImage& picture = annotated->picture;
+  if (g_utf8_validate(caption.data(), static_cast<gssize>(caption.size()), nullptr) == FALSE) {
+    return absl::InvalidArgumentError("--caption: the text is not valid UTF-8");
+  }
   const std::string replaced =
       absl::StrReplaceAll(caption, {{"{isovalue}", IsovalueText(scene)}, {"\\n", "\n"}});
   const std::vector<std::string> lines = absl::StrSplit(replaced, '\n');
@@ -438,15 +466,14 @@ absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scen
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
 }
 
-// Without a font Cairo draws no letters and says nothing.
+// Without a font Pango draws boxes.
 absl::Status CheckFont() {
-  const Sheet sheet(0, 0, 1, 1, 100, false);
-  cairo_text_extents_t extents;
-  cairo_text_extents(sheet.cr(), "X", &extents);
-  return extents.width > 1 ? absl::OkStatus()
-                           : absl::FailedPreconditionError(
-                                 "annotations need a font, and there is none: install "
-                                 "one, as in apt-get install fonts-dejavu-core");
+  const FcFontSet* const fonts = FcConfigGetFonts(nullptr, FcSetSystem);
+  return fonts != nullptr && fonts->nfont > 0
+             ? absl::OkStatus()
+             : absl::FailedPreconditionError(
+                   "annotations need a font, and there is none: install one, as in apt-get install "
+                   "fonts-dejavu-core");
 }
 
 }  // namespace

@@ -210,6 +210,39 @@ TEST(AnnotationsTest, CaptionThatIsNotUtf8IsRefused) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("UTF-8")));
 }
 
+// Returns how many pixels of a plain picture a caption touches.
+std::ptrdiff_t InkOf(const std::string& caption) {
+  const absl::StatusOr<Annotated> annotated =
+      Annotate({.caption = caption}, Orthographic(100, 240), Plain(320, 240));
+  EXPECT_THAT(annotated, IsOk());
+  const image::RgbaImage plain = Plain(320, 240);
+  return annotated.ok()
+             ? std::count_if(
+                   annotated->picture.pixels.begin(), annotated->picture.pixels.end(),
+                   [&](const image::Rgba8& pixel) { return !(pixel == plain.pixels.front()); })
+             : 0;
+}
+
+// Symptom: Cairo's toy text joined no letters and wrote Arabic from left to right.
+TEST(AnnotationsTest, CaptionsAreShapedAsTheirScriptWants) {
+  // Two Arabic letters side by side are joined, which takes less ink than each alone.
+  EXPECT_LT(InkOf("\u0628\u0628"), InkOf("\u0628 \u0628"));
+  // A combining accent lies on its letter and does not make the line longer.
+  const auto width_of = [](const std::string& caption) {
+    const absl::StatusOr<Annotated> annotated =
+        Annotate({.caption = caption}, Orthographic(100, 240), Plain(320, 240));
+    EXPECT_THAT(annotated, IsOk());
+    return annotated.ok() && !annotated->boxes.empty()
+               ? annotated->boxes.front().end_x - annotated->boxes.front().begin_x
+               : 0;
+  };
+  EXPECT_EQ(width_of("e\u0301e"), width_of("\u00e9e"));
+  for (const char* caption :
+       {"\u0431\u043b\u043e\u043a", "\u05e9\u05dc\u05d5\u05dd", "\u03c3 = 60"}) {
+    EXPECT_GT(InkOf(caption), 50) << caption;
+  }
+}
+
 TEST(AnnotationsTest, LegendTicksAreRoundNumbersInTheRange) {
   EXPECT_THAT(LegendTicks({0, 1}, 5), ::testing::ElementsAre(0, 0.5, 1));
   EXPECT_THAT(LegendTicks({0, 1}, 6),
