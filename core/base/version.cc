@@ -2,6 +2,6 @@
 
 namespace isoscope::base {
 
-absl::string_view Version() { return ISOSCOPE_VERSION; }
+absl::string_view Version() { return kVersionText; }
 
 }  // namespace isoscope::base
