@@ -16,7 +16,7 @@ file(CONFIGURE OUTPUT "${OUTPUT}" @ONLY CONTENT [[
 
 namespace isoscope::base {
 
-const char* const kVersionText = "@version@";
+absl::string_view Version() { return "@version@"; }
 
 }  // namespace isoscope::base
 ]])

@@ -57,6 +57,10 @@ ISOSCOPE_PLOT_PACKAGES=(gnuplot-nox)
 # What tools/format.sh and tools/check.sh need, and the clang and fuzz presets.
 ISOSCOPE_LINT_PACKAGES=(clang-format-14 clang-tidy-14 clang-14)
 
+# What scripts/package.sh needs besides; and its test, which installs the packages in an empty root.
+ISOSCOPE_PACKAGE_PACKAGES=(dpkg-dev python3-pip python3-setuptools python3-wheel)
+ISOSCOPE_PACKAGE_TEST_PACKAGES=(lintian mmdebstrap)
+
 # Prints those of the packages named that are not installed, one a line.
 missing_packages() {
   local package

@@ -10,9 +10,6 @@ namespace isoscope::base {
 // Returns the version that scripts/version.sh says: "0.1.0", or "0.1.0+git12.gabcdef0" of a commit between two tags.
 absl::string_view Version();
 
-// What Version() returns: a pointer, so that the compiler can't read its text ahead of the linker.
-extern const char* const kVersionText;
-
 }  // namespace isoscope::base
 
 #endif  // ISOSCOPE_CORE_BASE_VERSION_H_

@@ -17,7 +17,7 @@ SOURCE = BUILD / "core" / "base" / "program_version.cc"
 
 class ProgramVersion(unittest.TestCase):
     def setUp(self):
-        self.version = re.search(r'kVersionText = "([^"]+)"', SOURCE.read_text()).group(1)
+        self.version = re.search(r'return "([^"]+)"', SOURCE.read_text()).group(1)
 
     def test_every_program_says_it(self):
         for name in PROGRAMS:
