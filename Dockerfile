@@ -4,7 +4,7 @@
 #   docker build --target coordinator -t isoscope-coordinator .
 #   docker build --target agent -t isoscope-agent .
 #   docker build --target gateway -t isoscope-gateway .
-#   docker build --target cli-cpu -t isoscope .         # draws by the CPU; --target cli has Mesa and isoscope-bench, too
+#   docker build --target cli-cpu -t isoscope .         # draws by the CPU; `cli` has Mesa and isoscope-bench, too
 #   docker run --rm -p 127.0.0.1:8080:8080 -v "$PWD:/data" isoscope view /data/head.nii.gz
 #
 # BASE_IMAGE may name any Debian 12 image (--build-arg BASE_IMAGE=...). Without Git the programs have CMake's version;

@@ -1,4 +1,5 @@
-# Debian packages by CPack; scripts/package.sh runs it and sets what changes with every package (cmake/PackageOptions.cmake).
+# Debian packages by CPack. scripts/package.sh runs it, and says what changes with every package
+# (cmake/PackageOptions.cmake).
 #
 #   isoscope         component `programs`, with units, their user and folders
 #   isoscope-dev     component `client`: find_package(isoscope)
@@ -9,7 +10,8 @@ set(package_folder "${PROJECT_BINARY_DIR}/package")
 
 # Units with the paths of a package.
 set(unit_folder "${package_folder}/systemd")
-file(GLOB units CONFIGURE_DEPENDS RELATIVE "${PROJECT_SOURCE_DIR}/deploy/systemd" "${PROJECT_SOURCE_DIR}/deploy/systemd/*.service")
+file(GLOB units CONFIGURE_DEPENDS RELATIVE "${PROJECT_SOURCE_DIR}/deploy/systemd"
+  "${PROJECT_SOURCE_DIR}/deploy/systemd/*.service")
 foreach(unit IN LISTS units)
   file(READ "${PROJECT_SOURCE_DIR}/deploy/systemd/${unit}" text)
   string(REPLACE "/usr/local/bin/" "/usr/bin/" text "${text}")

@@ -52,7 +52,7 @@ output="$(realpath -m "$output")"
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export HOME="${HOME:-/tmp}"
-# shellcheck source=scripts/packages.sh
+# shellcheck source=/dev/null
 . scripts/packages.sh
 install_packages "${ISOSCOPE_PACKAGE_PACKAGES[@]}"
 if [ -z "$build" ]; then

@@ -1,4 +1,5 @@
-// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--published HOST:PORT]
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--published
+// HOST:PORT]
 //   [--no-open] [--gateway-token-file FILE]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 
@@ -204,9 +205,8 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
                             StartGateway(flags, &options));
   // Without the token: it is for those who are told.
   session->SetGatewayAddress(PageOf(flags, options, server->port(), /*token=*/""));
-  const std::string address =
-      ViewAddress(PageOf(flags, options, server->port(), options.access.token), dataset.name(),
-                  isovalue);
+  const std::string address = ViewAddress(
+      PageOf(flags, options, server->port(), options.access.token), dataset.name(), isovalue);
   *context.out << address << std::endl;
   if (context.err_is_terminal) {
     *context.err << "the page is at this address until Ctrl-C" << std::endl;

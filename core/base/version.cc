@@ -1,5 +1,5 @@
-// For what has no version of its own, such as a test. A program's Version() takes the place of this one
-// (CMakeLists.txt).
+// For what has no version of its own, such as a test. A program's Version() takes the place of this
+// one (CMakeLists.txt).
 
 #include "core/base/version.h"
 

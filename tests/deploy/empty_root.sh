@@ -14,7 +14,7 @@ command -v mmdebstrap >/dev/null || {
 # shellcheck source=/dev/null
 release="$(. /etc/os-release && echo "${VERSION_CODENAME:-}")"
 # Files that name the release itself: those of others have suites of their own, such as PROJECT-bookworm.
-mapfile -t mirrors < <(grep -lsE "^(Suites:|deb .*) $release[a-z-]*( |\$)" \
+mapfile -t mirrors < <(grep -lsE "^(Suites:|deb .*) ${release}[a-z-]*( |\$)" \
   /etc/apt/sources.list /etc/apt/sources.list.d/*.list /etc/apt/sources.list.d/*.sources |
   xargs -r grep -LE "^(Suites:|deb ).*-$release" || true)
 [ "${#mirrors[@]}" -gt 0 ] || {

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The image of the Dockerfile's target cli-cpu, without a container engine: its steps run in a bare Debian that is thrown
-away. Its size, and that `isoscope view` in it prints an address that works from outside.
+"""The image of the Dockerfile's target cli-cpu, without a container engine: its steps run in a bare Debian that is
+thrown away. Its size, and that `isoscope view` in it prints an address that works from outside.
 
     image_test.py PROGRAMS [TARGET]
 
@@ -58,7 +58,7 @@ def size(*folders):
 
 
 def instructions(stage):
-    """(NAME, REST) of the stage and of those that it is made from, base first; and the ARGs before all stages."""
+    """(NAME, REST) of the stage and of those that it is made from, base first."""
     text = re.sub(r"^#.*\n", "", (ROOT / "Dockerfile").read_text(), flags=re.MULTILINE).replace("\\\n", "")
     stages, current = {}, []
     for line in filter(None, map(str.strip, text.splitlines())):
@@ -160,7 +160,8 @@ def largest(image, count=15):
 
 class ImageTest(unittest.TestCase):
     def test_size(self):
-        print(f"{TARGET}: {IMAGE.bytes / 1e6:.0f} MB, of which the base {IMAGE.base_bytes / 1e6:.0f} MB; largest packages:")
+        whole, base = IMAGE.bytes / 1e6, IMAGE.base_bytes / 1e6
+        print(f"{TARGET}: {whole:.0f} MB, of which the base {base:.0f} MB; largest packages:")
         print("\n".join(largest(IMAGE)), flush=True)
         if TARGET == "cli-cpu":
             self.assertLess(IMAGE.bytes, MAX_BYTES)

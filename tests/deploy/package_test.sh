@@ -92,7 +92,8 @@ inside() {
     cmake -S /usr/share/doc/isoscope-dev/examples -B example && cmake --build example'
 
   echo "== units"
-  in_root sh -c 'cp -R /tmp/work/s /var/lib/isoscope/ && install -m 640 -g isoscope /usr/share/isoscope/env/*.env /etc/isoscope/'
+  in_root cp -R /tmp/work/s /var/lib/isoscope/
+  in_root sh -c 'install -m 640 -g isoscope /usr/share/isoscope/env/*.env /etc/isoscope/'
   # One machine, plaintext on its loopback address, in a network of its own.
   sed -i -E '/^ISOSCOPE_(TLS|TOKENS|USER_TOKENS)/d' "$root"/etc/isoscope/*.env
   printf 'ISOSCOPE_SHARD=/var/lib/isoscope/s\nISOSCOPE_LISTEN=127.0.0.1:50052\n' >"$root/etc/isoscope/agent-0.env"
