@@ -4,9 +4,11 @@
 #   docker build --target coordinator -t isoscope-coordinator .
 #   docker build --target agent -t isoscope-agent .
 #   docker build --target gateway -t isoscope-gateway .
-#   docker build --target cli -t isoscope .
+#   docker build --target cli-cpu -t isoscope .         # draws by the CPU; `cli` has Mesa and isoscope-bench, too
+#   docker run --rm -p 127.0.0.1:8080:8080 -v "$PWD:/data" isoscope view /data/head.nii.gz
 #
-# BASE_IMAGE may name any Debian 12 image (--build-arg BASE_IMAGE=...).
+# BASE_IMAGE may name any Debian 12 image (--build-arg BASE_IMAGE=...). Without Git the programs have CMake's version;
+# --build-arg ISOSCOPE_VERSION="$(scripts/version.sh)" gives them that of the commit.
 ARG BASE_IMAGE=debian:bookworm-slim
 
 FROM ${BASE_IMAGE} AS build
@@ -14,7 +16,8 @@ WORKDIR /src
 COPY scripts/packages.sh scripts/packages.sh
 RUN bash -euc '. scripts/packages.sh; install_packages "${ISOSCOPE_BUILD_PACKAGES[@]}"; apt-get clean'
 COPY . .
-RUN bash scripts/build.sh
+ARG ISOSCOPE_VERSION
+RUN bash scripts/build.sh && strip build/release/bin/isoscope*
 
 # What the coordinator and the gateway need: neither geometry nor OpenGL.
 FROM ${BASE_IMAGE} AS runtime
@@ -37,6 +40,8 @@ RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_R
 # from the environment (ISOSCOPE_LISTEN, ISOSCOPE_TLS_*), so set these there and not as options.
 FROM runtime AS coordinator
 COPY --from=build /src/build/release/bin/isoscope-coordinator /usr/local/bin/
+ARG ISOSCOPE_VERSION
+LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
 ENV ISOSCOPE_LISTEN=0.0.0.0:50051
 EXPOSE 50051
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
@@ -49,6 +54,8 @@ ENTRYPOINT ["isoscope-coordinator"]
 # ISOSCOPE_GATEWAY_TOKEN gives one.
 FROM runtime AS gateway
 COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
+ARG ISOSCOPE_VERSION
+LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
 ENV ISOSCOPE_LISTEN=0.0.0.0:8080
 EXPOSE 8080
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
@@ -58,6 +65,8 @@ ENTRYPOINT ["isoscope-gateway"]
 
 FROM rendering AS agent
 COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/
+ARG ISOSCOPE_VERSION
+LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
 ENV ISOSCOPE_LISTEN=0.0.0.0:50052
 EXPOSE 50052
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
@@ -66,10 +75,28 @@ USER isoscope
 ENTRYPOINT ["isoscope-agent"]
 CMD ["--shard", "/shard"]
 
+# isoscope alone, without Mesa. The page of `isoscope view` is for the engine to publish, and its address is that of the
+# engine's host; for another port than 8080: -e ISOSCOPE_VIEW_PUBLISHED=localhost:9000 -p 127.0.0.1:9000:9000.
+FROM runtime AS cli-cpu
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages libepoxy0 "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*'
+COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
+ARG ISOSCOPE_VERSION
+LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
+ENV ISOSCOPE_VIEW_PUBLISHED=localhost:8080
+EXPOSE 8080
+USER isoscope
+WORKDIR /data
+ENTRYPOINT ["isoscope"]
+
 FROM rendering AS cli
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope /src/build/release/bin/isoscope-bench /usr/local/bin/
+ARG ISOSCOPE_VERSION
+LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
+ENV ISOSCOPE_VIEW_PUBLISHED=localhost:8080
+EXPOSE 8080
 USER isoscope
 WORKDIR /data
 ENTRYPOINT ["isoscope"]

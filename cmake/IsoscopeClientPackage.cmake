@@ -65,7 +65,9 @@ list(REMOVE_ITEM client_needs CLI11::CLI11 nlohmann_json::nlohmann_json PkgConfi
 list(TRANSFORM client_needs REPLACE "^PkgConfig::(.*)"
   "$<BUILD_INTERFACE:PkgConfig::\\1>;$<INSTALL_INTERFACE:PkgConfig::isoscope_\\1>")
 
-add_library(isoscope_client STATIC ${client_objects})
+# With the version of the commit, as programs.
+list(TRANSFORM client_objects REPLACE "(.*TARGET_OBJECTS:isoscope_base.*)" "$<FILTER:\\1,EXCLUDE,/version\\\\.cc>")
+add_library(isoscope_client STATIC ${client_objects} $<TARGET_OBJECTS:isoscope_program_version>)
 add_library(isoscope::client ALIAS isoscope_client)
 set_target_properties(isoscope_client PROPERTIES LINKER_LANGUAGE CXX EXPORT_NAME client)
 target_compile_features(isoscope_client INTERFACE cxx_std_20)

@@ -69,7 +69,7 @@ endfunction()
 # isoscope_executable(NAME isoscope-agent SRCS main.cc DEPS isoscope::agent)
 function(isoscope_executable)
   cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
-  add_executable(${ARG_NAME} ${ARG_SRCS})
+  add_executable(${ARG_NAME} ${ARG_SRCS} $<TARGET_OBJECTS:isoscope_program_version>)
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
     ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)

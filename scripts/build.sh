@@ -37,6 +37,7 @@ while [ "$#" -gt 0 ]; do
       targets+=("$2")
       shift
       ;;
+    --target=?*) targets+=("${1#*=}") ;;
     --no-install) install=no ;;
     -h | --help)
       usage

@@ -9,15 +9,16 @@ usage() {
   cat <<'USAGE'
 Usage: scripts/container_test.sh [--no-build] [VOLUME [ISOVALUE]]
 
-  --no-build  use the images isoscope, isoscope-agent, isoscope-coordinator and isoscope-gateway as
-              they are
+  --no-build  use the images isoscope, isoscope-cli-cpu, isoscope-agent, isoscope-coordinator and
+              isoscope-gateway as they are
   -h, --help  this text
 
 VOLUME defaults to the MRI head of Debian's mricron-data, ISOVALUE to 60.
 
 BASE_IMAGE     what the images are built on (default: debian:bookworm-slim)
 BUILD_OPTIONS  more options for `docker build`, such as --network host
-TEST_PORT      port of this host that the coordinator is published on (default: 50951); the gateway has the next one
+TEST_PORT      port of this host that the coordinator is published on (default: 50951); the gateway has the next one,
+               and the page of isoscope view the one after that
 USAGE
 }
 
@@ -172,11 +173,12 @@ are_healthy() {
 
 if [ "$build" = true ]; then
   echo "== images"
-  for target in coordinator agent gateway cli; do
+  for target in coordinator agent gateway cli cli-cpu; do
     image="isoscope-$target"
     [ "$target" = cli ] && image=isoscope
     # shellcheck disable=SC2086  # several options
-    docker build ${BUILD_OPTIONS:-} --build-arg BASE_IMAGE="$BASE_IMAGE" --target "$target" \
+    docker build ${BUILD_OPTIONS:-} --build-arg BASE_IMAGE="$BASE_IMAGE" \
+      --build-arg ISOSCOPE_VERSION="$(bash scripts/version.sh)" --target "$target" \
       --tag "$image" . >"$work/build.log" 2>&1 || {
       tail -n 40 "$work/build.log" >&2
       echo "container_test.sh: docker build --target $target failed" >&2
@@ -184,11 +186,19 @@ if [ "$build" = true ]; then
     }
   done
 fi
-for image in isoscope-coordinator isoscope-agent isoscope-gateway isoscope; do
+for image in isoscope-coordinator isoscope-agent isoscope-gateway isoscope isoscope-cli-cpu; do
   check "$image runs: $(docker run --rm "$image" --version)" docker run --rm "$image" --version
   check_equal "$image is not root" "$(docker run --rm --entrypoint id "$image" -u)" 10001
   echo "      size $(($(docker image inspect --format '{{.Size}}' "$image") / 1000000)) MB"
 done
+
+echo "== view"
+viewer="$(docker run --rm --detach --publish "127.0.0.1:$((port + 2)):8080" --volume "$(dirname "$volume"):/source:ro" \
+  isoscope-cli-cpu view "/source/$(basename "$volume")")"
+page() { docker logs "$viewer" 2>/dev/null | grep '^http://localhost:8080/?token='; }
+check "view prints an address for the host" eventually 60 page
+check "which answers there" curl -fsS -o /dev/null "$(page | sed "s/:8080/:$((port + 2))/")"
+check "view ends with the container" docker stop "$viewer"
 
 echo "== dataset"
 check "partition in the isoscope image" \

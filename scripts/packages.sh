@@ -53,13 +53,17 @@ ISOSCOPE_DEMO_PACKAGES=(mricron-data)
 
 # What the tests of deploy/ need; those whose program is missing are skipped, and say so. The types of Kubernetes'
 # objects come from npm: tests/deploy/check_deploy.py.
-ISOSCOPE_DEPLOY_PACKAGES=(python3-yaml shellcheck kubernetes-client docker-compose slurm-wlm slurm-client munge)
+ISOSCOPE_DEPLOY_PACKAGES=(python3-yaml shellcheck kubernetes-client docker-compose slurm-wlm slurm-client munge
+  lintian mmdebstrap)
 
 # What `isoscope-bench paper` draws its plots with; its tables come without.
 ISOSCOPE_PLOT_PACKAGES=(gnuplot-nox)
 
 # What tools/format.sh and tools/check.sh need, and the clang and fuzz presets.
 ISOSCOPE_LINT_PACKAGES=(clang-format-14 clang-tidy-14 clang-14)
+
+# What scripts/package.sh needs besides.
+ISOSCOPE_PACKAGE_PACKAGES=(dpkg-dev python3-pip python3-setuptools python3-wheel)
 
 # Prints those of the packages named that are not installed, one a line.
 missing_packages() {

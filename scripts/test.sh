@@ -12,11 +12,12 @@ set -euo pipefail
 
 usage() {
   cat <<'USAGE'
-Usage: scripts/test.sh [--all | --rest]
+Usage: scripts/test.sh [--all | --rest | --packages]
 
              the programs, unit tests, and the integration tests that guard the promises
   --all      these and the rest: other integration tests, clients, sanitizers, lock annotations, libFuzzer
   --rest     only the rest
+  --packages only the Debian packages and the small image, in an empty Debian: as root, with a network
   -h, --help this text
 
 ISOSCOPE_DATA_DIR       folder of real volumes that some tests use; if it is set, they must be there
@@ -28,10 +29,12 @@ USAGE
 
 guards=true
 rest=false
+packages_only=false
 for argument in "$@"; do
   case "$argument" in
     --all) rest=true ;;
     --rest) guards=false rest=true ;;
+    --packages) guards=false packages_only=true ;;
     -h | --help)
       usage
       exit 0
@@ -51,6 +54,9 @@ jobs="$(nproc)"
 . scripts/packages.sh
 packages=("${ISOSCOPE_UNIT_TEST_PACKAGES[@]}" "${ISOSCOPE_DEMO_PACKAGES[@]}")
 required=(head programs openssl)
+if [ "$packages_only" = true ]; then
+  packages+=("${ISOSCOPE_PACKAGE_PACKAGES[@]}" lintian mmdebstrap)
+fi
 if [ "$rest" = true ]; then
   packages+=("${ISOSCOPE_CLIENT_TEST_PACKAGES[@]}" "${ISOSCOPE_REFERENCE_PACKAGES[@]}")
   required+=(python protoc shells vtk gnuplot clang)
@@ -99,7 +105,7 @@ guard_tests() {
 }
 
 other_tests() {
-  run_ctest build/release -LE '^(unit|guard)$'
+  run_ctest build/release -LE '^(unit|guard|package)$'
 }
 
 asan_tests() {
@@ -145,6 +151,11 @@ run_stage packages install_packages "${packages[@]}"
 if [ "$guards" = true ] && [ "$status" -eq 0 ]; then
   run_stage build bash scripts/build.sh --with-tests --target unit_tests --target guard_tests
   [ "$status" -ne 0 ] || run_stage "unit tests and guards" guard_tests
+fi
+if [ "$packages_only" = true ] && [ "$status" -eq 0 ]; then
+  programs=(isoscope isoscope-bench isoscope-agent isoscope-coordinator isoscope-gateway manuals)
+  run_stage build bash scripts/build.sh --with-tests "${programs[@]/#/--target=}"
+  [ "$status" -ne 0 ] || run_stage "packages and image" run_ctest build/release -L '^package$'
 fi
 if [ "$rest" = true ] && [ "$status" -eq 0 ]; then
   run_stage "build of the rest" bash scripts/build.sh --with-tests --target release_tests

@@ -1,5 +1,6 @@
-// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--no-open]
-//   [--gateway-token-file FILE]
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--published
+// HOST:PORT]
+//   [--no-open] [--gateway-token-file FILE]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 
 #include "client-cli/commands/view_command.h"
@@ -18,6 +19,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
@@ -55,6 +57,7 @@ struct ViewFlags {
   SessionFlags session;
   std::optional<double> isovalue;
   std::optional<std::string> listen_address;
+  std::optional<std::string> published_address;
   std::string gateway_token_file;
   bool has_no_open = false;
   bool is_in_terminal = false;
@@ -89,21 +92,31 @@ void OpenBrowser(const std::string& path) {
   posix_spawn_file_actions_destroy(&actions);
 }
 
+std::string PortOf(const std::string& address) { return address.substr(address.rfind(':') + 1); }
+
+// Who publishes the page can't reach the loopback address, as from outside of a container.
+std::string ListenAddress(const ViewFlags& flags) {
+  const std::string unsaid = flags.published_address
+                                 ? absl::StrCat("0.0.0.0:", PortOf(*flags.published_address))
+                                 : kFirstAddress;
+  return flags.listen_address.value_or(unsaid);
+}
+
 // With a certificate the page is on https; without one it stays on this machine, or --insecure is
-// said.
+// said. Whoever publishes it, such as a container engine, decides who reaches it.
 absl::Status CheckListen(const ViewFlags& flags) {
   const rpc::TransportFlags& transport = flags.session.connection.transport;
-  if (!transport.certificate_file.empty()) {
+  if (!transport.certificate_file.empty() || flags.published_address) {
     return absl::OkStatus();
   }
-  const absl::Status status = rpc::CheckListen({.is_insecure = transport.is_insecure},
-                                               flags.listen_address.value_or(kFirstAddress));
+  const absl::Status status =
+      rpc::CheckListen({.is_insecure = transport.is_insecure}, ListenAddress(flags));
   return status.ok() ? status : UsageError(status.message());
 }
 
 absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
     const ViewFlags& flags, gateway::GatewayOptions* options) {
-  options->listen_address = flags.listen_address.value_or(kFirstAddress);
+  options->listen_address = ListenAddress(flags);
   options->certificate_file = flags.session.connection.transport.certificate_file;
   options->key_file = flags.session.connection.transport.key_file;
   // Every user of this machine reaches its loopback address, too.
@@ -114,11 +127,24 @@ absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
   }
   absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> server =
       gateway::GatewayServer::Start(*options);
-  if (absl::IsUnavailable(server.status()) && !flags.listen_address) {
+  if (absl::IsUnavailable(server.status()) && !flags.listen_address && !flags.published_address) {
     options->listen_address = kOtherAddress;
     server = gateway::GatewayServer::Start(*options);
   }
   return server;
+}
+
+// Where people find the page.
+std::string PageOf(const ViewFlags& flags, const gateway::GatewayOptions& options, int port,
+                   const std::string& token) {
+  const bool has_tls = !options.certificate_file.empty();
+  int published_port = 0;
+  if (flags.published_address &&
+      absl::SimpleAtoi(PortOf(*flags.published_address), &published_port) && published_port != 0) {
+    return gateway::PageAddress(*flags.published_address, published_port, token, has_tls);
+  }
+  return gateway::PageAddress(flags.published_address.value_or(options.listen_address), port, token,
+                              has_tls);
 }
 
 // The isovalue to begin with. Without a histogram any value will do: the page can change it.
@@ -178,12 +204,9 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<gateway::GatewayServer> server,
                             StartGateway(flags, &options));
   // Without the token: it is for those who are told.
-  session->SetGatewayAddress(gateway::PageAddress(options.listen_address, server->port(),
-                                                  /*token=*/"", !options.certificate_file.empty()));
-  const std::string address =
-      ViewAddress(gateway::PageAddress(options.listen_address, server->port(), options.access.token,
-                                       !options.certificate_file.empty()),
-                  dataset.name(), isovalue);
+  session->SetGatewayAddress(PageOf(flags, options, server->port(), /*token=*/""));
+  const std::string address = ViewAddress(
+      PageOf(flags, options, server->port(), options.access.token), dataset.name(), isovalue);
   *context.out << address << std::endl;
   if (context.err_is_terminal) {
     *context.err << "the page is at this address until Ctrl-C" << std::endl;
@@ -213,6 +236,10 @@ Action RegisterViewFlags(FlagSet* set) {
   AddFlag(set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
           absl::StrCat("where the page is; port 0 takes a free one (default: ", kFirstAddress,
                        ", or another port if that is taken)"));
+  AddFlag(set, "--published", "HOST:PORT", &flags->published_address, rpc::ParseHostPort,
+          "where people find the page if a container engine or a proxy publishes it: this address "
+          "is printed, and --listen is 0.0.0.0 with its port unless given, without --insecure")
+      .Environment("ISOSCOPE_VIEW_PUBLISHED");
   set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
                "a file with the token that the page asks for, which its address has (default: "
                "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one)");

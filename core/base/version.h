@@ -7,7 +7,8 @@
 
 namespace isoscope::base {
 
-// Returns the version of CMake's project(): "0.1.0".
+// Returns the version that scripts/version.sh says: "0.1.0", or "0.1.0+git12.gabcdef0" of a commit
+// between two tags.
 absl::string_view Version();
 
 }  // namespace isoscope::base

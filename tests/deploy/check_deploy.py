@@ -135,7 +135,8 @@ class TestShell(unittest.TestCase):
     """Scripts, and shell inside of YAML."""
 
     SCRIPTS = files("*.sh", "*.sbatch") + sorted((ROOT / "tests" / "deploy").glob("*.sh")) + [
-        ROOT / "scripts" / "swarm_test.sh", ROOT / "scripts" / "container_test.sh"]
+        ROOT / "scripts" / f"{name}.sh" for name in ("swarm_test", "container_test", "package", "version")] + sorted(
+        (ROOT / "cmake" / "debian").glob("*/p*"))
 
     def test_scripts_parse(self):
         for path in self.SCRIPTS:

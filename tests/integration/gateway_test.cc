@@ -839,6 +839,36 @@ TEST_F(GatewayTest, OffTheLoopbackAddressTheAddressHasAToken) {
   EXPECT_EQ(Get(host, "/v1/datasets?token=" + token).result_int(), 200U);
 }
 
+// As in a container, whose engine publishes the port on its host.
+TEST_F(GatewayTest, APublishedPageIsForOtherMachinesAndHasTheAddressThatTheySee) {
+  absl::StatusOr<std::unique_ptr<testing::Process>> view =
+      testing::StartIsoscope({"view", "--server", cluster_->address()},
+                             {.environment = {"ISOSCOPE_VIEW_PUBLISHED=localhost:0"}});
+  ISOSCOPE_ASSERT_OK(view);
+  const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
+  ISOSCOPE_ASSERT_OK(line);
+  const std::string start = "http://localhost:";
+  ASSERT_TRUE(absl::StartsWith(*line, start)) << *line;
+  const std::string port = line->substr(start.size(), line->find('/', start.size()) - start.size());
+  EXPECT_EQ(line->substr(start.size() + port.size(), 8), "/?token=");
+  // Another address of the machine than the usual one.
+  const std::string host = "127.0.0.2:" + port;
+  EXPECT_EQ(Get(host, "/").result_int(), 200U);
+  EXPECT_EQ(Get(host, kRender).result_int(), 401U);
+  EXPECT_EQ(Get(host, kRender, {{"Authorization", "Bearer " + TokenIn(*line)}}).result_int(), 200U);
+}
+
+TEST_F(GatewayTest, APublishedPortMayBeAnotherThanTheOneThatListens) {
+  absl::StatusOr<std::unique_ptr<testing::Process>> view =
+      testing::StartIsoscope({"view", "--server", cluster_->address(), "--listen", "127.0.0.1:0",
+                              "--published", "view.example:9000"},
+                             {});
+  ISOSCOPE_ASSERT_OK(view);
+  const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
+  ISOSCOPE_ASSERT_OK(line);
+  EXPECT_TRUE(absl::StartsWith(*line, "http://view.example:9000/?token=")) << *line;
+}
+
 // --- in front of fakes, in this process ---
 
 // Renders until it is cancelled.

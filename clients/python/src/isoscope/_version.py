@@ -1,12 +1,13 @@
 """The version. In a wheel and in an sdist setup.py has put the version itself here, in place of this module.
 
-In a checkout it is that of the whole project, whose one place is `project()` in CMakeLists.txt; $ISOSCOPE_VERSION is
-taken instead where it is set. `git describe` of n commits after a tag becomes VERSION+n.gCOMMIT, as PEP 440 has it.
+In a checkout it is that of the whole project, which scripts/version.sh says; $ISOSCOPE_VERSION is taken instead where it
+is set. `git describe` of n commits after a tag becomes VERSION+n.gCOMMIT, as PEP 440 has it.
 """
 
 import os
 import pathlib
 import re
+import subprocess
 
 
 def python_version(text: str) -> str:
@@ -24,12 +25,8 @@ def _of_project() -> str:
     named = os.environ.get("ISOSCOPE_VERSION")
     if named:
         return named
-    root = pathlib.Path(__file__).resolve().parents[4]
-    text = (root / "CMakeLists.txt").read_text(encoding="utf-8")
-    match = re.search(r"project\(isoscope\s+VERSION\s+([0-9.]+)", text)
-    if match is None:
-        raise ValueError(f"{root / 'CMakeLists.txt'} names no version of the project isoscope")
-    return match[1]
+    script = pathlib.Path(__file__).resolve().parents[4] / "scripts" / "version.sh"
+    return subprocess.run(["bash", str(script)], check=True, capture_output=True, text=True).stdout.strip()
 
 
 __version__ = python_version(_of_project())

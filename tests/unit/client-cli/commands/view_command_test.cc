@@ -57,6 +57,7 @@ TEST(ViewCommandTest, WrongUsageIsNamed) {
       {{"view", "a", "--server", "h:1"}, "--server"},
       {{"view", "a", "--isovalue", "x"}, "--isovalue"},
       {{"view", "a", "--listen", "8080"}, "--listen"},
+      {{"view", "a", "--published", "8080"}, "--published"},
       {{"view", "a", "--isovale", "1"}, "--isovalue"},
       {{"view", "a", "--terminal", "--gateway-token-file", "t"}, "--gateway-token-file"},
   };
