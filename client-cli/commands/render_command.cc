@@ -301,6 +301,17 @@ void WarnIfTruncated(const std::vector<FrameRecord>& frames, const RenderFlags& 
   }
 }
 
+// Says which frames lack shards, also with --quiet.
+void WarnIfPartial(const std::vector<FrameRecord>& frames, const Context& context) {
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const std::string missing = DescribeMissingShards(frames[i].statistics);
+    if (!missing.empty()) {
+      *context.err << "isoscope: " << (frames.size() > 1 ? absl::StrCat("frame ", i, ": ") : "")
+                   << missing << std::endl;
+    }
+  }
+}
+
 // The stream for text: standard error if the statistics, or the bytes of the picture that a file
 // takes, go to standard output; nowhere with --quiet.
 std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
@@ -480,6 +491,7 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, last, context));
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   WarnIfTruncated(frames, flags, context);
+  WarnIfPartial(frames, context);
   const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
                            : flags.planes.files.any_plane() ? "planes"
                                                             : "picture";

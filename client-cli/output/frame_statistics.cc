@@ -149,12 +149,6 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_w
     absl::StrAppend(&text, "\n", frames.size() > 1 ? "Agents of the last frame:\n" : "",
                     agents.ToString(max_width));
   }
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const std::string missing = DescribeMissingShards(frames[i].statistics);
-    if (!missing.empty()) {
-      absl::StrAppend(&text, "\nWarning: frame ", i, ": ", missing, "\n");
-    }
-  }
   return text;
 }
 

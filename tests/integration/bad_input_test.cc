@@ -44,6 +44,7 @@ using testing::StatusIs;
 
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
+constexpr int kInterrupted = 130;
 constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
 
 std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
@@ -279,7 +280,7 @@ TEST_F(BadInputTest, RequestsThatCanNotBeRight) {
   ExpectFailure(with({"--isovalues", "3"}), kWrongUsage, {"--isovalues"});
   ExpectFailure(with({"--shards", "3"}), kWrongUsage, {"--shards 3", "2"});
   ExpectFailure(with({"--server", "127.0.0.1:1"}), kWrongUsage, {"--server"});
-  ExpectFailure(with({"--server", "nonsense"}), kWrongUsage, {"nonsense"});
+  ExpectFailure(with({"--server", "non:sense"}), kWrongUsage, {"non:sense"});
   ExpectFailure({"render", "--server", "127.0.0.1:1", "--isovalue", "1", "--output", Path("p.png"),
                  "--timeout", "5"},
                 kFailed, {"UNAVAILABLE", "127.0.0.1:1"});
@@ -668,7 +669,7 @@ TEST_F(InterruptedPartitionTest, CtrlCLeavesNothing) {
   process_->Signal(SIGINT);
   process_->Signal(SIGCONT);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, process_->Wait(testing::kPatience));
-  EXPECT_EQ(exit_code, kFailed);
+  EXPECT_EQ(exit_code, kInterrupted);
   EXPECT_THAT(process_->err(), AllOf(HasSubstr("CANCELLED"), HasSubstr("interrupted")));
   EXPECT_EQ(Entries(), std::vector<std::string>{"v.raw"});
 }

@@ -324,7 +324,9 @@ TEST_F(PartialFrameTest, TheCommandLineWarnsAndTheReturnOfTheAgentMakesThePictur
   partial.emplace_back("--allow-partial");
   const auto result = RunIsoscope(partial);
   EXPECT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, AllOf(HasSubstr("shard 1 is missing"), HasSubstr("% of the active")));
+  EXPECT_THAT(result.err, AllOf(HasSubstr("shard 1 is missing"), HasSubstr("% of the active")));
+  partial.emplace_back("--quiet");
+  EXPECT_THAT(RunIsoscope(partial).err, HasSubstr("shard 1 is missing")) << "never silently";
   // What may lack something is not kept as if it could be made again.
   const auto again = RunIsoscope({"render", "--server", coordinator_.address, "--like",
                                   directory_->Sub("p.png"), "--output", directory_->Sub("q.png")});

@@ -22,7 +22,7 @@ TEST(ConnectTest, WhatCanNotWorkIsRefusedAtOnce) {
   const auto refused = [](absl::string_view why) {
     return StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(std::string(why)));
   };
-  EXPECT_THAT(Connect({.address = "nowhere"}), refused("nowhere"));
+  EXPECT_THAT(Connect({.address = "nowhere:"}), refused("nowhere"));
   EXPECT_THAT(Connect({.address = "localhost:1", .transport = {.key_file = "a.key"}}),
               refused("belong together"));
   EXPECT_THAT(Connect({.address = "localhost:1", .token = "a", .token_file = "b"}),

@@ -20,6 +20,7 @@ extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfi
 namespace isoscope::client {
 namespace {
 
+using ::isoscope::testing::IsOk;
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
 

@@ -118,7 +118,7 @@ TEST(ParseValueTest, SurfacesHaveALevelAndPerhapsAColour) {
             (SurfaceValue{.isovalue = 30, .color = frame::Color{1, 0.5F, 0, 1}}));
   EXPECT_EQ(*ParseSurface("30:1,0.5,0:0.25"),
             (SurfaceValue{.isovalue = 30, .color = frame::Color{1, 0.5F, 0, 0.25F}}));
-  ExpectRefused(ParseSurface, {"", ":1,0,0", "30:", "30:red", "30:1,0", "x:1,0,0", "nan",
+  ExpectRefused(ParseSurface, {"", ":1,0,0", "30:", "30:reddish", "30:1,0", "x:1,0,0", "nan",
                                "30:1,1,1:0", "30:1,1,1:1.5", "30:1,1,1:-1", "30:1,1,1:nan",
                                "30:1,1,1:", "30:1,1,1:0.5:1", "30:0.5"});
 }
