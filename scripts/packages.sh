@@ -99,9 +99,12 @@ install_packages() {
   fi
   echo "isoscope: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
   "${as_root[@]}" apt-get update -qq </dev/null >&2 || return
-  # Its status goes to standard output: sudo closes all other files.
-  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-    -o Dpkg::Use-Pty=0 -o APT::Status-Fd=1 "${missing[@]}" </dev/null | show_apt_progress >&2
+  # Its status has a file of its own, opened behind sudo, which closes all but three: maintainer scripts find the
+  # status file closed.
+  # shellcheck disable=SC2016  # the inner shell expands
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive bash -c 'exec "$@" 3>&1' apt-get apt-get install -y -qq \
+    --no-install-recommends -o Dpkg::Use-Pty=0 -o APT::Status-Fd=3 "${missing[@]}" </dev/null |
+    show_apt_progress >&2
   return "${PIPESTATUS[0]}"
 }
 
