@@ -60,7 +60,7 @@ set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS "adduser")
 # OpenGL is opened at run time; without it, programs draw by the CPU.
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "libegl1, libopengl0, libgl1-mesa-dri, openssl")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "fonts-dejavu-core, libegl1, libopengl0, libgl1-mesa-dri, openssl")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "python3-isoscope, gnuplot-nox")
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "isosurfaces of volumes too large for one machine
 isoscope cuts, views, renders and exports volumes on one machine.
@@ -77,7 +77,7 @@ set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
 set(CPACK_DEBIAN_CLIENT_PACKAGE_NAME isoscope-dev)
 set(CPACK_DEBIAN_CLIENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_CLIENT_PACKAGE_DEPENDS
-  "libabsl-dev, libcairo2-dev, libgrpc++-dev, libhwy-dev, libisal-dev, libjpeg-dev, liblz4-dev, libmeshoptimizer-dev"
+  "libabsl-dev, libgrpc++-dev, libhwy-dev, libisal-dev, libjpeg-dev, liblz4-dev, libmeshoptimizer-dev, libpango1.0-dev"
   "libpng-dev, libprotobuf-dev, libspdlog-dev, libssl-dev, libtbb-dev, liburing-dev, libwebp-dev, libzstd-dev"
   "pkg-config, protobuf-compiler, protobuf-compiler-grpc, zlib1g-dev")
 list(JOIN CPACK_DEBIAN_CLIENT_PACKAGE_DEPENDS ", " CPACK_DEBIAN_CLIENT_PACKAGE_DEPENDS)

@@ -31,7 +31,7 @@ ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 
 # What the tests and benchmarks are built from besides; what the unit tests and the guards of the promises run with;
 # what the other tests run with: the Python client, shells, manuals.
 ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev)
-ISOSCOPE_UNIT_TEST_PACKAGES=(python3 openssl procps)
+ISOSCOPE_UNIT_TEST_PACKAGES=(git python3 openssl procps)
 ISOSCOPE_CLIENT_TEST_PACKAGES=(
   python3-grpcio python3-protobuf python3-numpy python3-pytest python3-mypy python3-pip python3-setuptools
   python3-wheel python3-build python3-venv python3-dask python3-cloudpickle python3-nbconvert python3-ipykernel
@@ -132,6 +132,7 @@ show_build_progress() {
       continue
     fi
     done_count="${BASH_REMATCH[1]}" all_count="${BASH_REMATCH[2]}" elapsed="${BASH_REMATCH[3]}"
+    ((all_count >= 10)) || continue  # over at once
     left=$((done_count > 0 ? elapsed * (all_count - done_count) / done_count : 0))
     printf -v text '[%d of %d files, %d:%02d min, about %d:%02d left]' "$done_count" "$all_count" \
       $((elapsed / 60)) $((elapsed % 60)) $((left / 60)) $((left % 60))
