@@ -54,6 +54,10 @@ if(ISOSCOPE_SANITIZE)
   # and compile in a fraction of the time.
   target_compile_definitions(isoscope_sanitizers INTERFACE
     "HWY_DISABLED_TARGETS=(HWY_SSSE3|HWY_SSE4|HWY_AVX3)")
+elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "^(aarch64|arm64)$")
+  # Its vectors have no size at compile time: they can't be members, as kernels have them. NEON it is.
+  target_compile_definitions(isoscope_sanitizers INTERFACE
+    "HWY_DISABLED_TARGETS=(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)")
 endif()
 
 if(ISOSCOPE_SANITIZE MATCHES thread AND CMAKE_CXX_COMPILER_ID STREQUAL GNU)

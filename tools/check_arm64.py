@@ -24,6 +24,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 COMPILER = "aarch64-linux-gnu-g++-12"
 # Floating-point contraction and warnings are the build's; what is native is not.
 DROPPED = ("-march", "-mtune", "-MD", "-MT", "-MF", "-o", "-c", "-include", "-Winvalid-pch")
+# As cmake/IsoscopeCompilerOptions.cmake has it.
+DISABLED_TARGETS = "(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)"
 WITH_VALUE = ("-MT", "-MF", "-o", "-include")
 
 
@@ -31,7 +33,7 @@ def cross(command: str) -> list[str]:
     """The arguments of a compile command, for the cross compiler."""
     words = shlex.split(command)
     first = next(i for i, word in enumerate(words) if word.endswith(("g++", "c++", "clang++", "clang++-14")))
-    arguments = [COMPILER, "-fsyntax-only"]
+    arguments = [COMPILER, "-fsyntax-only", f"-DHWY_DISABLED_TARGETS={DISABLED_TARGETS}"]
     words = words[first + 1 :]
     i = 0
     while i < len(words):
