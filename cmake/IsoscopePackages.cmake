@@ -35,7 +35,8 @@ foreach(pair IN ITEMS programs=isoscope client=isoscope-dev python=python3-isosc
   list(GET pair 0 component)
   list(GET pair 1 name)
   install(FILES "${package_folder}/changelog.gz" "${package_folder}/${name}/changelog.Debian.gz" cmake/debian/copyright
-    DESTINATION "share/doc/${name}" COMPONENT ${component} EXCLUDE_FROM_ALL)
+    DESTINATION "share/doc/${name}" COMPONENT ${component} EXCLUDE_FROM_ALL
+    OPTIONAL)  # `cmake --install --component client` finds no changelog, and needs none
 endforeach()
 
 set(CPACK_GENERATOR DEB)

@@ -253,9 +253,13 @@ TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
   EXPECT_GT(bench["rounds"][1]["refusals"], 0);
 
   const CommandResult refused =
-      RunIsoscopeBench({"clients", dataset, "--isovalue", "128"}, Options(kSystemPath));
+      RunIsoscopeBench({"clients", "--isovalue", "128"}, Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--server is missing"));
+  const CommandResult useless =
+      RunIsoscopeBench({"clients", dataset, "--isovalue", "128"}, Options(kSystemPath));
+  EXPECT_EQ(useless.exit_code, 2);
+  EXPECT_THAT(useless.err, HasSubstr("one argument too many"));
 }
 
 TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {

@@ -925,7 +925,7 @@ class RealTest(PageTest):
     def test_without_a_link_it_begins_as_the_command_line_does(self):
         run = {'check': True, 'cwd': self.folder, 'env': self.environment, 'stderr': subprocess.DEVNULL}
         histogram = json.loads(subprocess.run([self.program, 'info', self.volume, '--histogram', '--json'], stdout=subprocess.PIPE, **run).stdout)
-        isovalue = next(one['isovalue'] for one in histogram['histogram']['suggestions'] if one['method'] == 'between-classes')
+        isovalue = next(one['isovalue'] for one in histogram['histogram']['suggestions'] if one['method'] == 'between_classes')
         subprocess.run([self.program, 'render', self.volume, '--renderer', 'cpu', '--isovalue', str(isovalue), '--output', 'front.png',
                         '--save-camera', 'front.json'], stdout=subprocess.DEVNULL, **run)
         with open(os.path.join(self.folder, 'front.json'), encoding='utf-8') as file:
