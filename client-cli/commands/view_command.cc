@@ -1,6 +1,5 @@
-// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--published
-// HOST:PORT]
-//   [--no-open] [--gateway-token-file FILE]
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT]
+//   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 
 #include "client-cli/commands/view_command.h"

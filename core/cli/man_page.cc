@@ -96,8 +96,7 @@ std::string Options(const CommandDescription& command) {
 constexpr char kExitStatus[] =
     ".SH EXIT STATUS\n.TP\n0\nDone.\n.TP\n1\nThe request failed; standard error says why.\n.TP\n2\n"
     "Wrong usage; standard error says how it is right.\n.TP\n130\nEnded by Ctrl-C (128 and the "
-    "number of "
-    "another signal).\n";
+    "number of another signal).\n";
 
 }  // namespace
 

@@ -117,9 +117,7 @@ TEST(TaskArenaTest, InAOneThreadScopeALoopRunsOnItsThreadAlone) {
       EXPECT_EQ(ThreadsOfRunIn(arena.get()), std::set{std::this_thread::get_id()});
     }
     EXPECT_EQ(RunIn(arena.get(), [] { return 7; }), 7);
-    {
-      const OneThreadScope inner;
-    }
+    { const OneThreadScope inner; }
     EXPECT_EQ(ArenaOfThisThread(arena.get()).max_concurrency(), 1) << "the inner scope ended both";
   }
   EXPECT_EQ(&ArenaOfThisThread(arena.get()), arena.get());
