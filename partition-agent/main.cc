@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
 #include "core/base/log.h"
@@ -18,6 +19,7 @@
 #include "core/cli/flag_set.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
+#include "core/rpc/host_port.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "partition-agent/agent_server.h"
@@ -150,7 +152,8 @@ int Main(int argc, char** argv) {
       .log_name = "agent",
       .summary = "Serves the shards of isosurface datasets to a coordinator.",
       .examples = kExamples,
-      .defaults = {.listen_address = "127.0.0.1:50052", .max_queued_frames = 64},
+      .defaults = {.listen_address = absl::StrCat("127.0.0.1:", rpc::kAgentPort),
+                   .max_queued_frames = 64},
       .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =
           [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },

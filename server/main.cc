@@ -19,6 +19,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/flag_set.h"
+#include "core/rpc/host_port.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "server/admission/coordinator_memory.h"
@@ -62,8 +63,9 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   constexpr double kMaxSeconds = 86400;
   constexpr double kMinSeconds = 0.01;
   set->AddTexts("--agent", "TARGET", &flags->agents,
-                "An agent, HOST:PORT or any gRPC target; dns:///NAME:PORT: all behind the name; "
-                "file:PATH: those in a list, one a line, which is read again; repeatable",
+                "An agent, HOST[:PORT] or any gRPC target; dns:///NAME[:PORT]: all behind the "
+                "name; file:PATH: those in a list, one a line, which is read again; repeatable. "
+                "The port is 50052 where none is named",
                 /*splits_at_spaces=*/true)
       .Environment("ISOSCOPE_AGENT");
   set->AddNumber("--max-frame-seconds", &flags->max_frame_seconds, kMinSeconds, kMaxSeconds,
@@ -106,7 +108,7 @@ absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags
   }
   for (const std::string& target : flags.agents) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<std::string> list, ParseAgentListTarget(target));
-    std::vector<std::string> dialled = {target};
+    std::vector<std::string> dialled = {rpc::WithDefaultPort(target, rpc::kAgentPort)};
     if (list.has_value()) {
       ISOSCOPE_ASSIGN_OR_RETURN(dialled, ReadAgentList(*list));
     }
@@ -121,7 +123,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                                           const rpc::ServerFlags& server_flags) {
   CoordinatorServerOptions options;
   for (const std::string& target : flags.agents) {
-    options.agents.push_back({target, nullptr});
+    options.agents.push_back({rpc::WithDefaultPort(target, rpc::kAgentPort), nullptr});
   }
   options.listen_address = server_flags.listen_address;
   options.max_concurrent_frames = server_flags.max_concurrent_frames;
@@ -158,7 +160,8 @@ int Main(int argc, char** argv) {
       .log_name = "coordinator",
       .summary = "Serves pictures and meshes of isosurfaces, made by partition agents.",
       .examples = kExamples,
-      .defaults = {.listen_address = "127.0.0.1:50051", .max_queued_frames = 32},
+      .defaults = {.listen_address = absl::StrCat("127.0.0.1:", rpc::kCoordinatorPort),
+                   .max_queued_frames = 32},
       .dials = true,
       .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =

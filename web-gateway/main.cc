@@ -19,6 +19,7 @@
 #include "core/base/version.h"
 #include "core/cli/flag_set.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/host_port.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/server_program.h"
@@ -61,8 +62,11 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   constexpr int kMaxConnections = 65536;
   constexpr double kMinMeshBytes = 1 << 20;
   constexpr double kMaxMeshBytes = 1e15;
-  set->AddText("--server", "TARGET", &flags->server,
-               "The coordinator, HOST:PORT or any gRPC target")
+  const auto parse_server = [flags](absl::string_view target) {
+    flags->server = rpc::WithDefaultPort(target, rpc::kCoordinatorPort);
+    return absl::OkStatus();
+  };
+  set->Add("--server", "TARGET", parse_server, "The coordinator, HOST[:PORT] or any gRPC target")
       .DefaultText(flags->server)
       .Environment("ISOSCOPE_SERVER");
   const cli::Flag gateway_token =
@@ -266,7 +270,7 @@ int Main(int argc, char** argv) {
       .log_name = "gateway",
       .summary = "Serves the page, pictures over HTTP and views that move, from a coordinator.",
       .examples = kExamples,
-      .defaults = {.listen_address = "127.0.0.1:8080"},
+      .defaults = {.listen_address = absl::StrCat("127.0.0.1:", rpc::kGatewayPort)},
       .is_grpc_server = false,
       .dials = true,
       .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },

@@ -86,7 +86,7 @@ Action RegisterServeFlags(FlagSet* set) {
   const auto flags = std::make_shared<ServeFlags>();
   AddInputFlags(set, &flags->session);
   AddFlag(
-      set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
+      set, "--listen", "HOST[:PORT]", &flags->listen_address, rpc::ParseCoordinatorAddress,
       absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
   rpc::AddTransportFlags(set, &flags->transport, /*has_server_name=*/false);
   set->AddText("--tokens", "FILE", &flags->token_file,

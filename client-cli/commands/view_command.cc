@@ -232,10 +232,13 @@ Action RegisterViewFlags(FlagSet* set) {
   AddRendererFlag(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level to begin with, in field units (default: one that the samples suggest)");
-  AddFlag(set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
+  const auto parse_address = [](absl::string_view text) {
+    return rpc::ParseAddress(text, rpc::kGatewayPort);
+  };
+  AddFlag(set, "--listen", "HOST[:PORT]", &flags->listen_address, parse_address,
           absl::StrCat("where the page is; port 0 takes a free one (default: ", kFirstAddress,
                        ", or another port if that is taken)"));
-  AddFlag(set, "--published", "HOST:PORT", &flags->published_address, rpc::ParseHostPort,
+  AddFlag(set, "--published", "HOST[:PORT]", &flags->published_address, parse_address,
           "where people find the page if a container engine or a proxy publishes it: this address "
           "is printed, and --listen is 0.0.0.0 with its port unless given, without --insecure")
       .Environment("ISOSCOPE_VIEW_PUBLISHED");

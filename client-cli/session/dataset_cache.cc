@@ -102,8 +102,7 @@ std::string Sha256Hex(absl::string_view bytes) {
       absl::string_view(reinterpret_cast<const char*>(digest.data()), size));
 }
 
-// The name of a file without folders and endings, with nothing in it that a dataset's name may not
-// have.
+// The name of a file without folders and endings, as a dataset may be called.
 std::string ReadableStem(const std::string& path) {
   std::string stem = fs::path(path).filename().string();
   stem = stem.substr(0, stem.find('.', 1));
@@ -111,6 +110,9 @@ std::string ReadableStem(const std::string& path) {
     if (!absl::ascii_isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '_') {
       c = '_';
     }
+  }
+  if (stem.empty() || stem.front() == '-') {
+    stem.insert(0, "_");
   }
   return stem.substr(0, 40);
 }

@@ -28,11 +28,11 @@ absl::StatusOr<std::string> CacheDirectory();
 // With links resolved, as far as it exists: `path` need be no file.
 absl::StatusOr<std::string> AbsolutePath(const std::string& path);
 
-// The name of the dataset of a source volume: its own name and 16 hexadecimal digits of SHA-256
-// over its absolute path, over that, the size and the time of change of each of the `files` it is
-// read from (SourceFiles), and over `parameters` (everything else that the dataset depends on). The
-// path may have more to it than a file has, such as a dataset of an HDF5 file or a pattern.
-// NOT_FOUND, PERMISSION_DENIED.
+// The name of the entry of a source volume: the name of its dataset, which is that of its file,
+// '-', and 16 hexadecimal digits of SHA-256 over its absolute path, over that, the size and the
+// time of change of each of the `files` it is read from (SourceFiles), and over `parameters`
+// (everything else that the dataset depends on). The path may have more to it than a file has, such
+// as a dataset of an HDF5 file or a pattern. NOT_FOUND, PERMISSION_DENIED.
 absl::StatusOr<std::string> CacheKey(const std::string& source_path,
                                      const std::vector<std::string>& files,
                                      absl::string_view parameters);

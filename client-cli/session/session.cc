@@ -85,6 +85,7 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
                    << std::endl;
     }
     options.output_directory = directory;
+    options.name = key.substr(0, key.rfind('-'));  // people know their volume, not the cache
     return PartitionVolume(flags.source, input, options, context).status();
   };
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, AbsolutePath(input));

@@ -688,14 +688,15 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
       PlanPartition(layout, source.scalar_type(), options.shard_count, options.distribution,
                     source_bytes, options.memory_limit_bytes));
   ISOSCOPE_RETURN_IF_ERROR(ValidateOutput(output));
+  const std::string name = options.name.empty() ? BaseName(output) : options.name;
+  ISOSCOPE_RETURN_IF_ERROR(ValidateName(name));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
 
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<PartialDirectory> partial,
                             PartialDirectory::Create(io::PartialName(output)));
   // Declared after `partial`, so that its files are closed before `partial` is removed.
   Partitioner partitioner(&source, options, layout, plan, cancellation);
-  ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,
-                            partitioner.Run(partial->path(), BaseName(output)));
+  ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest, partitioner.Run(partial->path(), name));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
   ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(partial->path(), output));
   partial->Keep();

@@ -36,11 +36,18 @@ absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
   return absl::StrCat(text);
 }
 
-absl::StatusOr<std::string> ParseCoordinatorAddress(absl::string_view text) {
+std::string WithDefaultPort(absl::string_view text, int port) {
   const bool is_bracketed = text.size() > 2 && text.front() == '[' && text.back() == ']';
-  const bool has_port = absl::StrContains(text, ':') && !is_bracketed;
-  return ParseHostPort(has_port || text.empty() ? text
-                                                : absl::StrCat(text, ":", kDefaultCoordinatorPort));
+  const bool is_host = !text.empty() && (is_bracketed || !absl::StrContains(text, ':'));
+  return is_host ? absl::StrCat(text, ":", port) : std::string(text);
+}
+
+absl::StatusOr<std::string> ParseAddress(absl::string_view text, int default_port) {
+  return ParseHostPort(WithDefaultPort(text, default_port));
+}
+
+absl::StatusOr<std::string> ParseCoordinatorAddress(absl::string_view text) {
+  return ParseAddress(text, kCoordinatorPort);
 }
 
 }  // namespace isoscope::rpc

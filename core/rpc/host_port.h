@@ -14,10 +14,17 @@ namespace isoscope::rpc {
 // quotes it and says what is allowed.
 absl::StatusOr<std::string> ParseHostPort(absl::string_view text);
 
-// Of a coordinator, where an address names none.
-constexpr int kDefaultCoordinatorPort = 50051;
+// Where an address names no port.
+constexpr int kCoordinatorPort = 50051;
+constexpr int kAgentPort = 50052;
+constexpr int kGatewayPort = 8080;
 
-// The address of a coordinator: as ParseHostPort, or "HOST" alone, which gets the default port.
+// Returns "HOST" and "[IPV6]" with the port, all other texts and gRPC targets as they are.
+std::string WithDefaultPort(absl::string_view text, int port);
+
+// As ParseHostPort, and takes "HOST" alone, which gets the port.
+absl::StatusOr<std::string> ParseAddress(absl::string_view text, int default_port);
+// The same for a coordinator.
 absl::StatusOr<std::string> ParseCoordinatorAddress(absl::string_view text);
 
 }  // namespace isoscope::rpc

@@ -3,7 +3,11 @@
 #include <algorithm>
 
 #include "absl/status/status.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+
+#include "core/base/check.h"
+#include "core/rpc/host_port.h"
 
 namespace isoscope::rpc {
 
@@ -52,8 +56,13 @@ void AddTransportFlags(cli::FlagSet* set, TransportFlags* flags, bool has_server
 
 void AddServerFlags(cli::FlagSet* set, ServerFlags* flags, bool is_grpc_server, bool dials) {
   constexpr double kMaxDrainSeconds = 86400;
-  set->AddText("--listen", "HOST:PORT", &flags->listen_address,
-               "Address to serve on; port 0 takes a free one")
+  const auto parse_listen = [flags, usual = flags->listen_address](absl::string_view text) {
+    int port = 0;
+    ISOSCOPE_CHECK(absl::SimpleAtoi(usual.substr(usual.rfind(':') + 1), &port));
+    flags->listen_address = WithDefaultPort(text, port);
+    return absl::OkStatus();
+  };
+  set->Add("--listen", "HOST[:PORT]", parse_listen, "Address to serve on; port 0 takes a free one")
       .DefaultText(flags->listen_address)
       .Environment("ISOSCOPE_LISTEN");
   if (is_grpc_server) {

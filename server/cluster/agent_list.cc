@@ -11,6 +11,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/rpc/host_port.h"
 
 namespace isoscope::server {
 namespace {
@@ -44,9 +45,9 @@ absl::StatusOr<std::vector<std::string>> ReadAgentList(const std::string& path) 
     if (line.find_first_of(" \t") != absl::string_view::npos || absl::StartsWith(line, "dns:///") ||
         absl::StartsWith(line, "file:")) {
       return absl::InvalidArgumentError(absl::StrCat(path, ", line ", number, ": \"", line,
-                                                     "\" is not the HOST:PORT of one agent"));
+                                                     "\" is not the HOST[:PORT] of one agent"));
     }
-    targets.emplace(line);
+    targets.insert(rpc::WithDefaultPort(line, rpc::kAgentPort));
   }
   if (targets.empty()) {  // or a program is just writing it
     return absl::InvalidArgumentError(absl::StrCat(path, " names no agent"));

@@ -16,7 +16,7 @@ namespace isoscope::server {
 // Returns PATH of "file:PATH"; none for other targets. INVALID_ARGUMENT: the path is empty.
 absl::StatusOr<std::optional<std::string>> ParseAgentListTarget(absl::string_view target);
 
-// Reads a list: one HOST:PORT or gRPC target a line; empty lines, and what follows a '#', do not
+// Reads a list: one HOST[:PORT] or gRPC target a line; empty lines, and what follows a '#', do not
 // count. Returns the targets, ascending, each once; at least one. INVALID_ARGUMENT: there is none;
 // or, with its line, a blank in a target, or one that stands for several agents. Errors of the disk
 // as io::ReadWholeFile.

@@ -2,6 +2,7 @@
 
 #include <netdb.h>
 
+#include <cstddef>
 #include <set>
 
 #include "absl/cleanup/cleanup.h"
@@ -10,27 +11,30 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
+#include "core/rpc/host_port.h"
+
 namespace isoscope::server {
 
 absl::StatusOr<std::optional<DnsName>> ParseDnsTarget(absl::string_view target) {
   absl::string_view rest = target;
   if (rest.empty()) {
     return absl::InvalidArgumentError(
-        "agent target is empty: must be HOST:PORT or any gRPC target");
+        "agent target is empty: must be HOST[:PORT] or any gRPC target");
   }
   if (!absl::ConsumePrefix(&rest, "dns:///")) {
     return std::nullopt;
   }
-  const absl::string_view::size_type colon = rest.rfind(':');
-  absl::string_view host = rest.substr(0, colon);
-  if (colon == absl::string_view::npos || host.empty() || colon + 1 == rest.size()) {
+  const std::string address = rpc::WithDefaultPort(rest, rpc::kAgentPort);
+  const std::size_t colon = address.rfind(':');
+  absl::string_view host = absl::string_view(address).substr(0, colon);
+  if (colon == std::string::npos || host.empty() || colon + 1 == address.size()) {
     return absl::InvalidArgumentError(
-        absl::StrCat("agent target \"", target, "\": must be dns:///NAME:PORT"));
+        absl::StrCat("agent target \"", target, "\": must be dns:///NAME[:PORT]"));
   }
   if (absl::ConsumePrefix(&host, "[")) {
     absl::ConsumeSuffix(&host, "]");
   }
-  return DnsName{std::string(host), std::string(rest.substr(colon + 1))};
+  return DnsName{std::string(host), address.substr(colon + 1)};
 }
 
 absl::StatusOr<std::vector<std::string>> ResolveAddresses(const DnsName& name) {

@@ -1,5 +1,5 @@
-// Agent targets that are names in the DNS. "dns:///NAME:PORT" stands for an agent at every address
-// of the name. gRPC would use only one of the addresses, so this file resolves them.
+// Agent targets that are names in the DNS. "dns:///NAME[:PORT]" stands for an agent at every
+// address of the name. gRPC would use only one of the addresses, so this file resolves them.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_DNS_TARGET_H_
 #define ISOSCOPE_SERVER_CLUSTER_DNS_TARGET_H_
@@ -18,8 +18,9 @@ struct DnsName {
   std::string port;
 };
 
-// Returns the name in "dns:///host:port". Returns none for a target of another scheme, which gRPC
-// dials as it is. INVALID_ARGUMENT: an empty target, or a malformed name.
+// Returns the name in "dns:///host:port"; of "dns:///host" the port is that of agents. Returns none
+// for a target of another scheme, which gRPC dials as it is. INVALID_ARGUMENT: an empty target, or
+// a malformed name.
 absl::StatusOr<std::optional<DnsName>> ParseDnsTarget(absl::string_view target);
 
 // Returns all addresses of a name, as gRPC dials them, ascending. UNAVAILABLE if it fails. Blocks.

@@ -300,6 +300,7 @@ TEST_F(CliTest, ServeTakesAVolumeAndKeepsItInTheCache) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server, testing::StartIsoscope(serve, Options()));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, server->WaitForOutLine("127.0.0.1:"));
     const json info = ParseJson(MustRun({"info", "--server", address, "--json"}));
+    EXPECT_EQ(info.at("datasets").at(0).at("name"), "volume");
     EXPECT_EQ(info.at("datasets").at(0).at("shard_count"), 2);
     server->Signal(SIGINT);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, server->Wait(testing::kPatience));

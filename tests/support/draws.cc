@@ -40,7 +40,8 @@ std::size_t Limits::read_bytes() const {
 }
 
 std::ostream& operator<<(std::ostream& out, const Limits& limits) {
-  out << limits.thread_count << (limits.thread_count == 1 ? " thread, " : " threads, ");
+  out << limits.thread_count << (limits.thread_count == 1 ? " thread, " : " threads, ")
+      << (limits.one_thread_a_step ? "one a step, " : "");
   if (limits.memory_limit_bytes == Limits::kNoMemoryLimit) {
     return out << "no memory limit";
   }
@@ -53,6 +54,7 @@ Limits DrawLimits(Dice* dice) {
   if (!dice->OneIn(4)) {
     limits.memory_limit_bytes = dice->Size(kLeastMemoryLimitBytes, Limits::kNoMemoryLimit);
   }
+  limits.one_thread_a_step = dice->OneIn(2);
   return limits;
 }
 

@@ -57,6 +57,8 @@ struct Limits {
 
   int thread_count = 2;
   std::size_t memory_limit_bytes = kNoMemoryLimit;
+  // Each step of an agent computes on its own thread, as where a process has many agents.
+  bool one_thread_a_step = false;
 };
 
 inline constexpr std::array<int, 5> kThreadCounts = {1, 2, 3, 8, 32};
@@ -64,8 +66,8 @@ inline constexpr std::array<int, 5> kThreadCounts = {1, 2, 3, 8, 32};
 // agent::AgentMemory::kMinLimitBytes, which holds all meshes of the small volumes of tests.
 inline constexpr std::size_t kLeastMemoryLimitBytes = std::size_t{1} << 12;
 
-// Draws one of kThreadCounts, and a limit from kLeastMemoryLimitBytes to none: log-uniform, and
-// none in one of four.
+// Draws one of kThreadCounts, a limit from kLeastMemoryLimitBytes to none (log-uniform, and none in
+// one of four), and in one of two that a step has one thread.
 Limits DrawLimits(Dice* dice);
 
 }  // namespace isoscope::testing

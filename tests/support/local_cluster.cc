@@ -10,6 +10,7 @@
 
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/frame_pipeline.h"
@@ -90,18 +91,20 @@ class LocalAgentLink final : public server::AgentLink {
  public:
   // Of an agent that is lost after some events.
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
-                 const agent::AgentResources& resources, absl::Time deadline,
-                 std::unique_ptr<LossyListener> lossy)
-      : LocalAgentLink(std::move(shard), task, resources, deadline, lossy.get()) {
+                 const agent::AgentResources& resources, bool one_thread_a_step,
+                 absl::Time deadline, std::unique_ptr<LossyListener> lossy)
+      : LocalAgentLink(std::move(shard), task, resources, one_thread_a_step, deadline,
+                       lossy.get()) {
     lossy_ = std::move(lossy);
   }
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
-                 const agent::AgentResources& resources, absl::Time deadline,
-                 server::AgentListener* listener)
+                 const agent::AgentResources& resources, bool one_thread_a_step,
+                 absl::Time deadline, server::AgentListener* listener)
       : shard_(std::move(shard)),
         task_(task),
         identity_{absl::StrCat("local agent ", task.agent_index), {shard_->reader->shard_index()}},
         resources_(resources),
+        one_thread_a_step_(one_thread_a_step),
         cancellation_(deadline),
         listener_(listener),
         thread_([this] { listener_->OnEnd(Run()); }) {}
@@ -130,6 +133,10 @@ class LocalAgentLink final : public server::AgentLink {
 
  private:
   absl::Status Run() {
+    std::optional<base::OneThreadScope> alone;
+    if (one_thread_a_step_) {
+      alone.emplace();
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<agent::FramePipeline> pipeline,
         agent::FramePipeline::Make({shard_}, task_, resources_, &cancellation_));
@@ -186,6 +193,7 @@ class LocalAgentLink final : public server::AgentLink {
   const agent::FrameTask task_;
   const server::AgentIdentity identity_;
   const agent::AgentResources resources_;
+  const bool one_thread_a_step_;
   base::Cancellation cancellation_;
   server::AgentListener* const listener_;
   absl::Mutex mutex_;
@@ -298,11 +306,12 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
       const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),
                                          static_cast<std::uint64_t>(part_index));
       // A part has five events, and more with several bands.
-      return std::make_unique<LocalAgentLink>(shard, own, resources, cancellation.deadline(),
+      return std::make_unique<LocalAgentLink>(shard, own, resources, limits_.one_thread_a_step,
+                                              cancellation.deadline(),
                                               std::make_unique<LossyListener>(draw % 7, listener));
     }
-    return std::make_unique<LocalAgentLink>(shard, own, resources, cancellation.deadline(),
-                                            listener);
+    return std::make_unique<LocalAgentLink>(shard, own, resources, limits_.one_thread_a_step,
+                                            cancellation.deadline(), listener);
   };
   server::FrameOutcome outcome = server::RunFrame(setup, begin, cancellation);
   ISOSCOPE_RETURN_IF_ERROR(outcome.status);

@@ -15,6 +15,7 @@ TEST(DrawsTest, EachThreadCountAndEachMagnitudeOfLimitsHasItsTurn) {
   std::map<int, int> threads;
   int none = 0;
   int tight = 0;
+  int alone = 0;
   for (int i = 0; i < 1000; ++i) {
     const Limits limits = DrawLimits(&dice);
     ++threads[limits.thread_count];
@@ -22,6 +23,7 @@ TEST(DrawsTest, EachThreadCountAndEachMagnitudeOfLimitsHasItsTurn) {
     EXPECT_LE(limits.memory_limit_bytes, Limits::kNoMemoryLimit);
     none += limits.memory_limit_bytes == Limits::kNoMemoryLimit ? 1 : 0;
     tight += limits.kept_mesh_bytes() < (1 << 12) ? 1 : 0;
+    alone += limits.one_thread_a_step ? 1 : 0;
   }
   ASSERT_EQ(threads.size(), kThreadCounts.size());
   for (const int count : kThreadCounts) {
@@ -29,6 +31,8 @@ TEST(DrawsTest, EachThreadCountAndEachMagnitudeOfLimitsHasItsTurn) {
   }
   EXPECT_GT(none, 150);
   EXPECT_GT(tight, 100);
+  EXPECT_GT(alone, 400);
+  EXPECT_LT(alone, 600);
 }
 
 TEST(DrawsTest, SeedsFollowFromTheTestTheSaltAndTheEnvironment) {
@@ -47,8 +51,9 @@ TEST(DrawsTest, SeedsFollowFromTheTestTheSaltAndTheEnvironment) {
 TEST(DrawsTest, LimitsSayWhatTheyAre) {
   std::ostringstream text;
   text << Limits{.thread_count = 1} << "; "
-       << Limits{.thread_count = 3, .memory_limit_bytes = 4096};
-  EXPECT_EQ(text.str(), "1 thread, no memory limit; 3 threads, a memory limit of 4096 bytes");
+       << Limits{.thread_count = 3, .memory_limit_bytes = 4096, .one_thread_a_step = true};
+  EXPECT_EQ(text.str(),
+            "1 thread, no memory limit; 3 threads, one a step, a memory limit of 4096 bytes");
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <fstream>
 #include <latch>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -87,6 +88,16 @@ TEST(CacheKeyTest, ChangesWithEverythingTheDatasetDependsOn) {
 
   fs::copy(path, folder.Sub("other.nii.gz"));
   EXPECT_NE(key_of(folder.Sub("other.nii.gz"), "1 shard"), key_of(path, "1 shard"));
+}
+
+TEST(CacheKeyTest, BeginsWithANameThatADatasetMayHave) {
+  const TempDir folder;
+  for (const auto& [file, name] : std::map<std::string, std::string>{
+           {"-x.nrrd", "_-x"}, {"a.b.c", "a"}, {".hidden.mha", "_hidden"}, {"é", "__"}}) {
+    WriteText(folder.Sub(file), "x");
+    const std::string key = *CacheKey(folder.Sub(file), {folder.Sub(file)}, "");
+    EXPECT_EQ(key.substr(0, key.rfind('-')), name) << file;
+  }
 }
 
 TEST(CacheKeyTest, ChangesWithEveryFileOfTheSource) {

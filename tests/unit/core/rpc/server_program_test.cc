@@ -93,6 +93,8 @@ TEST(ServerProgramTest, TheFirstSignalDrainsTheServer) {
     std::raise(SIGTERM);  // waits until the program asks for it
     return [](absl::Duration grace) { std::cerr << "drains for " << grace << "\n"; };
   };
+  EXPECT_EXIT(RunAndExit({"--listen", "localhost"}, start), ExitedWithCode(0),
+              "listens on localhost:7\n");
   EXPECT_EXIT(RunAndExit({"--listen", "localhost:1", "--drain-seconds", "2.5"}, start),
               ExitedWithCode(0),
               "listens on localhost:1\n(.*\n)*.*shutdown signal=SIGTERM drain_seconds=2.5\n"

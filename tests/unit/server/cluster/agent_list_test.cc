@@ -43,6 +43,8 @@ TEST_F(AgentListTest, LinesAreTargetsAndCommentsAreNot) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto targets, Read("# shard 0\n  node1:50052\nnode0:50052 # old\r\n\nnode1:50052"));
   EXPECT_THAT(targets, ElementsAre("node0:50052", "node1:50052"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto host, Read("node2\n"));
+  EXPECT_THAT(host, ElementsAre("node2:50052"));
   EXPECT_THAT(Read("# nobody yet\n"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("names no agent")));
 }

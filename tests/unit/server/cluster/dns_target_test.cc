@@ -23,6 +23,9 @@ TEST(DnsTargetTest, NamesAreTakenApartAndOtherTargetsAreNone) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(name, ParseDnsTarget("dns:///[::1]:50052"));
   ASSERT_TRUE(name.has_value());
   EXPECT_EQ(name->host, "::1");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(name, ParseDnsTarget("dns:///agents.local"));
+  ASSERT_TRUE(name.has_value());
+  EXPECT_EQ(name->port, "50052");
   for (const char* other : {"localhost:50052", "unix:/run/agent", "dns:host:1"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(name, ParseDnsTarget(other));
     EXPECT_FALSE(name.has_value()) << other;
@@ -30,7 +33,7 @@ TEST(DnsTargetTest, NamesAreTakenApartAndOtherTargetsAreNone) {
 }
 
 TEST(DnsTargetTest, MalformedTargetsAreRefused) {
-  for (const char* bad : {"", "dns:///", "dns:///host", "dns:///:1", "dns:///host:"}) {
+  for (const char* bad : {"", "dns:///", "dns:///:1", "dns:///host:"}) {
     EXPECT_THAT(ParseDnsTarget(bad), StatusIs(absl::StatusCode::kInvalidArgument)) << bad;
   }
 }
