@@ -28,15 +28,15 @@ volumes="$(cd "$1" && pwd)"
 program="$(realpath "${2:-$repository/build/release/bin/isoscope}")"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
-ln -s "$volumes"/* /usr/share/mricron/templates/ch2.nii.gz "$work/" 2>/dev/null || true
+ln -s "$volumes"/* "$work/"
 mkdir "$work/bin"
 ln -s "$program" "$work/bin/isoscope"
 cd "$work"
 # A command ends with its line; a backslash goes on.
 sed -e ':next' -e '/\\$/{N;s/\\\n *//;b next' -e '}' "$repository/docs/gallery.md" |
-  sed -n 's/^ *\(isoscope render .*\)$/\1/p' |
+  sed -n 's/^ *\(isoscope [gr]en.*\)$/\1/p' |
   while IFS= read -r command; do
     echo "$command"
     PATH="$work/bin:$PATH" bash -c "$command" </dev/null >/dev/null
   done
-mv ./*.png "$repository/docs/gallery/"
+mv ./*.jpg ./*.png "$repository/docs/gallery/"
