@@ -170,8 +170,7 @@ class MeshSupply::Impl {
   // Part 1: delivers meshes that are kept, or whose samples are kept, and marks the others.
   absl::Status DeliverKept(const std::vector<ChosenMesh>& chosen, std::vector<char>* is_missing,
                            MeshSink* sink) {
-    const auto threads =
-        static_cast<std::size_t>(base::ArenaOfThisThread(&arena_).max_concurrency());
+    const auto threads = static_cast<std::size_t>(base::ConcurrencyOf(arena_));
     const std::size_t per_task = std::clamp(chosen.size() / (threads * kTasksPerThread),
                                             kMinMeshesPerTask, kMaxMeshesPerTask);
     // The first mesh of each task, or kNoMesh once it is done.

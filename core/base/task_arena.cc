@@ -119,9 +119,6 @@ class Placement final : public tbb::task_scheduler_observer {
   int inside_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
-// The arena of the scope that this thread is in.
-thread_local tbb::task_arena* scope_arena = nullptr;
-
 struct PlacedArena {
   // TBB makes more threads than there are CPUs only if this allows them.
   std::optional<tbb::global_control> allowed_threads;
@@ -148,15 +145,20 @@ std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count) {
   return {std::move(placed), arena};
 }
 
-OneThreadScope::OneThreadScope() : before_(scope_arena) {
+OneThreadScope::OneThreadScope() : before_(internal::OneThreadOfThisThread().arena) {
   thread_local tbb::task_arena alone(1);
-  scope_arena = &alone;
+  internal::OneThreadOfThisThread().arena = &alone;
 }
 
-OneThreadScope::~OneThreadScope() { scope_arena = before_; }
+OneThreadScope::~OneThreadScope() { internal::OneThreadOfThisThread().arena = before_; }
 
-tbb::task_arena& ArenaOfThisThread(tbb::task_arena* arena) {
-  return scope_arena != nullptr ? *scope_arena : *arena;
+int ConcurrencyOf(const tbb::task_arena& arena) {
+  return internal::OneThreadOfThisThread().arena != nullptr ? 1 : arena.max_concurrency();
+}
+
+internal::OneThread& internal::OneThreadOfThisThread() {
+  thread_local OneThread scope;
+  return scope;
 }
 
 }  // namespace isoscope::base
