@@ -131,6 +131,11 @@ tsan_tests() {
     TSAN_OPTIONS=halt_on_error=1 run_ctest build/tsan -R "^($(IFS='|' && echo "${targets[*]}"))\$"
 }
 
+# The n-th allocation of a frame, of its picture and of its reads fails, for every n.
+memory_tests() {
+  ISOSCOPE_EVERY_ALLOCATION=1 run_ctest build/release -R '^(frame_memory|picture_memory|read_queue_memory)_test$'
+}
+
 lock_tests() {
   python3 tools/check_locks.py build/release --jobs "$jobs"
 }
@@ -161,6 +166,7 @@ if [ "$rest" = true ] && [ "$status" -eq 0 ]; then
   run_stage "build of the rest" bash scripts/build.sh --with-tests --target release_tests
   if [ "$status" -eq 0 ]; then
     run_stage "other tests" other_tests
+    run_stage "failing allocations" memory_tests
     run_stage locks lock_tests
     run_stage fuzz fuzz_tests
     export ASAN_OPTIONS="${ASAN_OPTIONS:-detect_stack_use_after_return=1}"
