@@ -22,7 +22,7 @@ import sys
 
 # The rooms of each floor, from the top of the house to its ground.
 FLOORS = [
-    ["bench", "clients/cpp/example"],
+    ["bench", "bench/peers", "clients/cpp/example"],
     ["client-cli"],
     ["client-cli/commands"],
     ["client-cli/terminal"],

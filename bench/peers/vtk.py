@@ -27,9 +27,10 @@ import statistics
 import sys
 import time
 
-import numpy
-import vtk
-from vtk.util.numpy_support import numpy_to_vtk
+sys.path.pop(0)  # this folder: its vtk.py is not VTK
+import numpy  # noqa: E402
+import vtk  # noqa: E402
+from vtk.util.numpy_support import numpy_to_vtk  # noqa: E402
 
 
 def numbers(kind, count):
