@@ -34,9 +34,9 @@ ln -s "$program" "$work/bin/isoscope"
 cd "$work"
 # A command ends with its line; a backslash goes on.
 sed -e ':next' -e '/\\$/{N;s/\\\n *//;b next' -e '}' "$repository/docs/gallery.md" |
-  sed -n 's/^ *\(isoscope [gr]en.*\)$/\1/p' |
+  sed -n 's/^    *\(isoscope .*\|draw_shards.py .*\)$/\1/p' |
   while IFS= read -r command; do
     echo "$command"
-    PATH="$work/bin:$PATH" bash -c "$command" </dev/null >/dev/null
+    ISOSCOPE_BIN="$(dirname "$program")" PATH="$work/bin:$repository/tools:$PATH" bash -c "$command" </dev/null >/dev/null
   done
 mv ./*.jpg ./*.png "$repository/docs/gallery/"
