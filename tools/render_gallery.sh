@@ -9,7 +9,8 @@ Usage: tools/render_gallery.sh VOLUMES [PROGRAM]
   VOLUMES  folder with the volumes that docs/gallery.md names
   PROGRAM  isoscope (default: build/release/bin/isoscope)
 
-The pictures go to docs/gallery/.
+The pictures go to docs/gallery/. The one of a volume of 3.6 GB is made only with
+ISOSCOPE_GALLERY_LARGE=1.
 USAGE
 }
 
@@ -36,6 +37,9 @@ cd "$work"
 sed -e ':next' -e '/\\$/{N;s/\\\n *//;b next' -e '}' "$repository/docs/gallery.md" |
   sed -n 's/^    *\(isoscope .*\|draw_shards.py .*\)$/\1/p' |
   while IFS= read -r command; do
+    if [[ "$command" == *" big"* && -z "${ISOSCOPE_GALLERY_LARGE:-}" ]]; then
+      continue
+    fi
     echo "$command"
     ISOSCOPE_BIN="$(dirname "$program")" PATH="$work/bin:$repository/tools:$PATH" bash -c "$command" </dev/null >/dev/null
   done
