@@ -9,7 +9,7 @@
 namespace isoscope::render {
 namespace {
 
-// docs/architecture.md, "Memory", says how much a pass may keep.
+// docs/operations.md, "Memory", says how much a pass may keep.
 std::unique_ptr<Renderer> MakeCpuRenderer(const RendererOptions& options) {
   CpuRendererOptions cpu;
   cpu.max_kept_bytes = options.max_kept_mesh_bytes;

@@ -1,4 +1,4 @@
-// The memory limit of a coordinator, split up (docs/architecture.md, "Memory").
+// The memory limit of a coordinator, split up (docs/operations.md, "Memory").
 
 #ifndef ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
 #define ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
