@@ -6,10 +6,12 @@
 #ifndef ISOSCOPE_SERVER_FRAME_EVENT_QUEUE_H_
 #define ISOSCOPE_SERVER_FRAME_EVENT_QUEUE_H_
 
+#include <algorithm>
 #include <cstddef>
 #include <deque>
 #include <functional>
 #include <memory>
+#include <new>
 #include <optional>
 #include <string>
 #include <utility>
@@ -19,10 +21,13 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
+#include "core/base/no_memory.h"
+#include "core/base/status_macros.h"
 #include "core/frame/agent_statistics.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/volume/block_layout.h"
@@ -55,25 +60,77 @@ struct FrameEvent {
 class EventQueue {
  public:
   // Agents' threads call it, which nobody could tell of an exception.
-  void Push(FrameEvent event) noexcept ABSL_LOCKS_EXCLUDED(mutex_);
+  void Push(FrameEvent event) noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
+    bool wakes = false;
+    {
+      const base::MutexLock lock(&mutex_);
+      const bool was_ready = IsReady();
+      has_urgent_one_ = has_urgent_one_ || IsUrgent(event);
+      try {
+        events_.push_back(std::move(event));
+      } catch (const std::bad_alloc&) {
+        has_lost_one_ = true;
+      }
+      wakes = !was_ready && IsReady();
+    }
+    // Without the mutex, which the woken thread needs at once. The queue outlives all pushes.
+    if (wakes) {
+      arrived_.Signal();
+    }
+  }
 
   // Says how many events that end `stage` the frame needs to go on, at least 1. Whatever else comes
   // makes the queue ready. A thread that is woken for nothing costs as much as an event.
-  void SetNeeded(const FrameProtocol::Awaited& needed) ABSL_LOCKS_EXCLUDED(mutex_);
-  [[nodiscard]] bool is_ready() const ABSL_LOCKS_EXCLUDED(mutex_);
+  void SetNeeded(const FrameProtocol::Awaited& needed) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    needed_ = needed;
+    for (const FrameEvent& event : events_) {
+      has_urgent_one_ = has_urgent_one_ || IsUrgent(event);
+    }
+  }
+  [[nodiscard]] bool is_ready() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return IsReady();
+  }
 
   // Waits until the queue is ready, or until `wake`, and returns all events that have come; none
   // may have. Returns the cancellation's error if it fires first. RESOURCE_EXHAUSTED if there was
   // no memory for an event.
   absl::StatusOr<std::deque<FrameEvent>> PopAll(absl::Time wake,
                                                 const base::Cancellation& cancellation)
-      ABSL_LOCKS_EXCLUDED(mutex_);
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::deque<FrameEvent> events;
+    const base::Cancellation::Callback stop(cancellation, [this] {
+      const base::MutexLock lock(&mutex_);
+      arrived_.SignalAll();
+    });
+    const base::MutexLock lock(&mutex_);
+    arrived_.AwaitUntil(&mutex_, std::min(wake, cancellation.deadline()),
+                        [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+                          return IsReady() || cancellation.is_cancelled();
+                        });
+    if (has_lost_one_) {
+      return base::NoMemory("an agent's message");
+    }
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());  // what has come stays, for TakeAll
+    events.swap(events_);
+    has_urgent_one_ = false;
+    return events;
+  }
   // Returns the events that have come and nobody has waited for.
-  std::deque<FrameEvent> TakeAll() ABSL_LOCKS_EXCLUDED(mutex_);
+  std::deque<FrameEvent> TakeAll() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return std::exchange(events_, {});
+  }
 
  private:
-  [[nodiscard]] bool IsUrgent(const FrameEvent& event) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  [[nodiscard]] bool IsReady() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  // A stream ends right after its frame is done.
+  [[nodiscard]] bool IsUrgent(const FrameEvent& event) const ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    return event.ended_stage != needed_.stage && event.ended_stage != FrameStage::kDone;
+  }
+  [[nodiscard]] bool IsReady() const ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    return has_urgent_one_ || has_lost_one_ || events_.size() >= needed_.count;
+  }
 
   mutable base::Mutex mutex_;
   base::CondVar arrived_;
@@ -93,7 +150,14 @@ class QueueingListener final : public AgentListener {
   void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
     Push(AgentWord::kRayHits, RayHits{std::move(hits), std::move(active)});
   }
-  void OnPixels(std::vector<std::string> bands) override;
+  void OnPixels(std::vector<std::string> bands) override {
+    std::size_t bytes = 0;
+    for (const std::string& band : bands) {
+      bytes += band.size();
+    }
+    auto hold = std::make_shared<const ReadGate::Hold>(gate_.Add(bytes));
+    Push(AgentWord::kPixels, Bands{std::move(bands), std::move(hold)});
+  }
   void OnDrawnPixels(image::DrawnPixels pixels) override {
     Push(AgentWord::kPixels, std::move(pixels));
   }
@@ -105,7 +169,15 @@ class QueueingListener final : public AgentListener {
   void WhenRoom(std::function<void()> read) override { gate_.WhenRoom(std::move(read)); }
 
  private:
-  void Push(AgentWord word, FrameEvent::Content content, absl::Status status = absl::OkStatus());
+  void Push(AgentWord word, FrameEvent::Content content, absl::Status status = absl::OkStatus()) {
+    std::optional<FrameStage> ended_stage = EndedStage(word, status);
+    if (ended_stage == stage_) {
+      stage_ = NextStage(stage_);
+    } else {
+      ended_stage.reset();
+    }
+    queue_->Push({{id_, word, absl::Now(), std::move(status)}, std::move(content), ended_stage});
+  }
 
   const AttemptId id_;
   EventQueue* const queue_;

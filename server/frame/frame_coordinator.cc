@@ -51,12 +51,7 @@ class Frame {
         start_(absl::Now()),
         phase_start_(start_),
         gate_(setup.max_waiting_bytes),
-        protocol_({.replica_counts = setup.replica_counts,
-                   .first_stage = FirstStage(setup),
-                   .begin = start_,
-                   .deadline = cancellation.deadline(),
-                   .is_lost = setup.is_lost,
-                   .may_hedge = setup.may_hedge}),
+        protocol_(setup, FirstStage(setup), start_, cancellation.deadline()),
         links_(setup.replica_counts.size()),
         reduction_(setup, links_.size(), std::move(image)),
         pixels_(&reduction_, setup.arena, [this] {
@@ -90,10 +85,7 @@ class Frame {
       gate_.Open();
       links_.clear();
     }
-    FrameProtocol::Report report = protocol_.TakeReport();
-    outcome.failures = std::move(report.failures);
-    outcome.outrun = std::move(report.outrun);
-    outcome.hedge_count = report.hedge_count;
+    static_cast<AgentReport&>(outcome) = protocol_.TakeReport();
     if (outcome.status.ok()) {
       outcome.result = TakeResult();
     }
@@ -349,12 +341,14 @@ FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
     trace.End();
     return Frame(setup, begin, cancellation, std::move(image)).Run();
   } catch (const std::bad_alloc&) {
-    return {.status = base::OrNoMemory("a picture", [&] {
-              // Not StrFormat, which ends the process if memory runs out.
-              return absl::ResourceExhaustedError(
-                  absl::StrCat("the coordinator has no memory for a picture of ", size.width_px,
-                               " x ", size.height_px, " pixels"));
-            })};
+    FrameOutcome outcome;
+    outcome.status = base::OrNoMemory("a picture", [&] {
+      // Not StrFormat, which ends the process if memory runs out.
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the coordinator has no memory for a picture of ", size.width_px, " x ",
+                       size.height_px, " pixels"));
+    });
+    return outcome;
   }
 }
 

@@ -21,18 +21,13 @@
 #include "core/frame/agent_statistics.h"
 #include "server/admission/frame_board.h"
 #include "server/frame/agent_link.h"
+#include "server/frame/frame_protocol.h"
 #include "server/frame/reduction.h"
 
 namespace isoscope::server {
 
 // The input of a frame. All objects that it points to outlive the frame.
-struct FrameSetup : ReductionSetup {
-  // How many replicas can work on each part; at least 1.
-  std::vector<int> replica_counts;
-  // Returns true if a replica that a part is tried on no longer answers. Null: nobody knows.
-  std::function<bool(int part_index, int replica_index)> is_lost;
-  // Asked before a part that is only slow is also tried on a replica. Null: never.
-  std::function<bool(int part_index, int replica_index)> may_hedge;
+struct FrameSetup : ReductionSetup, ReplicaSetup {
   // While more bytes of bands wait to be composited, no message of an agent is read.
   std::size_t max_waiting_bytes = std::numeric_limits<std::size_t>::max();
   std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
@@ -48,18 +43,12 @@ struct FrameResult : ReducedFrame {
 };
 
 // A frame that ran to its end.
-struct FrameOutcome {
-  absl::Status status;  // OK: `result` is complete
+struct FrameOutcome : AgentReport {
+  absl::Status status = absl::OkStatus();  // OK: `result` is complete
   FrameResult result = {};
-  // The agents that failed, also those whose part another one then did.
-  std::vector<AgentFailure> failures = {};
-  // The agents whose part a replica finished first.
-  std::vector<AgentIdentity> outrun = {};
   // The parts that nobody could do when the frame failed, ascending: the one that ended it, and
   // those that were lost with it. Empty if the same would happen to other parts.
   std::vector<std::size_t> lost_parts = {};
-  // Number of second attempts that may_hedge allowed.
-  int hedge_count = 0;
 };
 
 // Begins a part of the frame on the replica of this index; `listener` outlives the link.

@@ -1,6 +1,7 @@
 #include "server/frame/frame_protocol.h"
 
 #include <algorithm>
+#include <array>
 #include <string>
 #include <utility>
 
@@ -30,22 +31,20 @@ bool IsLoss(const absl::Status& status) {
          absl::IsDataLoss(status);
 }
 
-const char* NameOf(AgentWord word) {
-  switch (word) {
-    case AgentWord::kRayHits:
-      return "ray hits";
-    case AgentWord::kOccludersDone:
-      return "the end of the occluders";
-    case AgentWord::kFrameDone:
-      return "the end of the frame";
-    case AgentWord::kEnd:
-      return "the end of the stream";
-    case AgentWord::kPixels:
-    case AgentWord::kDamaged:
-      break;
-  }
-  return "pixels";
-}
+struct WordRule {
+  const char* name;
+  std::optional<FrameStage> ends;
+};
+constexpr std::array<WordRule, 6> kWords = {{
+    // by AgentWord
+    {"ray hits", FrameStage::kSelectingOccluders},
+    {"pixels", std::nullopt},
+    {"the end of the occluders", FrameStage::kRenderingOccluders},
+    {"the end of the frame", FrameStage::kRenderingVisible},
+    {"the end of the stream", FrameStage::kDone},
+    {"damaged pixels", std::nullopt},
+}};
+constexpr const WordRule& RuleOf(AgentWord word) { return kWords[static_cast<std::size_t>(word)]; }
 
 // Returns the error of the last of `attempt_count` agents.
 absl::Status OfLastAgent(const absl::Status& error, std::size_t attempt_count) {
@@ -63,26 +62,17 @@ absl::Status OfLastAgent(const absl::Status& error, std::size_t attempt_count) {
 }  // namespace
 
 std::optional<FrameStage> EndedStage(AgentWord word, const absl::Status& status) {
-  switch (word) {
-    case AgentWord::kRayHits:
-      return FrameStage::kSelectingOccluders;
-    case AgentWord::kOccludersDone:
-      return FrameStage::kRenderingOccluders;
-    case AgentWord::kFrameDone:
-      return FrameStage::kRenderingVisible;
-    case AgentWord::kEnd:
-      return status.ok() ? std::optional(FrameStage::kDone) : std::nullopt;
-    case AgentWord::kPixels:
-    case AgentWord::kDamaged:
-      break;
-  }
-  return std::nullopt;
+  return status.ok() ? RuleOf(word).ends : std::nullopt;
 }
 
-FrameProtocol::FrameProtocol(ProtocolSetup setup)
-    : setup_(std::move(setup)),
-      parts_(setup_.replica_counts.size(), {.stage = setup_.first_stage}),
-      step_(setup_.first_stage) {}
+FrameProtocol::FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, absl::Time begin,
+                             absl::Time deadline)
+    : setup_(setup),
+      first_stage_(first_stage),
+      begin_(begin),
+      deadline_(deadline),
+      parts_(setup.replica_counts.size(), {.stage = first_stage}),
+      step_(first_stage) {}
 
 Commands FrameProtocol::Begin() {
   Commands commands;
@@ -95,7 +85,7 @@ Commands FrameProtocol::Begin() {
 // REQUIRES: there is one.
 Command FrameProtocol::TryNextReplica(std::size_t part_index) {
   std::vector<Attempt>& attempts = parts_[part_index].attempts;
-  attempts.push_back({.stage = setup_.first_stage});
+  attempts.push_back({.stage = first_stage_});
   return {.kind = Kind::kBegin, .attempt = {part_index, attempts.size() - 1}};
 }
 
@@ -128,7 +118,7 @@ absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
                        attempt.stage == FrameStage::kRenderingVisible;
     return draws && is_asked ? Commands{{.attempt = event.from}} : OutOfOrder(event);
   }
-  if (EndedStage(event.word, absl::OkStatus()) != attempt.stage || !is_asked) {
+  if (RuleOf(event.word).ends != attempt.stage || !is_asked) {
     return OutOfOrder(event);
   }
   attempt.stage = NextStage(attempt.stage);
@@ -203,8 +193,9 @@ absl::StatusOr<Commands> FrameProtocol::Fail(AttemptId id, const absl::Status& s
 }
 
 absl::StatusOr<Commands> FrameProtocol::OutOfOrder(const AgentEvent& event) {
-  return Fail(event.from, absl::InternalError(absl::StrFormat(
-                              "sent %s out of order; its version may differ", NameOf(event.word))));
+  return Fail(event.from,
+              absl::InternalError(absl::StrFormat("sent %s out of order; its version may differ",
+                                                  RuleOf(event.word).name)));
 }
 
 void FrameProtocol::NoteFailure(AttemptId id, FrameStage stage, absl::Status status) {
@@ -246,7 +237,8 @@ Commands FrameProtocol::Watch(absl::Time now, absl::Time step_begin) {
     }
     const auto live = std::find_if(part.attempts.begin(), part.attempts.end(),
                                    [](const Attempt& attempt) { return attempt.is_live; });
-    if (IsLate(i, static_cast<std::size_t>(live - part.attempts.begin()), now)) {
+    if (IsGone(i, static_cast<std::size_t>(live - part.attempts.begin())) ||
+        now - live->begin > (deadline_ - live->begin) / kDeadlineShare) {
       commands.push_back(TryNextReplica(i));
     } else if (IsSlow(part, now, step_begin) && setup_.may_hedge != nullptr &&
                setup_.may_hedge(static_cast<int>(i), static_cast<int>(part.attempts.size()))) {
@@ -255,11 +247,6 @@ Commands FrameProtocol::Watch(absl::Time now, absl::Time step_begin) {
     }
   }
   return commands;
-}
-
-bool FrameProtocol::IsLate(std::size_t part_index, std::size_t replica, absl::Time now) const {
-  const absl::Time begin = parts_[part_index].attempts[replica].begin;
-  return IsGone(part_index, replica) || now - begin > (setup_.deadline - begin) / kDeadlineShare;
 }
 
 // Returns true if a part takes twice as long as the slowest of the others, which are at least as
@@ -315,14 +302,14 @@ absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late, abs
       const Attempt& attempt = parts_[i].attempts[replica];
       const bool is_last = replica + 1 == parts_[i].attempts.size();
       if (attempt.is_live || (is_last && LiveCount(parts_[i]) == 0)) {
-        waiting.push_back(server::NameOf(attempt.agent));
+        waiting.push_back(NameOf(attempt.agent));
         NoteFailure({i, replica}, slowest, absl::DeadlineExceededError("had not answered"));
       }
     }
   }
   return absl::DeadlineExceededError(
       absl::StrFormat("the frame's deadline passed after %s; not answered: %s",
-                      absl::FormatDuration(absl::Trunc(now - setup_.begin, absl::Milliseconds(1))),
+                      absl::FormatDuration(absl::Trunc(now - begin_, absl::Milliseconds(1))),
                       absl::StrJoin(waiting, ", ")));
 }
 

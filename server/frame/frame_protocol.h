@@ -64,7 +64,7 @@ struct AgentEvent {
   absl::Status status = absl::OkStatus();  // with kEnd and kDamaged
 };
 
-// Returns the stage that the word ends, if its agent is at that stage.
+// Returns the stage that the word ends, if its agent is at that stage. An end in error ends none.
 std::optional<FrameStage> EndedStage(AgentWord word, const absl::Status& status);
 // REQUIRES: not kEnded.
 constexpr FrameStage NextStage(FrameStage stage) {
@@ -86,21 +86,32 @@ struct Command {
 };
 using Commands = std::vector<Command>;
 
-struct ProtocolSetup {
-  std::vector<int> replica_counts;  // of each part; at least 1
-  FrameStage first_stage = FrameStage::kSelectingOccluders;
-  absl::Time begin;
-  absl::Time deadline = absl::InfiniteFuture();
+// Who can work on the parts.
+struct ReplicaSetup {
+  // How many replicas can work on each part; at least 1.
+  std::vector<int> replica_counts;
   // Returns true if a replica that a part is tried on no longer answers. Null: nobody knows.
-  std::function<bool(int part_index, int replica_index)> is_lost = nullptr;
+  std::function<bool(int part_index, int replica_index)> is_lost;
   // Asked before a part that is only slow is also tried on a replica. Null: never.
-  std::function<bool(int part_index, int replica_index)> may_hedge = nullptr;
+  std::function<bool(int part_index, int replica_index)> may_hedge;
+};
+
+// What a frame learnt of its agents.
+struct AgentReport {
+  // The agents that failed, also those whose part another one then did.
+  std::vector<AgentFailure> failures = {};
+  // The agents whose part a replica finished first.
+  std::vector<AgentIdentity> outrun = {};
+  // Number of second attempts that may_hedge allowed.
+  int hedge_count = 0;
 };
 
 // Thread-compatible. O(parts) a call at most, but for their attempts.
 class FrameProtocol {
  public:
-  explicit FrameProtocol(ProtocolSetup setup);
+  // first_stage: kRenderingVisible without culling. `setup` outlives the protocol.
+  FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, absl::Time begin,
+                absl::Time deadline);
 
   // The frame begins: one attempt of each part.
   Commands Begin();
@@ -133,13 +144,7 @@ class FrameProtocol {
   // REQUIRES: the frame is over.
   [[nodiscard]] AttemptId WinnerOf(std::size_t part) const { return {part, *parts_[part].winner}; }
 
-  // What the frame learnt of its agents.
-  struct Report {
-    std::vector<AgentFailure> failures = {};  // also of those whose part another one then did
-    std::vector<AgentIdentity> outrun = {};   // whose part a replica finished first
-    int hedge_count = 0;                      // second attempts that may_hedge allowed
-  };
-  [[nodiscard]] Report TakeReport() { return std::move(report_); }
+  AgentReport TakeReport() { return std::exchange(report_, {}); }
 
  private:
   struct Attempt {
@@ -166,7 +171,6 @@ class FrameProtocol {
   [[nodiscard]] Attempt& AttemptOf(AttemptId id) { return parts_[id.part].attempts[id.replica]; }
   [[nodiscard]] Command Send(AttemptId id) const;
   [[nodiscard]] bool HasSpare(std::size_t part_index) const;
-  [[nodiscard]] bool IsLate(std::size_t part_index, std::size_t replica, absl::Time now) const;
   [[nodiscard]] bool IsSlow(const Part& part, absl::Time now, absl::Time step_begin) const;
   [[nodiscard]] bool IsGone(std::size_t part_index, std::size_t replica) const;
   [[nodiscard]] bool IsLost(std::size_t part_index) const;
@@ -174,12 +178,15 @@ class FrameProtocol {
   static FrameStage ProgressOf(const Part& part);
   static std::size_t LiveCount(const Part& part);
 
-  const ProtocolSetup setup_;
+  const ReplicaSetup& setup_;
+  const FrameStage first_stage_;
+  const absl::Time begin_;
+  const absl::Time deadline_;
   std::vector<Part> parts_;
   FrameStage step_;  // the last one that has begun
   absl::Time last_arrival_;
   std::optional<std::size_t> lost_part_;  // that ended the frame
-  Report report_;
+  AgentReport report_;
 };
 
 }  // namespace isoscope::server
