@@ -72,7 +72,9 @@ class Frame {
         result_.network_bytes += LinkOf(protocol_.WinnerOf(i)).network_bytes();
       }
     } else {
-      outcome.lost_parts = protocol_.LostParts(TakeLate(), outcome.status);
+      if (protocol_.has_lost_part()) {
+        outcome.lost_parts = protocol_.LostParts(TakeLate());
+      }
       for (std::vector<Link>& of_part : links_) {
         for (Link& link : of_part) {
           link.link->Cancel();

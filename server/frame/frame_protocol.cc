@@ -181,14 +181,16 @@ absl::StatusOr<Commands> FrameProtocol::Fail(AttemptId id, const absl::Status& s
     part.winner.reset();
   }
   Commands commands{{.kind = Kind::kCancel, .attempt = id}};
-  if (LiveCount(part) > 0) {
+  if (part.live_count() > 0) {
     return commands;
   }
   if (HasSpare(id.part) && IsRepeatable(status)) {
     commands.push_back(TryNextReplica(id.part));
     return commands;
   }
-  lost_part_ = id.part;
+  if (IsLoss(status)) {
+    lost_part_ = id.part;
+  }
   return OfLastAgent(report_.failures.back().ToStatus(), part.attempts.size());
 }
 
@@ -232,7 +234,7 @@ Commands FrameProtocol::Watch(absl::Time now, absl::Time step_begin) {
   Commands commands;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const Part& part = parts_[i];
-    if (part.winner.has_value() || !HasSpare(i) || LiveCount(part) != 1) {
+    if (part.winner.has_value() || !HasSpare(i) || part.live_count() != 1) {
       continue;
     }
     const auto live = std::find_if(part.attempts.begin(), part.attempts.end(),
@@ -255,7 +257,7 @@ bool FrameProtocol::IsSlow(const Part& part, absl::Time now, absl::Time step_beg
   std::size_t behind = 0;
   absl::Duration slowest = kMinSlowDuration / 2;
   for (const Part& other : parts_) {
-    if (ProgressOf(other) <= part.stage) {
+    if (other.progress() <= part.stage) {
       ++behind;
     } else {
       slowest = std::max(slowest, other.stage_begin - step_begin);
@@ -295,13 +297,13 @@ absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late, abs
   const FrameStage slowest = awaited().stage;
   std::vector<std::string> waiting;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
-    if (ProgressOf(parts_[i]) != slowest) {
+    if (parts_[i].progress() != slowest) {
       continue;
     }
     for (std::size_t replica = 0; replica < parts_[i].attempts.size(); ++replica) {
       const Attempt& attempt = parts_[i].attempts[replica];
       const bool is_last = replica + 1 == parts_[i].attempts.size();
-      if (attempt.is_live || (is_last && LiveCount(parts_[i]) == 0)) {
+      if (attempt.is_live || (is_last && parts_[i].live_count() == 0)) {
         waiting.push_back(NameOf(attempt.agent));
         NoteFailure({i, replica}, slowest, absl::DeadlineExceededError("had not answered"));
       }
@@ -313,12 +315,7 @@ absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late, abs
                       absl::StrJoin(waiting, ", ")));
 }
 
-std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> late,
-                                                  const absl::Status& error) {
-  std::vector<std::size_t> lost;
-  if (!lost_part_.has_value() || !IsLoss(error)) {
-    return lost;
-  }
+std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> late) {
   for (const AgentEvent& event : late) {
     Attempt& attempt = AttemptOf(event.from);
     if (event.word == AgentWord::kEnd && attempt.is_live && attempt.stage != FrameStage::kDone &&
@@ -327,6 +324,7 @@ std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> l
       NoteFailure(event.from, attempt.stage, event.status);
     }
   }
+  std::vector<std::size_t> lost;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     if (i == *lost_part_ || IsLost(i)) {
       lost.push_back(i);
@@ -338,33 +336,13 @@ std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> l
 FrameProtocol::Awaited FrameProtocol::awaited() const {
   Awaited awaited;
   for (const Part& part : parts_) {
-    const FrameStage progress = ProgressOf(part);
+    const FrameStage progress = part.progress();
     if (progress < awaited.stage) {
       awaited = {.count = 0, .stage = progress};
     }
     awaited.count += progress == awaited.stage ? 1 : 0;
   }
   return awaited;
-}
-
-FrameStage FrameProtocol::ProgressOf(const Part& part) {
-  return part.winner.has_value() ? part.attempts[*part.winner].stage : part.stage;
-}
-
-std::size_t FrameProtocol::LiveCount(const Part& part) {
-  return static_cast<std::size_t>(
-      std::count_if(part.attempts.begin(), part.attempts.end(),
-                    [](const Attempt& attempt) { return attempt.is_live; }));
-}
-
-bool FrameProtocol::HasSpare(std::size_t part_index) const {
-  return parts_[part_index].attempts.size() <
-         static_cast<std::size_t>(setup_.replica_counts[part_index]);
-}
-
-bool FrameProtocol::has_replicas() const {
-  return std::any_of(setup_.replica_counts.begin(), setup_.replica_counts.end(),
-                     [](int count) { return count > 1; });
 }
 
 }  // namespace isoscope::server

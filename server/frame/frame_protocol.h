@@ -32,8 +32,10 @@
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_
 
+#include <algorithm>
 #include <cstddef>
 #include <functional>
+#include <iterator>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -126,13 +128,16 @@ class FrameProtocol {
   // step_begin: when the last step had begun.
   Commands Watch(absl::Time now, absl::Time step_begin);
 
-  // The frame has failed. `late` are the events that had come, and were not handled.
+  // The frame has failed. `late`: the events that had come, and were not handled.
+  //
   // Returns the error of a passed deadline, which names the agents that have not answered.
   absl::Status DeadlineError(absl::Span<const AgentEvent> late, absl::Time now);
-  // Returns the parts that no agent can do, ascending: the one that ended the frame with `error`,
-  // and those that were lost with it. A rack is lost as a whole: some of its agents have said so,
-  // and others no longer answer. Empty if the same would happen to other parts.
-  std::vector<std::size_t> LostParts(absl::Span<const AgentEvent> late, const absl::Status& error);
+  // Returns the parts that no agent can do, ascending: the one that ended the frame, and those that
+  // were lost with it. A rack is lost as a whole: some of its agents have said so, and others no
+  // longer answer. REQUIRES: has_lost_part().
+  std::vector<std::size_t> LostParts(absl::Span<const AgentEvent> late);
+  // False if the same would have happened to other parts.
+  [[nodiscard]] bool has_lost_part() const { return lost_part_.has_value(); }
 
   // The frame goes on when `count` parts, at least 1, have ended `stage`. kEnded: it is over.
   struct Awaited {
@@ -140,7 +145,10 @@ class FrameProtocol {
     FrameStage stage = FrameStage::kEnded;
   };
   [[nodiscard]] Awaited awaited() const;
-  [[nodiscard]] bool has_replicas() const;  // any part has more than one
+  [[nodiscard]] bool has_replicas() const {  // any part has more than one
+    return std::any_of(setup_.replica_counts.begin(), setup_.replica_counts.end(),
+                       [](int count) { return count > 1; });
+  }
   // REQUIRES: the frame is over.
   [[nodiscard]] AttemptId WinnerOf(std::size_t part) const { return {part, *parts_[part].winner}; }
 
@@ -159,6 +167,15 @@ class FrameProtocol {
     FrameStage stage = FrameStage::kSelectingOccluders;
     absl::Time stage_begin = {};
     std::optional<std::size_t> winner = std::nullopt;  // among attempts
+
+    // How far the frame can count on the part: its stage, or that of its winner.
+    [[nodiscard]] FrameStage progress() const {
+      return winner.has_value() ? attempts[*winner].stage : stage;
+    }
+    [[nodiscard]] auto live_count() const {
+      return std::count_if(attempts.begin(), attempts.end(),
+                           [](const Attempt& attempt) { return attempt.is_live; });
+    }
   };
 
   Command TryNextReplica(std::size_t part_index);
@@ -170,13 +187,12 @@ class FrameProtocol {
 
   [[nodiscard]] Attempt& AttemptOf(AttemptId id) { return parts_[id.part].attempts[id.replica]; }
   [[nodiscard]] Command Send(AttemptId id) const;
-  [[nodiscard]] bool HasSpare(std::size_t part_index) const;
+  [[nodiscard]] bool HasSpare(std::size_t part_index) const {
+    return std::ssize(parts_[part_index].attempts) < setup_.replica_counts[part_index];
+  }
   [[nodiscard]] bool IsSlow(const Part& part, absl::Time now, absl::Time step_begin) const;
   [[nodiscard]] bool IsGone(std::size_t part_index, std::size_t replica) const;
   [[nodiscard]] bool IsLost(std::size_t part_index) const;
-  // How far the frame can count on the part: its stage, or that of its winner.
-  static FrameStage ProgressOf(const Part& part);
-  static std::size_t LiveCount(const Part& part);
 
   const ReplicaSetup& setup_;
   const FrameStage first_stage_;
@@ -185,7 +201,7 @@ class FrameProtocol {
   std::vector<Part> parts_;
   FrameStage step_;  // the last one that has begun
   absl::Time last_arrival_;
-  std::optional<std::size_t> lost_part_;  // that ended the frame
+  std::optional<std::size_t> lost_part_;  // it ended the frame
   AgentReport report_;
 };
 

@@ -9,10 +9,12 @@
 #ifndef ISOSCOPE_SERVER_FRAME_PIXEL_QUEUE_H_
 #define ISOSCOPE_SERVER_FRAME_PIXEL_QUEUE_H_
 
+#include <algorithm>
 #include <cstddef>
 #include <deque>
 #include <functional>
 #include <memory>
+#include <new>
 #include <optional>
 #include <string>
 #include <utility>
@@ -20,6 +22,9 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include <oneapi/tbb/task_arena.h>
 #include <oneapi/tbb/task_group.h>
 
@@ -43,23 +48,75 @@ class PixelQueue {
   PixelQueue(const PixelQueue&) = delete;
   PixelQueue& operator=(const PixelQueue&) = delete;
 
-  void Push(AttemptId from, Bands bands);
-  // REQUIRES: Reduction::CheckSize.
-  void Push(AttemptId from, image::DrawnPixels pixels);
+  void Push(AttemptId from, Bands bands) {
+    is_first_ = false;
+    std::vector<Arrival> arrivals;
+    arrivals.reserve(bands.bands.size());
+    for (std::string& band : bands.bands) {
+      const std::size_t tile_count = band.size() / kFullTileBytes + 1;
+      arrivals.push_back({from, std::move(band), bands.hold, tile_count});
+    }
+    Push(std::move(arrivals));
+  }
+  // The first image becomes the result; others are composited into it.
+  void Push(AttemptId from, image::DrawnPixels pixels) {
+    if (std::exchange(is_first_, false)) {
+      reduction_.Adopt(&pixels);
+      if (!reduction_.has_layers()) {
+        return;
+      }
+    }
+    std::vector<Arrival> arrivals;
+    const std::size_t tile_count = TileCountOf(pixels);
+    arrivals.push_back({from, std::move(pixels), nullptr, tile_count});
+    Push(std::move(arrivals));
+  }
 
   // Composites on this thread what arrived first, unless nothing waits.
   void CompositeOne() {
     arena_.execute([this] { CompositeNext(); });
   }
-  [[nodiscard]] bool empty() const ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] bool empty() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return arrivals_.empty();
+  }
 
-  // Returns once all that has arrived is in the reduction, but for what was damaged: these
-  // kDamaged.
-  std::vector<AgentEvent> Finish() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Returns once all that has arrived is in the reduction, but for what was damaged. Returns a
+  // kDamaged for each of these.
+  std::vector<AgentEvent> Finish() ABSL_LOCKS_EXCLUDED(mutex_) {
+    arena_.execute([&] {
+      while (CompositeNext()) {
+      }
+      helpers_.wait();
+    });
+    has_tasks_ = false;
+    std::vector<AgentEvent> damages;
+    const base::MutexLock lock(&mutex_);
+    damages.swap(damages_);
+    return damages;
+  }
   // Drops the pixels that nobody has begun to composite, and waits for the rest. Allocates nothing.
-  void Abandon() noexcept ABSL_LOCKS_EXCLUDED(mutex_);
+  // In the arena: one of one thread has nobody else to run the tasks.
+  void Abandon() noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
+    if (!std::exchange(has_tasks_, false)) {
+      return;
+    }
+    while (Pop().has_value()) {
+    }
+    try {
+      arena_.execute([&] { helpers_.wait(); });
+    } catch (const std::bad_alloc&) {
+      // A task has thrown it. All are done, and the frame has failed anyhow.
+    }
+  }
 
  private:
+  // A full tile of a band has about as many bytes.
+  static constexpr std::size_t kFullTileBytes = 1024;
+  // Tiles that one thread composites in some hundred microseconds. To wake another one takes as
+  // long.
+  static constexpr std::size_t kTilesPerHelper = 512;
+
   // A band, or all of an agent's step.
   struct Arrival {
     AttemptId from;
@@ -68,10 +125,79 @@ class PixelQueue {
     std::size_t tile_count = 0;                  // about
   };
 
-  void Push(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(mutex_);
-  std::optional<Arrival> Pop() ABSL_LOCKS_EXCLUDED(mutex_);
-  bool CompositeNext() ABSL_LOCKS_EXCLUDED(mutex_);
-  void Help() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Calls threads of the arena to help if the pixels are more than the frame's own thread
+  // composites in the time that it takes to wake another one.
+  void Push(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(mutex_) {
+    has_tasks_ = true;
+    std::size_t more_helpers = 0;
+    {
+      const base::MutexLock lock(&mutex_);
+      for (Arrival& arrival : arrivals) {
+        waiting_tiles_ += arrival.tile_count;
+        arrivals_.push_back(std::move(arrival));
+      }
+      const std::size_t wanted = std::min({waiting_tiles_ / kTilesPerHelper, arrivals_.size(),
+                                           static_cast<std::size_t>(arena_.max_concurrency())});
+      more_helpers = wanted - std::min(wanted, helper_count_);
+      helper_count_ += more_helpers;
+    }
+    if (more_helpers > 0) {
+      arena_.execute([&] {
+        for (std::size_t i = 0; i < more_helpers; ++i) {
+          helpers_.run([this] { Help(); });
+        }
+      });
+    }
+  }
+  // Takes what arrived first, unless another thread has.
+  std::optional<Arrival> Pop() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (arrivals_.empty()) {
+      return std::nullopt;
+    }
+    std::optional<Arrival> arrival(std::move(arrivals_.front()));
+    arrivals_.pop_front();
+    waiting_tiles_ -= arrival->tile_count;
+    return arrival;
+  }
+  // Composites what arrived first; false if nothing waits. The pixels and their memory are free
+  // when it returns.
+  bool CompositeNext() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const std::optional<Arrival> arrival = Pop();
+    if (!arrival.has_value()) {
+      return false;
+    }
+    const auto* const band = std::get_if<std::string>(&arrival->pixels);
+    const absl::Status status =
+        band != nullptr ? reduction_.CompositeBand(*band)
+                        : reduction_.CompositeDrawn(std::get<image::DrawnPixels>(arrival->pixels),
+                                                    arrival->tile_count >= kTilesPerHelper);
+    if (!status.ok()) {
+      {
+        const base::MutexLock lock(&mutex_);
+        damages_.push_back(
+            {arrival->from, AgentWord::kDamaged, absl::Now(),
+             absl::Status(status.code(), absl::StrCat("pixels: ", status.message()))});
+      }
+      on_damage_();
+    }
+    return true;
+  }
+  // Composites until nothing waits.
+  void Help() ABSL_LOCKS_EXCLUDED(mutex_) {
+    while (CompositeNext()) {
+    }
+    const base::MutexLock lock(&mutex_);
+    --helper_count_;
+  }
+
+  static std::size_t TileCountOf(const image::DrawnPixels& pixels) {
+    std::size_t count = pixels.image.touched.Count();
+    for (const image::FrameImage* level : pixels.layers.Levels()) {
+      count += level->touched.Count();
+    }
+    return count;
+  }
 
   Reduction& reduction_;
   tbb::task_arena& arena_;

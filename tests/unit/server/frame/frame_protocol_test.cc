@@ -114,7 +114,8 @@ class Table {
       return "";
     }
     if (first == "lost") {
-      return absl::StrJoin(protocol_.LostParts(LateEvents(list), error_), " ");
+      return protocol_.has_lost_part() ? absl::StrJoin(protocol_.LostParts(LateEvents(list)), " ")
+                                       : "";
     }
     return first == "report" ? Report() : Answer(protocol_.Handle(EventOf(list[0])));
   }
