@@ -79,7 +79,7 @@ struct Command {
     kCancel,  // cancel the attempt
     kReduce,  // the content of this event counts
     kSend,    // send the attempt its blocks of `stage`
-    kStep,    // the last part has reached `stage`; call BeginStep before any other event
+    kStep,    // the last part has reached `stage`: call BeginStep when it can begin
   };
   Kind kind = Kind::kReduce;
   AttemptId attempt = {};
@@ -108,7 +108,8 @@ struct AgentReport {
   int hedge_count = 0;
 };
 
-// Thread-compatible. O(parts) a call at most, but for their attempts.
+// A relay may wait between kStep and BeginStep, and handle other events meanwhile.
+// Thread-compatible. A call takes O(attempts) at most.
 class FrameProtocol {
  public:
   // first_stage: kRenderingVisible without culling. `setup` outlives the protocol.
@@ -118,11 +119,11 @@ class FrameProtocol {
   // The frame begins: one attempt of each part.
   Commands Begin();
   void NoteBegun(AttemptId id, AgentIdentity agent, absl::Time now);
-  // An agent has spoken. An error ends the frame; DEADLINE_EXCEEDED is an agent's: see
-  // DeadlineError.
+  // An agent has spoken. An error ends the frame. DEADLINE_EXCEEDED: an agent's own deadline has
+  // passed; DeadlineError returns the frame's error.
   absl::StatusOr<Commands> Handle(const AgentEvent& event);
-  // All that was reduced counts: the step begins. Returns the kSend of the attempts that are there,
-  // in the order of their parts.
+  // The step begins: what its agents are told is known. Returns a kSend for each attempt that is
+  // there, in the order of the parts.
   Commands BeginStep(FrameStage stage);
   // Some time has passed: begins a second attempt of each part whose first one is late.
   // step_begin: when the last step had begun.

@@ -1,10 +1,8 @@
 #include "server/frame/frame_coordinator.h"
 
-#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <functional>
 #include <future>
 #include <limits>
@@ -18,7 +16,6 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
-#include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
@@ -27,13 +24,10 @@
 
 #include "core/base/memory_budget.h"
 #include "core/base/mutex.h"
-#include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
-#include "core/composite/pixel_codec.h"
-#include "core/visibility/occlusion_map.h"
-#include "core/visibility/open_pixels.h"
 #include "tests/support/status_matchers.h"
+#include "tests/unit/server/frame/frame_pieces.h"
 
 namespace isoscope::server {
 namespace {
@@ -46,98 +40,11 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
 
-using Blocks = std::vector<volume::BlockId>;
-
 // What step 3 is told.
 struct VisibleBlocks {
   Blocks blocks;
   std::string open_pixels;
 };
-
-constexpr int kWidth = 37;
-constexpr int kHeight = 29;
-constexpr math::Index3 kDims{17, 17, 17};
-constexpr volume::BlockId kBlockCount = 64;  // of 4^3 cells
-
-view::View MakeView() {
-  volume::GridGeometry geometry;
-  geometry.sample_dims = kDims;
-  // Close enough that some blocks are beside the picture.
-  view::Camera camera = view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}});
-  view::Zoom(5.0, &camera);
-  return *view::View::Make(camera, {kWidth, kHeight}, geometry);
-}
-
-bool IsIn(const Blocks& blocks, volume::BlockId id) {
-  return std::binary_search(blocks.begin(), blocks.end(), id);
-}
-
-// Blocks in {0 .. kBlockCount - 1} with id % divisor == rest.
-Blocks Every(volume::BlockId divisor, volume::BlockId rest) {
-  Blocks blocks;
-  for (volume::BlockId id = rest; id < kBlockCount; id += divisor) {
-    blocks.push_back(id);
-  }
-  return blocks;
-}
-
-// An image where each pixel is covered with the given chance; depths repeat, so that owners decide.
-image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
-  image::FrameImage image(kWidth, kHeight);
-  std::uint64_t i = 0;
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x, ++i) {
-      if (base::RandomUnit(seed, 4 * i) >= coverage) {
-        continue;
-      }
-      const float depth =
-          static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
-      const auto owner =
-          static_cast<std::uint32_t>(kBlockCount * base::RandomUnit(seed, 4 * i + 2));
-      // A block has one fragment in a pixel: owner and depth decide the colour.
-      const auto shade = static_cast<std::uint8_t>(owner % 251);
-      image.Set(x, y, image::FragmentKey(depth, owner),
-                {shade, static_cast<std::uint8_t>(255 * depth), shade, 255});
-    }
-  }
-  return image;
-}
-
-// A picture of depth 0.01 but for a strip: hides what is behind it.
-image::FrameImage Wall() {
-  image::FrameImage image(kWidth, kHeight);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
-      if (x / 6 != 3) {
-        image.Set(x, y, image::FragmentKey(0.01F, 0), {9, 9, 9, 255});
-      }
-    }
-  }
-  return image;
-}
-
-// The bands of `image`, in pieces of a few rows, in random order.
-std::vector<std::string> ShuffledBands(const image::FrameImage& image, std::uint64_t seed) {
-  std::vector<std::string> bands;
-  for (int first_row = 0; first_row < kHeight; first_row += 5) {
-    image::FrameImage piece(kWidth, kHeight);
-    for (int y = first_row; y < std::min(first_row + 5, kHeight); ++y) {
-      for (int x = 0; x < kWidth; ++x) {
-        if (const std::size_t i = image.IndexOf(x, y); image.keys[i] != image::kBackgroundKey) {
-          piece.Set(x, y, image.keys[i], image.colors[i]);
-        }
-      }
-    }
-    for (std::string& band : composite::EncodePixels(piece)) {
-      bands.push_back(std::move(band));
-    }
-  }
-  for (std::size_t i = bands.size(); i > 1; --i) {
-    std::swap(bands[i - 1],
-              bands[static_cast<std::size_t>(base::RandomUnit(seed, i) * static_cast<double>(i))]);
-  }
-  return bands;
-}
 
 // What the test learns of one agent; outlives its link.
 class Agent {
@@ -377,100 +284,6 @@ class FrameCoordinatorTest : public ::testing::Test {
   int failing_begin_ = -1;
   std::size_t max_waiting_bytes_ = std::numeric_limits<std::size_t>::max();
 };
-
-TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
-  const image::FrameImage none(kWidth, kHeight);
-  const std::vector<Blocks> active = {Every(5, 0), Every(5, 2), Every(5, 3)};
-  const std::vector<Blocks> hits = {{2, 5, 63}, {}, {5, 40}};
-  std::vector<Script> scripts;
-  for (std::size_t i = 0; i < active.size(); ++i) {
-    scripts.push_back(Behave(hits[i], active[i], none, none));
-  }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
-  EXPECT_EQ(result.ray_hit_block_count, 4);
-  ASSERT_NE(result.active, nullptr);
-  for (std::size_t i = 0; i < active.size(); ++i) {
-    const auto ids = absl::MakeConstSpan(result.active->ids);
-    const std::size_t begin = result.active->begin_by_agent[i];
-    EXPECT_THAT(ids.subspan(begin, result.active->begin_by_agent[i + 1] - begin),
-                ::testing::ElementsAreArray(active[i]));
-  }
-
-  // An active block is occluding if a hit is it, or touches it. Those beside the picture are not
-  // sent: nobody would see them.
-  const Blocks all_hits = {2, 5, 40, 63};
-  std::size_t occluding_count = 0;
-  std::size_t unsent_count = 0;
-  for (std::size_t i = 0; i < active.size(); ++i) {
-    Blocks expected;
-    for (const volume::BlockId id : active[i]) {
-      const math::Index3 at = layout_.IndexOf(id);
-      for (const volume::BlockId hit : all_hits) {
-        const math::Index3 of_hit = layout_.IndexOf(hit);
-        if (std::abs(at.x - of_hit.x) <= 1 && std::abs(at.y - of_hit.y) <= 1 &&
-            std::abs(at.z - of_hit.z) <= 1) {
-          if (view_.FootprintOf(layout_, id).rect.empty()) {
-            ++unsent_count;
-          } else {
-            expected.push_back(id);
-          }
-          break;
-        }
-      }
-    }
-    EXPECT_EQ(agents_[i]->occluders(), expected) << i;
-    occluding_count += expected.size();
-  }
-  EXPECT_GT(occluding_count, 3U);
-  EXPECT_GT(unsent_count, 3U);
-}
-
-TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
-  const std::vector<Blocks> active = {Every(3, 0), Every(3, 1), Every(3, 2)};
-  const image::FrameImage none(kWidth, kHeight);
-  for (const auto culling : {frame::Culling::kDepth, frame::Culling::kMask}) {
-    const bool is_depth = culling == frame::Culling::kDepth;
-    SCOPED_TRACE(is_depth ? "depth" : "mask");
-    ISOSCOPE_ASSERT_OK(
-        Run(culling, {Behave({21}, active[0], Wall(), none), Behave({}, active[1], none, none),
-                      Behave({}, active[2], none, none)}));
-    const auto map = visibility::OcclusionMap::FromImage(
-        Wall(), is_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
-    std::size_t hidden_count = 0;
-    std::size_t off_screen_count = 0;
-    std::size_t visible_count = 0;
-    for (std::size_t i = 0; i < active.size(); ++i) {
-      const Blocks occluders = *agents_[i]->occluders();
-      Blocks expected;
-      std::vector<image::PixelMask> masks;
-      for (const volume::BlockId id : active[i]) {
-        if (IsIn(occluders, id)) {
-          continue;
-        }
-        const view::Footprint footprint = view_.FootprintOf(layout_, id);
-        if (footprint.rect.empty()) {
-          ++off_screen_count;
-        } else if (map.Hides(footprint)) {
-          ++hidden_count;
-        } else {
-          expected.push_back(id);
-          masks.push_back(map.OpenPixels(footprint));
-        }
-      }
-      visible_count += expected.size();
-      const auto visible = agents_[i]->visible();
-      ASSERT_TRUE(visible.has_value());
-      EXPECT_EQ(visible->blocks, expected);
-      // The paper's mask says nothing of pixels.
-      EXPECT_TRUE(visible->open_pixels ==
-                  (is_depth ? visibility::EncodeOpenPixels(masks) : std::string()));
-    }
-    // The scene shows all three fates, or the test says nothing.
-    EXPECT_GT(visible_count, 0U);
-    EXPECT_GT(hidden_count, 0U);
-    EXPECT_GT(off_screen_count, 0U);
-  }
-}
 
 TEST_F(FrameCoordinatorTest, KnownActiveBlocksReplaceTheReportAndGiveTheSameFrame) {
   const std::vector<Blocks> active = {Every(2, 0), Every(2, 1)};

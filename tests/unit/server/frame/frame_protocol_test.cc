@@ -67,8 +67,6 @@ AttemptId IdOf(absl::string_view text) {
   return id;
 }
 
-std::string NameOfId(AttemptId id) { return absl::StrCat(id.part, ".", id.replica); }
-
 std::string StageName(FrameStage stage) {
   return stage == FrameStage::kRenderingOccluders ? "occluders"
          : stage == FrameStage::kRenderingVisible ? "visible"
@@ -169,7 +167,7 @@ class Table {
     }
     std::vector<std::string> texts;
     for (const Command& command : *commands) {
-      const std::string id = NameOfId(command.attempt);
+      const std::string id = absl::StrCat(command.attempt.part, ".", command.attempt.replica);
       switch (command.kind) {
         case Command::Kind::kBegin:
           protocol_.NoteBegun(command.attempt,
@@ -273,6 +271,18 @@ TEST(FrameProtocolTest, AStepBeginsWhenAllPartsAreThere) {
       step           ->
       0.0 end        ->
       1.0 gone       -> )");  // lost after its last word: it has done its part
+}
+
+// A relay asks its own coordinator first.
+TEST(FrameProtocolTest, AgentsMayFailBetweenTheEndOfAStepAndTheBeginOfTheNext) {
+  Check(kCulls, {1, 2}, R"(
+      [step 1]
+      0.0 hits       -> reduce
+      1.0 hits       -> reduce, step occluders
+      1.0 gone       -> cancel 1.0, begin 1.1
+      1.1 hits       ->
+      step           -> send occluders 0.0 only, send occluders 1.1
+      report         -> a1.0 failed rendering occluders: reset)");
 }
 
 TEST(FrameProtocolTest, ItAwaitsThePartsAtTheEarliestStage) {
