@@ -17,17 +17,18 @@
 // Any other word breaks the protocol: INTERNAL. So does a word at a step of the frame that has not
 // begun. Without culling an attempt begins at kRenderingVisible.
 //
-// The frame begins a step when the first word of every part has asked for it. A part never goes
-// back: its stage is the farthest at which it was heard, at most kRenderingVisible, and that an
-// attempt is done is the attempt's own stage. If the pixels of a winner turn out to be damaged, the
-// attempt has failed. The next one begins at the first stage; the frame stays at its step.
+// A step of the frame begins when every part has reached its stage. A part never goes back: its
+// stage is the farthest that an attempt has reached, at most kRenderingVisible. kDone and kEnded
+// are stages of attempts alone. If the pixels of a winner turn out to be damaged, that attempt has
+// failed. A new attempt begins at the first stage, and the frame stays at its step.
 //
 // A part is tried on one replica at first. It is tried on the next one
 //   * when an attempt fails, and no other one is under way;
 //   * beside the first attempt, when that is late: its agent no longer answers, or it has used up
 //     its share of the deadline, or it takes twice as long as the other parts at this step.
-// A later attempt is told what the frame knows already, so it sends the same as the one before. The
-// first attempt that is done wins, and the others are cancelled.
+// All replicas have the frame's picture revision, and a later attempt is told what the frame knows
+// already. So it sends the same as the one before. The first attempt that is done wins, and the
+// others are cancelled.
 
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_

@@ -180,7 +180,7 @@ class FrameCoordinatorTest : public ::testing::Test {
       parts.push_back({script});
     }
     absl::StatusOr<FrameResult> result = RunParts(culling, parts);
-    EXPECT_TRUE(failures_.empty() || !result.ok());
+    EXPECT_TRUE(report_.failures.empty() || !result.ok());
     return result;
   }
 
@@ -216,10 +216,8 @@ class FrameCoordinatorTest : public ::testing::Test {
     setup.arena = used_arena_;
     FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
-    failures_ = outcome.failures;
-    outrun_ = outcome.outrun;
+    report_ = outcome;
     lost_parts_ = outcome.lost_parts;
-    hedge_count_ = outcome.hedge_count;
     if (!outcome.status.ok()) {
       return outcome.status;
     }
@@ -274,10 +272,8 @@ class FrameCoordinatorTest : public ::testing::Test {
   std::shared_ptr<const ActiveBlocks> known_active_;
   std::function<bool(int, int)> is_lost_;
   std::function<bool(int, int)> may_hedge_;
-  std::vector<AgentFailure> failures_;  // of the last frame
-  std::vector<AgentIdentity> outrun_;
+  AgentReport report_;  // of the last frame
   std::vector<std::size_t> lost_parts_;
-  int hedge_count_ = 0;
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
@@ -556,7 +552,7 @@ class ReplicaTest : public FrameCoordinatorTest {
 
   // Expects the frame of three agents that behave, with the middle part done by `winner`.
   void ExpectTheSameFrame(const FrameResult& result, const std::string& winner) {
-    const std::vector<AgentFailure> failures = failures_;
+    const AgentReport report = report_;
     const auto agents = agents_;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult plain, RunWith({scripts_[1]}));
     EXPECT_TRUE(result.image == plain.image);
@@ -566,7 +562,7 @@ class ReplicaTest : public FrameCoordinatorTest {
     EXPECT_EQ(result.agents[1].agent_address, winner);
     EXPECT_EQ(result.agents[1].active_block_count, plain.agents[1].active_block_count);
     EXPECT_EQ(result.network_bytes, plain.network_bytes);
-    failures_ = failures;
+    report_ = report;
     agents_ = agents;
   }
 
@@ -628,11 +624,11 @@ TEST_F(ReplicaTest, AnAgentLostAtAnyStepIsReplacedAndTheFrameIsTheSame) {
           const FrameResult result,
           RunWith({UpTo(word, [&](Agent&) { return end; }), scripts_[1]}));
       ExpectTheSameFrame(result, "agent-1.1");
-      ASSERT_EQ(failures_.size(), 1u);
-      EXPECT_EQ(failures_[0].agent.address, "agent-1");
-      EXPECT_EQ(failures_[0].status, end);
+      ASSERT_EQ(report_.failures.size(), 1u);
+      EXPECT_EQ(report_.failures[0].agent.address, "agent-1");
+      EXPECT_EQ(report_.failures[0].status, end);
       EXPECT_THAT(lost_parts_, IsEmpty());
-      EXPECT_TRUE(outrun_.empty());
+      EXPECT_TRUE(report_.outrun.empty());
     }
   }
 }
@@ -645,7 +641,7 @@ TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowMan
               StatusIs(absl::StatusCode::kUnavailable,
                        AllOf(HasSubstr("no way to agent-1.1"),
                              HasSubstr("the last of 2 agents that serve it"))));
-  EXPECT_EQ(failures_.size(), 2u);
+  EXPECT_EQ(report_.failures.size(), 2u);
   EXPECT_THAT(lost_parts_, ElementsAre(1u));
   EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
 }
@@ -668,8 +664,8 @@ TEST_F(ReplicaTest, DamagedPixelsAreSentAgainByAReplicaAlsoAfterTheAgentWasDone)
     });
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({script, scripts_[1]}));
     ExpectTheSameFrame(result, "agent-1.1");
-    ASSERT_EQ(failures_.size(), 1u);
-    EXPECT_THAT(failures_[0].status, StatusIs(absl::StatusCode::kDataLoss));
+    ASSERT_EQ(report_.failures.size(), 1u);
+    EXPECT_THAT(report_.failures[0].status, StatusIs(absl::StatusCode::kDataLoss));
   }
 }
 
@@ -681,9 +677,9 @@ TEST_F(ReplicaTest, APartWhoseAgentNoLongerAnswersIsTriedBesideItAtAnyStep) {
         const FrameResult result,
         RunWith({UpTo(word, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
     EXPECT_TRUE(AgentOfName("agent-1").is_cancelled());
-    EXPECT_EQ(outrun_, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
+    EXPECT_EQ(report_.outrun, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
     ExpectTheSameFrame(result, "agent-1.1");
-    EXPECT_TRUE(failures_.empty());
+    EXPECT_TRUE(report_.failures.empty());
   }
 }
 
@@ -694,8 +690,8 @@ TEST_F(ReplicaTest, ASlowPartIsHedgedIfThatIsAllowed) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const FrameResult result,
       RunWith({UpTo(2, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
-  EXPECT_EQ(outrun_.size(), 1u);
-  EXPECT_EQ(hedge_count_, 1);
+  EXPECT_EQ(report_.outrun.size(), 1u);
+  EXPECT_EQ(report_.hedge_count, 1);
   cancellation_ = std::make_unique<base::Cancellation>();
   may_hedge_ = nullptr;
   ExpectTheSameFrame(result, "agent-1.1");
@@ -708,9 +704,9 @@ TEST_F(ReplicaTest, AnErrorOrACancellationAtAnyStepEndsTheFrameAndCancelsTheOthe
     EXPECT_EQ(
         RunWith({UpTo(word, [&](Agent&) { return error; })}).status(),
         absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
-    ASSERT_EQ(failures_.size(), 1U);  // as data, for who repeats the agent's part
-    EXPECT_EQ(failures_[0].agent, (AgentIdentity{"agent-1", {1}}));
-    EXPECT_EQ(failures_[0].status, error);
+    ASSERT_EQ(report_.failures.size(), 1U);  // as data, for who repeats the agent's part
+    EXPECT_EQ(report_.failures[0].agent, (AgentIdentity{"agent-1", {1}}));
+    EXPECT_EQ(report_.failures[0].status, error);
     EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
     EXPECT_TRUE(AgentOfName("agent-2").is_cancelled());
 

@@ -20,6 +20,8 @@ namespace isoscope::server {
 namespace {
 
 using ::isoscope::testing::StatusIs;
+using ::testing::ElementsAre;
+using ::testing::ElementsAreArray;
 
 class ReductionTest : public ::testing::Test {
  protected:
@@ -78,11 +80,17 @@ TEST_F(ReductionTest, EveryPartGetsItsOwnOfTheOccludingBlocks) {
   }
   EXPECT_GT(occluding_count, 3U);
   EXPECT_GT(unsent_count, 3U);
+  EXPECT_THAT(reduction.ray_hits().Ids(), ElementsAre(2, 5, 40, 63));
   const ReducedFrame reduced = reduction.Take();
   EXPECT_EQ(reduced.ray_hit_block_count, 4);
   ASSERT_NE(reduced.active, nullptr);
-  EXPECT_EQ(reduced.active->ids.size(),
-            Every(5, 0).size() + Every(5, 2).size() + Every(5, 3).size());
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    const auto begin = reduced.active->ids.begin();
+    const std::vector<std::size_t>& begins = reduced.active->begin_by_agent;
+    EXPECT_THAT(Blocks(begin + static_cast<std::ptrdiff_t>(begins[i]),
+                       begin + static_cast<std::ptrdiff_t>(begins[i + 1])),
+                ElementsAreArray(active_[i]));
+  }
 }
 
 TEST_F(ReductionTest, EveryPartGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
