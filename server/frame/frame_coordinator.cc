@@ -184,14 +184,13 @@ class Frame {
   }
 
   absl::Status Begin(AttemptId id) {
-    Link link{
-        .listener = std::make_unique<QueueingListener>(id, FirstStage(setup_), &queue_, &gate_),
-        .link = nullptr};
+    auto listener = std::make_unique<QueueingListener>(id, FirstStage(setup_), &queue_, &gate_);
     const absl::Time begin = absl::Now();
-    ISOSCOPE_ASSIGN_OR_RETURN(link.link, begin_(static_cast<int>(id.part),
-                                                static_cast<int>(id.replica), link.listener.get()));
-    protocol_.NoteBegun(id, link.link->agent(), begin);
-    links_[id.part].push_back(std::move(link));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<AgentLink> link,
+        begin_(static_cast<int>(id.part), static_cast<int>(id.replica), listener.get()));
+    protocol_.NoteBegun(id, link->agent(), begin);
+    links_[id.part].push_back({std::move(listener), std::move(link)});
     return absl::OkStatus();
   }
 

@@ -309,35 +309,30 @@ TEST(FrameProtocolTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
                                                     {"occluders", "the end of the occluders"},
                                                     {"done", "the end of the frame"},
                                                     {"end", "the end of the stream"}};
+  const std::string done = "\n 1.0 pixels -> reduce\n 1.0 done -> reduce";
   const struct {
-    FrameStage first_stage;
-    std::string before;
     std::vector<std::string> wrong;
+    std::string before;
+    FrameStage first_stage;
     FrameStage at;
   } cases[] = {
-      {kCulls, "[step 1]", {"pixels", "occluders", "done", "end"}, FrameStage::kSelectingOccluders},
-      {kCulls, "[step 2]", {"hits", "done", "end"}, FrameStage::kRenderingOccluders},
-      {kCulls, "[step 3]", {"hits", "occluders", "end"}, FrameStage::kRenderingVisible},
-      {kDrawsAll, "[step 1]", {"hits", "occluders", "end"}, FrameStage::kRenderingVisible},
-      {kCulls,
-       "[step 3]\n 1.0 pixels -> reduce\n 1.0 done -> reduce",
-       {"hits", "pixels", "occluders", "done"},
-       FrameStage::kDone},
-      {kDrawsAll,
-       "[step 1]\n 1.0 pixels -> reduce\n 1.0 done -> reduce",
-       {"hits", "pixels", "occluders", "done"},
-       FrameStage::kDone},
+      {{"pixels", "occluders", "done", "end"}, "[step 1]", kCulls, FrameStage::kSelectingOccluders},
+      {{"hits", "done", "end"}, "[step 2]", kCulls, FrameStage::kRenderingOccluders},
+      {{"hits", "occluders", "end"}, "[step 3]", kCulls, FrameStage::kRenderingVisible},
+      {{"hits", "occluders", "end"}, "[step 1]", kDrawsAll, FrameStage::kRenderingVisible},
+      {{"hits", "pixels", "occluders", "done"}, "[step 3]" + done, kCulls, FrameStage::kDone},
+      {{"hits", "pixels", "occluders", "done"}, "[step 1]" + done, kDrawsAll, FrameStage::kDone},
       // The agent does not wait for the other one.
-      {kCulls,
+      {{"pixels", "occluders"},
        "[step 1]\n 1.0 hits -> reduce",
-       {"pixels", "occluders"},
+       kCulls,
        FrameStage::kRenderingOccluders},
-      {kCulls,
+      {{"pixels", "done"},
        "[step 2]\n 1.0 occluders -> reduce",
-       {"pixels", "done"},
+       kCulls,
        FrameStage::kRenderingVisible},
   };
-  for (const auto& [first_stage, before, wrong, at] : cases) {
+  for (const auto& [wrong, before, first_stage, at] : cases) {
     for (const std::string& word : wrong) {
       const std::string error =
           absl::StrCat("sent ", names.at(word), " out of order; its version may differ");
