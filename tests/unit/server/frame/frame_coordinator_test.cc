@@ -1,10 +1,8 @@
 #include "server/frame/frame_coordinator.h"
 
-#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <functional>
 #include <future>
 #include <limits>
@@ -18,7 +16,6 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
-#include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
@@ -27,119 +24,27 @@
 
 #include "core/base/memory_budget.h"
 #include "core/base/mutex.h"
-#include "core/base/random.h"
-#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
-#include "core/composite/pixel_codec.h"
-#include "core/visibility/occlusion_map.h"
-#include "core/visibility/open_pixels.h"
 #include "tests/support/status_matchers.h"
+#include "tests/unit/server/frame/frame_pieces.h"
 
 namespace isoscope::server {
 namespace {
 
 using ::isoscope::testing::StatusIs;
 using ::testing::AllOf;
-using ::testing::AnyOf;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
 
-using Blocks = std::vector<volume::BlockId>;
-
 // What step 3 is told.
 struct VisibleBlocks {
   Blocks blocks;
   std::string open_pixels;
 };
-
-constexpr int kWidth = 37;
-constexpr int kHeight = 29;
-constexpr math::Index3 kDims{17, 17, 17};
-constexpr volume::BlockId kBlockCount = 64;  // of 4^3 cells
-
-view::View MakeView() {
-  volume::GridGeometry geometry;
-  geometry.sample_dims = kDims;
-  // Close enough that some blocks are beside the picture.
-  view::Camera camera = view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}});
-  view::Zoom(5.0, &camera);
-  return *view::View::Make(camera, {kWidth, kHeight}, geometry);
-}
-
-bool IsIn(const Blocks& blocks, volume::BlockId id) {
-  return std::binary_search(blocks.begin(), blocks.end(), id);
-}
-
-// Blocks in {0 .. kBlockCount - 1} with id % divisor == rest.
-Blocks Every(volume::BlockId divisor, volume::BlockId rest) {
-  Blocks blocks;
-  for (volume::BlockId id = rest; id < kBlockCount; id += divisor) {
-    blocks.push_back(id);
-  }
-  return blocks;
-}
-
-// An image where each pixel is covered with the given chance; depths repeat, so that owners decide.
-image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
-  image::FrameImage image(kWidth, kHeight);
-  std::uint64_t i = 0;
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x, ++i) {
-      if (base::RandomUnit(seed, 4 * i) >= coverage) {
-        continue;
-      }
-      const float depth =
-          static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
-      const auto owner =
-          static_cast<std::uint32_t>(kBlockCount * base::RandomUnit(seed, 4 * i + 2));
-      // A block has one fragment in a pixel: owner and depth decide the colour.
-      const auto shade = static_cast<std::uint8_t>(owner % 251);
-      image.Set(x, y, image::FragmentKey(depth, owner),
-                {shade, static_cast<std::uint8_t>(255 * depth), shade, 255});
-    }
-  }
-  return image;
-}
-
-// A picture of depth 0.01 but for a strip: hides what is behind it.
-image::FrameImage Wall() {
-  image::FrameImage image(kWidth, kHeight);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
-      if (x / 6 != 3) {
-        image.Set(x, y, image::FragmentKey(0.01F, 0), {9, 9, 9, 255});
-      }
-    }
-  }
-  return image;
-}
-
-// The bands of `image`, in pieces of a few rows, in random order.
-std::vector<std::string> ShuffledBands(const image::FrameImage& image, std::uint64_t seed) {
-  std::vector<std::string> bands;
-  for (int first_row = 0; first_row < kHeight; first_row += 5) {
-    image::FrameImage piece(kWidth, kHeight);
-    for (int y = first_row; y < std::min(first_row + 5, kHeight); ++y) {
-      for (int x = 0; x < kWidth; ++x) {
-        if (const std::size_t i = image.IndexOf(x, y); image.keys[i] != image::kBackgroundKey) {
-          piece.Set(x, y, image.keys[i], image.colors[i]);
-        }
-      }
-    }
-    for (std::string& band : composite::EncodePixels(piece)) {
-      bands.push_back(std::move(band));
-    }
-  }
-  for (std::size_t i = bands.size(); i > 1; --i) {
-    std::swap(bands[i - 1],
-              bands[static_cast<std::size_t>(base::RandomUnit(seed, i) * static_cast<double>(i))]);
-  }
-  return bands;
-}
 
 // What the test learns of one agent; outlives its link.
 class Agent {
@@ -245,7 +150,6 @@ class FrameCoordinatorTest : public ::testing::Test {
         : agent_(std::move(agent)), test_(test), thread_([this, script] {
             absl::Status status = script(*agent_);
             agent_->coordinator().OnEnd(std::move(status));
-            ++test_->ended_count_;
           }) {
       ++test_->live_links_;
     }
@@ -254,16 +158,8 @@ class FrameCoordinatorTest : public ::testing::Test {
       thread_.join();
       --test_->live_links_;
     }
-    void SendOccluders(const Blocks& blocks) override {
-      if (test_->on_occluders) {
-        test_->on_occluders();
-      }
-      agent_->SetOccluders(blocks);
-    }
+    void SendOccluders(const Blocks& blocks) override { agent_->SetOccluders(blocks); }
     void SendVisibleBlocks(const Blocks& blocks, std::string open_pixels) override {
-      if (test_->on_visible) {
-        test_->on_visible();
-      }
       agent_->SetVisible({blocks, std::move(open_pixels)});
     }
     void Cancel() override { agent_->Cancel(); }
@@ -284,7 +180,7 @@ class FrameCoordinatorTest : public ::testing::Test {
       parts.push_back({script});
     }
     absl::StatusOr<FrameResult> result = RunParts(culling, parts);
-    EXPECT_TRUE(failures_.empty() || !result.ok());
+    EXPECT_TRUE(report_.failures.empty() || !result.ok());
     return result;
   }
 
@@ -294,9 +190,6 @@ class FrameCoordinatorTest : public ::testing::Test {
     agents_.clear();
     const auto begin = [&](int index, int replica,
                            AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
-      if (before_begin_) {
-        before_begin_(index);
-      }
       if (index == failing_begin_) {
         return absl::FailedPreconditionError("agent-1 serves another dataset");
       }
@@ -323,8 +216,7 @@ class FrameCoordinatorTest : public ::testing::Test {
     setup.arena = used_arena_;
     FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
-    failures_ = outcome.failures;
-    outrun_ = outcome.outrun;
+    report_ = outcome;
     lost_parts_ = outcome.lost_parts;
     if (!outcome.status.ok()) {
       return outcome.status;
@@ -380,114 +272,14 @@ class FrameCoordinatorTest : public ::testing::Test {
   std::shared_ptr<const ActiveBlocks> known_active_;
   std::function<bool(int, int)> is_lost_;
   std::function<bool(int, int)> may_hedge_;
-  std::vector<AgentFailure> failures_;  // of the last frame
-  std::vector<AgentIdentity> outrun_;
+  AgentReport report_;  // of the last frame
   std::vector<std::size_t> lost_parts_;
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
-  std::atomic<int> ended_count_{0};
   int failing_begin_ = -1;
-  std::function<void(int index)> before_begin_;
   std::size_t max_waiting_bytes_ = std::numeric_limits<std::size_t>::max();
-  // Called by several threads at once.
-  std::function<void()> on_occluders;
-  std::function<void()> on_visible;
 };
-
-TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
-  const image::FrameImage none(kWidth, kHeight);
-  const std::vector<Blocks> active = {Every(5, 0), Every(5, 2), Every(5, 3)};
-  const std::vector<Blocks> hits = {{2, 5, 63}, {}, {5, 40}};
-  std::vector<Script> scripts;
-  for (std::size_t i = 0; i < active.size(); ++i) {
-    scripts.push_back(Behave(hits[i], active[i], none, none));
-  }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
-  EXPECT_EQ(result.ray_hit_block_count, 4);
-  ASSERT_NE(result.active, nullptr);
-  for (std::size_t i = 0; i < active.size(); ++i) {
-    const auto ids = absl::MakeConstSpan(result.active->ids);
-    const std::size_t begin = result.active->begin_by_agent[i];
-    EXPECT_THAT(ids.subspan(begin, result.active->begin_by_agent[i + 1] - begin),
-                ::testing::ElementsAreArray(active[i]));
-  }
-
-  // An active block is occluding if a hit is it, or touches it. Those beside the picture are not
-  // sent: nobody would see them.
-  const Blocks all_hits = {2, 5, 40, 63};
-  std::size_t occluding_count = 0;
-  std::size_t unsent_count = 0;
-  for (std::size_t i = 0; i < active.size(); ++i) {
-    Blocks expected;
-    for (const volume::BlockId id : active[i]) {
-      const math::Index3 at = layout_.IndexOf(id);
-      for (const volume::BlockId hit : all_hits) {
-        const math::Index3 of_hit = layout_.IndexOf(hit);
-        if (std::abs(at.x - of_hit.x) <= 1 && std::abs(at.y - of_hit.y) <= 1 &&
-            std::abs(at.z - of_hit.z) <= 1) {
-          if (view_.FootprintOf(layout_, id).rect.empty()) {
-            ++unsent_count;
-          } else {
-            expected.push_back(id);
-          }
-          break;
-        }
-      }
-    }
-    EXPECT_EQ(agents_[i]->occluders(), expected) << i;
-    occluding_count += expected.size();
-  }
-  EXPECT_GT(occluding_count, 3U);
-  EXPECT_GT(unsent_count, 3U);
-}
-
-TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
-  const std::vector<Blocks> active = {Every(3, 0), Every(3, 1), Every(3, 2)};
-  const image::FrameImage none(kWidth, kHeight);
-  for (const auto culling : {frame::Culling::kDepth, frame::Culling::kMask}) {
-    const bool is_depth = culling == frame::Culling::kDepth;
-    SCOPED_TRACE(is_depth ? "depth" : "mask");
-    ISOSCOPE_ASSERT_OK(
-        Run(culling, {Behave({21}, active[0], Wall(), none), Behave({}, active[1], none, none),
-                      Behave({}, active[2], none, none)}));
-    const auto map = visibility::OcclusionMap::FromImage(
-        Wall(), is_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
-    std::size_t hidden_count = 0;
-    std::size_t off_screen_count = 0;
-    std::size_t visible_count = 0;
-    for (std::size_t i = 0; i < active.size(); ++i) {
-      const Blocks occluders = *agents_[i]->occluders();
-      Blocks expected;
-      std::vector<image::PixelMask> masks;
-      for (const volume::BlockId id : active[i]) {
-        if (IsIn(occluders, id)) {
-          continue;
-        }
-        const view::Footprint footprint = view_.FootprintOf(layout_, id);
-        if (footprint.rect.empty()) {
-          ++off_screen_count;
-        } else if (map.Hides(footprint)) {
-          ++hidden_count;
-        } else {
-          expected.push_back(id);
-          masks.push_back(map.OpenPixels(footprint));
-        }
-      }
-      visible_count += expected.size();
-      const auto visible = agents_[i]->visible();
-      ASSERT_TRUE(visible.has_value());
-      EXPECT_EQ(visible->blocks, expected);
-      // The paper's mask says nothing of pixels.
-      EXPECT_TRUE(visible->open_pixels ==
-                  (is_depth ? visibility::EncodeOpenPixels(masks) : std::string()));
-    }
-    // The scene shows all three fates, or the test says nothing.
-    EXPECT_GT(visible_count, 0U);
-    EXPECT_GT(hidden_count, 0U);
-    EXPECT_GT(off_screen_count, 0U);
-  }
-}
 
 TEST_F(FrameCoordinatorTest, KnownActiveBlocksReplaceTheReportAndGiveTheSameFrame) {
   const std::vector<Blocks> active = {Every(2, 0), Every(2, 1)};
@@ -510,37 +302,6 @@ TEST_F(FrameCoordinatorTest, KnownActiveBlocksReplaceTheReportAndGiveTheSameFram
     EXPECT_EQ(agents_[i]->visible()->blocks, first_agents[i]->visible()->blocks);
     EXPECT_TRUE(agents_[i]->visible()->open_pixels == first_agents[i]->visible()->open_pixels);
   }
-}
-
-TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
-  constexpr int kAgentCount = 4;
-  std::atomic<int> hits_said{0};
-  std::atomic<int> occluders_said{0};
-  on_occluders = [&] { EXPECT_EQ(hits_said, kAgentCount); };
-  on_visible = [&] { EXPECT_EQ(occluders_said, kAgentCount); };
-  const Script script = [&](Agent& self) -> absl::Status {
-    // The agents speak one after the other: whoever is answered too early is seen.
-    while (hits_said != self.index()) {
-      absl::SleepFor(absl::Milliseconds(1));
-    }
-    ++hits_said;
-    self.coordinator().OnRayHits({1}, {});
-    if (const auto all = self.AwaitOccluders(); !all.ok()) {
-      return all.status();
-    }
-    while (occluders_said != self.index()) {
-      absl::SleepFor(absl::Milliseconds(1));
-    }
-    ++occluders_said;
-    self.coordinator().OnOccludersDone();
-    if (const auto visible = self.AwaitVisible(); !visible.ok()) {
-      return visible.status();
-    }
-    self.coordinator().OnFrameDone({});
-    return absl::OkStatus();
-  };
-  ISOSCOPE_EXPECT_OK(
-      Run(frame::Culling::kDepth, std::vector<Script>(kAgentCount, script)).status());
 }
 
 TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
@@ -701,94 +462,6 @@ TEST_F(FrameCoordinatorTest, StatisticsAreSortedAndBytesSummed) {
   EXPECT_EQ(result.network_bytes, 1000 + 2000 + 4000 + 8000);
 }
 
-// What an agent says, without regard for the order.
-enum class Say { kHits, kPixels, kOccludersDone, kFrameDone, kEnd, kAwaitOccluders, kAwaitVisible };
-
-Script SayInOrder(const std::vector<Say>& words) {
-  return [words](Agent& self) -> absl::Status {
-    for (const Say word : words) {
-      switch (word) {
-        case Say::kHits:
-          self.coordinator().OnRayHits({1}, {});
-          break;
-        case Say::kPixels:
-          self.coordinator().OnPixels(ShuffledBands(RandomImage(1, 0.5), 1));
-          break;
-        case Say::kOccludersDone:
-          self.coordinator().OnOccludersDone();
-          break;
-        case Say::kFrameDone:
-          self.coordinator().OnFrameDone({});
-          break;
-        case Say::kEnd:
-          return absl::OkStatus();
-        case Say::kAwaitOccluders:
-          if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
-            return hits.status();
-          }
-          break;
-        case Say::kAwaitVisible:
-          if (const auto visible = self.AwaitVisible(); !visible.ok()) {
-            return visible.status();
-          }
-          break;
-      }
-    }
-    return self.AwaitCancel();
-  };
-}
-
-TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
-  using enum Say;
-  const std::vector<Say> step1;
-  const std::vector<Say> step2 = {kHits, kAwaitOccluders};
-  const std::vector<Say> step3 = {kHits, kAwaitOccluders, kPixels, kOccludersDone, kAwaitVisible};
-  const std::vector<Say> done = {kHits,         kAwaitOccluders, kPixels,   kOccludersDone,
-                                 kAwaitVisible, kPixels,         kFrameDone};
-  const struct {
-    frame::Culling culling;
-    std::vector<Say> before;
-    std::vector<Say> wrong;
-  } cases[] = {
-      {frame::Culling::kDepth, step1, {kPixels, kOccludersDone, kFrameDone, kEnd}},
-      {frame::Culling::kDepth, step2, {kHits, kFrameDone, kEnd}},
-      {frame::Culling::kDepth, step3, {kHits, kOccludersDone, kEnd}},
-      {frame::Culling::kDepth, done, {kHits, kPixels, kOccludersDone, kFrameDone}},
-      {frame::Culling::kNone, {}, {kHits, kOccludersDone, kEnd}},
-      {frame::Culling::kNone, {kPixels, kFrameDone}, {kHits, kPixels, kOccludersDone, kFrameDone}},
-  };
-  for (const auto& [culling, before, wrong] : cases) {
-    for (const Say word : wrong) {
-      SCOPED_TRACE(absl::StrCat("culling ", static_cast<int>(culling), ", after ", before.size(),
-                                " words, word ", static_cast<int>(word)));
-      std::vector<Say> words = before;
-      words.push_back(word);
-      const Script other =
-          culling == frame::Culling::kNone
-              ? SayInOrder({kPixels})
-              : SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
-      EXPECT_THAT(Run(culling, {other, SayInOrder(words)}),
-                  StatusIs(absl::StatusCode::kInternal,
-                           AllOf(HasSubstr("agent-1"), HasSubstr("out of order"))));
-    }
-  }
-}
-
-TEST_F(FrameCoordinatorTest, AgentThatDoesNotWaitForTheOthersIsOutOfOrder) {
-  using enum Say;
-  // The other agent holds the step open.
-  for (const Say word : {kPixels, kOccludersDone}) {
-    EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), SayInOrder({kHits, word})}),
-                StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
-  }
-  for (const Say word : {kPixels, kFrameDone}) {
-    EXPECT_THAT(
-        Run(frame::Culling::kDepth, {SayInOrder({kHits, kAwaitOccluders}),
-                                     SayInOrder({kHits, kAwaitOccluders, kOccludersDone, word})}),
-        StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
-  }
-}
-
 TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
   const Script damaged = [](Agent& self) {
     std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
@@ -806,44 +479,6 @@ TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
   };
   EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), Wait(), truncated}),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-2")));
-}
-
-TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
-  const absl::Status error = absl::DataLossError("dataset head, shard 1: block 7 damaged");
-  const std::vector<Script> failing = {
-      [&](Agent&) { return error; },
-      [&](Agent& self) {
-        self.coordinator().OnRayHits({1}, {});
-        return self.AwaitOccluders().ok() ? error : absl::InternalError("no occluders came");
-      },
-      [&](Agent& self) -> absl::Status {
-        self.coordinator().OnRayHits({1}, {});
-        if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
-          return hits.status();
-        }
-        self.coordinator().OnOccludersDone();
-        return self.AwaitVisible().ok() ? error : absl::InternalError("no visible blocks came");
-      }};
-  const std::vector<FrameStage> stages{FrameStage::kSelectingOccluders,
-                                       FrameStage::kRenderingOccluders,
-                                       FrameStage::kRenderingVisible};
-  for (const Script& script : failing) {
-    // The others have done all they are asked for and wait for the end, or for the next step.
-    using enum Say;
-    const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
-    const auto result = Run(frame::Culling::kDepth, {other, script, other});
-    EXPECT_EQ(
-        result.status(),
-        absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
-    // As data, for who repeats the agent's part.
-    ASSERT_EQ(failures_.size(), 1U);
-    EXPECT_EQ(failures_[0].part_index, 1U);
-    EXPECT_EQ(failures_[0].agent, (AgentIdentity{"agent-1", {1}}));
-    EXPECT_EQ(failures_[0].stage, stages[static_cast<std::size_t>(&script - failing.data())]);
-    EXPECT_EQ(failures_[0].status, error);
-    EXPECT_TRUE(agents_[0]->is_cancelled());
-    EXPECT_TRUE(agents_[2]->is_cancelled());
-  }
 }
 
 TEST_F(FrameCoordinatorTest, FailingToBeginOneAgentCancelsThoseThatBegan) {
@@ -889,15 +524,6 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
 }
 #endif
 
-TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
-  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(30));
-  EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), Wait()}),
-              StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       EndsWith("not answered: agent agent-0 (shard 0), agent agent-1 (shard 1)")));
-  EXPECT_TRUE(agents_[0]->is_cancelled());
-  EXPECT_TRUE(agents_[1]->is_cancelled());
-}
-
 TEST_F(FrameCoordinatorTest, DeadlineDoesNotNameAgentsWhoseAnswersHadCome) {
   const Script answers = [](Agent& self) {
     self.coordinator().OnRayHits({1}, {});
@@ -907,80 +533,6 @@ TEST_F(FrameCoordinatorTest, DeadlineDoesNotNameAgentsWhoseAnswersHadCome) {
   EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers}),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
                        EndsWith("not answered: agent agent-1 (shard 1)")));
-}
-
-TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
-  // An agent's own deadline fires once the others have answered: no clock decides.
-  std::atomic<int> answered{0};
-  const auto deadline_after = [&answered](int count) {
-    return Script([&answered, count](Agent&) {
-      while (answered != count) {
-        absl::SleepFor(absl::Milliseconds(1));
-      }
-      return absl::DeadlineExceededError("");
-    });
-  };
-  const Script answers = [&](Agent& self) {
-    self.coordinator().OnRayHits({1}, {});
-    ++answered;
-    return self.AwaitCancel();
-  };
-  EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
-              StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-3 (shard 3)")));
-
-  answered = 0;
-  const Script draws = [&](Agent& self) -> absl::Status {
-    self.coordinator().OnRayHits({1}, {});
-    if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
-      return hits.status();
-    }
-    if (self.index() == 2) {
-      while (answered != 2) {
-        absl::SleepFor(absl::Milliseconds(1));
-      }
-      return absl::DeadlineExceededError("");
-    }
-    self.coordinator().OnOccludersDone();
-    ++answered;
-    return self.AwaitCancel();
-  };
-  EXPECT_THAT(Run(frame::Culling::kDepth, {draws, draws, draws}),
-              StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       EndsWith("not answered: agent agent-2 (shard 2)")));
-}
-
-TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
-  using enum Say;
-  const std::vector<std::vector<Say>> steps = {
-      {},
-      {kHits, kAwaitOccluders},
-      {kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible, kPixels}};
-  for (const std::vector<Say>& step : steps) {
-    cancellation_ = std::make_unique<base::Cancellation>();
-    const Script cancels = [&](Agent& self) {
-      std::thread user([&] { cancellation_->Cancel(); });
-      user.join();
-      return self.AwaitCancel();
-    };
-    const Script then_cancels = [&](Agent& self) -> absl::Status {
-      for (const Say word : step) {
-        if (word == kHits) {
-          self.coordinator().OnRayHits({1}, {});
-        } else if (word == kAwaitOccluders) {
-          EXPECT_THAT(self.AwaitOccluders(), isoscope::testing::IsOk());
-        } else if (word == kOccludersDone) {
-          self.coordinator().OnOccludersDone();
-        } else if (word == kAwaitVisible) {
-          EXPECT_THAT(self.AwaitVisible(), isoscope::testing::IsOk());
-        }
-      }
-      return cancels(self);
-    };
-    const auto result = Run(frame::Culling::kDepth, {SayInOrder(step), then_cancels});
-    EXPECT_THAT(result, StatusIs(absl::StatusCode::kCancelled, Not(HasSubstr("agent-"))));
-    EXPECT_TRUE(agents_[0]->is_cancelled());
-  }
 }
 
 // A frame of three parts. The middle one has replicas: `first` is tried before one that behaves.
@@ -1000,7 +552,7 @@ class ReplicaTest : public FrameCoordinatorTest {
 
   // Expects the frame of three agents that behave, with the middle part done by `winner`.
   void ExpectTheSameFrame(const FrameResult& result, const std::string& winner) {
-    const std::vector<AgentFailure> failures = failures_;
+    const AgentReport report = report_;
     const auto agents = agents_;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult plain, RunWith({scripts_[1]}));
     EXPECT_TRUE(result.image == plain.image);
@@ -1010,7 +562,7 @@ class ReplicaTest : public FrameCoordinatorTest {
     EXPECT_EQ(result.agents[1].agent_address, winner);
     EXPECT_EQ(result.agents[1].active_block_count, plain.agents[1].active_block_count);
     EXPECT_EQ(result.network_bytes, plain.network_bytes);
-    failures_ = failures;
+    report_ = report;
     agents_ = agents;
   }
 
@@ -1072,21 +624,13 @@ TEST_F(ReplicaTest, AnAgentLostAtAnyStepIsReplacedAndTheFrameIsTheSame) {
           const FrameResult result,
           RunWith({UpTo(word, [&](Agent&) { return end; }), scripts_[1]}));
       ExpectTheSameFrame(result, "agent-1.1");
-      ASSERT_EQ(failures_.size(), 1u);
-      EXPECT_EQ(failures_[0].agent.address, "agent-1");
-      EXPECT_EQ(failures_[0].status, end);
+      ASSERT_EQ(report_.failures.size(), 1u);
+      EXPECT_EQ(report_.failures[0].agent.address, "agent-1");
+      EXPECT_EQ(report_.failures[0].status, end);
       EXPECT_THAT(lost_parts_, IsEmpty());
-      EXPECT_TRUE(outrun_.empty());
+      EXPECT_TRUE(report_.outrun.empty());
     }
   }
-}
-
-TEST_F(ReplicaTest, ReplicasAreTriedUntilOneDoesThePart) {
-  const auto fails = [](Agent&) { return absl::UnavailableError("gone"); };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({UpTo(4, fails), UpTo(0, fails),
-                                                                   UpTo(2, fails), scripts_[1]}));
-  ExpectTheSameFrame(result, "agent-1.3");
-  EXPECT_EQ(failures_.size(), 3u);
 }
 
 TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowManyThereWere) {
@@ -1097,65 +641,9 @@ TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowMan
               StatusIs(absl::StatusCode::kUnavailable,
                        AllOf(HasSubstr("no way to agent-1.1"),
                              HasSubstr("the last of 2 agents that serve it"))));
-  EXPECT_EQ(failures_.size(), 2u);
+  EXPECT_EQ(report_.failures.size(), 2u);
   EXPECT_THAT(lost_parts_, ElementsAre(1u));
   EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
-}
-
-// Else a frame that goes on without what is lost begins again for each of a rack's agents.
-TEST_F(FrameCoordinatorTest, OfARackThatIsLostAllPartsAreToldAtOnce) {
-  const auto fails = [](Agent&) { return absl::UnavailableError("connection reset"); };
-  const auto damaged = [](Agent&) { return absl::DataLossError("block 7 damaged"); };
-  const auto done = [](Agent& self) {
-    self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
-    return absl::OkStatus();
-  };
-  is_lost_ = [](int part, int /*replica*/) { return part == 5; };
-  before_begin_ = [this](int index) {  // the ends of the others come before the frame looks
-    const int due = index == 1 ? 1 : index == 6 ? 5 : 0;
-    const absl::Time limit = absl::Now() + absl::Seconds(20);
-    while (ended_count_ < due && absl::Now() < limit) {
-      absl::SleepFor(absl::Milliseconds(1));
-    }
-  };
-  EXPECT_THAT(RunParts(frame::Culling::kNone, {{done},
-                                               {fails},
-                                               {fails, Wait()},  // its other replica is there
-                                               {damaged},
-                                               {fails},
-                                               {Wait()},
-                                               {Wait()}}),
-              AnyOf(StatusIs(absl::StatusCode::kUnavailable),
-                    StatusIs(absl::StatusCode::kDataLoss)));  // whichever came first
-  EXPECT_THAT(lost_parts_, ElementsAre(1u, 3u, 4u, 5u));
-}
-
-TEST_F(FrameCoordinatorTest, APartIsNotLostByAnErrorThatOthersWouldMeetToo) {
-  const auto busy = [](Agent&) { return absl::ResourceExhaustedError("too many frames"); };
-  EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), busy}),
-              StatusIs(absl::StatusCode::kResourceExhausted));
-  EXPECT_THAT(lost_parts_, IsEmpty());
-}
-
-TEST_F(ReplicaTest, WhenAllReplicasAreBusyTheErrorStillTellsWhenToRetry) {
-  const Script busy = [](Agent&) {
-    return base::WithRetryDelay(absl::ResourceExhaustedError("too many frames"), absl::Seconds(3));
-  };
-  const absl::Status error = RunWith({busy, busy, busy}).status();
-  EXPECT_THAT(error, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("the last of 3")));
-  EXPECT_EQ(base::RetryDelayOf(error), absl::Seconds(3));
-}
-
-TEST_F(ReplicaTest, AnAgentThatIsLostAfterItsLastWordHasDoneItsPart) {
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
-                                RunWith({[this](Agent& self) -> absl::Status {
-                                           const absl::Status status = scripts_[1](self);
-                                           return status.ok() ? absl::UnavailableError("killed")
-                                                              : status;
-                                         },
-                                         Wait()}));
-  ExpectTheSameFrame(result, "agent-1");
-  EXPECT_TRUE(failures_.empty());
 }
 
 TEST_F(ReplicaTest, DamagedPixelsAreSentAgainByAReplicaAlsoAfterTheAgentWasDone) {
@@ -1176,8 +664,8 @@ TEST_F(ReplicaTest, DamagedPixelsAreSentAgainByAReplicaAlsoAfterTheAgentWasDone)
     });
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({script, scripts_[1]}));
     ExpectTheSameFrame(result, "agent-1.1");
-    ASSERT_EQ(failures_.size(), 1u);
-    EXPECT_THAT(failures_[0].status, StatusIs(absl::StatusCode::kDataLoss));
+    ASSERT_EQ(report_.failures.size(), 1u);
+    EXPECT_THAT(report_.failures[0].status, StatusIs(absl::StatusCode::kDataLoss));
   }
 }
 
@@ -1189,75 +677,50 @@ TEST_F(ReplicaTest, APartWhoseAgentNoLongerAnswersIsTriedBesideItAtAnyStep) {
         const FrameResult result,
         RunWith({UpTo(word, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
     EXPECT_TRUE(AgentOfName("agent-1").is_cancelled());
-    EXPECT_EQ(outrun_, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
+    EXPECT_EQ(report_.outrun, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
     ExpectTheSameFrame(result, "agent-1.1");
-    EXPECT_TRUE(failures_.empty());
+    EXPECT_TRUE(report_.failures.empty());
   }
 }
 
-TEST_F(ReplicaTest, OfTwoAgentsAtOnePartTheOneThatIsDoneFirstCounts) {
-  is_lost_ = [](int part, int replica) { return part == 1 && replica == 0; };
-  std::atomic<bool> has_second{false};
-  const Script comes_back = [&](Agent& self) {
-    while (!has_second) {
-      absl::SleepFor(absl::Milliseconds(1));
-    }
-    return scripts_[1](self);
-  };
-  const Script second = [&](Agent& self) {
-    has_second = true;
-    return self.AwaitCancel();
-  };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({comes_back, second}));
-  EXPECT_TRUE(AgentOfName("agent-1.1").is_cancelled());
-  EXPECT_TRUE(outrun_.empty()) << "the first one was not slower";
-  ExpectTheSameFrame(result, "agent-1");
-}
-
-TEST_F(ReplicaTest, ASlowPartIsHedgedOnceIfThatIsAllowed) {
+TEST_F(ReplicaTest, ASlowPartIsHedgedIfThatIsAllowed) {
   // Without hedging, an error rather than a hang.
   cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(60));
-  std::atomic<int> asked{0};
-  may_hedge_ = [&](int part, int replica) {
-    EXPECT_EQ(part, 1);
-    EXPECT_EQ(replica, 1);
-    ++asked;
-    return asked > 2;
-  };
+  may_hedge_ = [&](int part, int replica) { return part == 1 && replica == 1; };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const FrameResult result,
       RunWith({UpTo(2, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
-  EXPECT_EQ(asked, 3);
-  EXPECT_EQ(outrun_.size(), 1u);
+  EXPECT_EQ(report_.outrun.size(), 1u);
+  EXPECT_EQ(report_.hedge_count, 1);
   cancellation_ = std::make_unique<base::Cancellation>();
   may_hedge_ = nullptr;
   ExpectTheSameFrame(result, "agent-1.1");
 }
 
-TEST_F(ReplicaTest, APartThatHasUsedItsShareOfTheDeadlineIsTriedElsewhere) {
-  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(8));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({Wait(), scripts_[1]}));
-  cancellation_ = std::make_unique<base::Cancellation>();
-  ExpectTheSameFrame(result, "agent-1.1");
-}
+TEST_F(ReplicaTest, AnErrorOrACancellationAtAnyStepEndsTheFrameAndCancelsTheOthers) {
+  const absl::Status error = absl::DataLossError("dataset head, shard 1: block 7 damaged");
+  for (int word = 0; word < kWordCount; ++word) {
+    SCOPED_TRACE(word);
+    EXPECT_EQ(
+        RunWith({UpTo(word, [&](Agent&) { return error; })}).status(),
+        absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
+    ASSERT_EQ(report_.failures.size(), 1U);  // as data, for who repeats the agent's part
+    EXPECT_EQ(report_.failures[0].agent, (AgentIdentity{"agent-1", {1}}));
+    EXPECT_EQ(report_.failures[0].status, error);
+    EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
+    EXPECT_TRUE(AgentOfName("agent-2").is_cancelled());
 
-TEST_F(ReplicaTest, TheDeadlineNamesEveryAgentThatWasAsked) {
-  is_lost_ = [](int, int) { return true; };
-  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(200));
-  EXPECT_THAT(RunWith({Wait(), Wait(), Wait()}),
-              StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-1.1 "
-                                "(shard 1)")));
-}
-
-TEST_F(ReplicaTest, ACancelledFrameAsksNoReplica) {
-  const Script cancels = [&](Agent& self) {
-    std::thread user([&] { cancellation_->Cancel(); });
-    user.join();
-    return self.AwaitCancel();
-  };
-  EXPECT_THAT(RunWith({cancels, Wait()}), StatusIs(absl::StatusCode::kCancelled));
-  EXPECT_EQ(agents_.size(), 3u);
+    const Script cancels = UpTo(word, [&](Agent& self) {
+      std::thread user([&] { cancellation_->Cancel(); });
+      user.join();
+      return self.AwaitCancel();
+    });
+    EXPECT_THAT(RunWith({cancels, Wait()}),
+                StatusIs(absl::StatusCode::kCancelled, Not(HasSubstr("agent-"))));
+    EXPECT_EQ(agents_.size(), 3u) << "a replica was asked";
+    EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
+    cancellation_ = std::make_unique<base::Cancellation>();
+  }
 }
 
 TEST_F(FrameCoordinatorTest, ManyAgentsAtOnceGiveOneFrame) {

@@ -1,0 +1,212 @@
+// The protocol of one frame with its agents, as a state machine: events in, commands out. It has no
+// threads, locks or clock. Time comes in with the events, and the driver does what the commands
+// say.
+//
+// A part is some shards. Agents that serve all of them are its replicas. An attempt is one try of a
+// part on one replica. Each attempt has a stage; a word of its agent ends the stage:
+//
+//   word            allowed at           then
+//   ray hits        kSelectingOccluders  kRenderingOccluders
+//   pixels          kRenderingOccluders  -
+//                   kRenderingVisible
+//   occluders done  kRenderingOccluders  kRenderingVisible
+//   frame done      kRenderingVisible    kDone: the attempt wins its part
+//   end, OK         kDone                kEnded
+//   end, error      any                  the attempt has failed
+//
+// Any other word breaks the protocol: INTERNAL. So does a word at a step of the frame that has not
+// begun. Without culling an attempt begins at kRenderingVisible.
+//
+// A step of the frame begins when every part has reached its stage. A part never goes back: its
+// stage is the farthest that an attempt has reached, at most kRenderingVisible. kDone and kEnded
+// are stages of attempts alone. If the pixels of a winner turn out to be damaged, that attempt has
+// failed. A new attempt begins at the first stage, and the frame stays at its step.
+//
+// A part is tried on one replica at first. It is tried on the next one
+//   * when an attempt fails, and no other one is under way;
+//   * beside the first attempt, when that is late: its agent no longer answers, or it has used up
+//     its share of the deadline, or it takes twice as long as the other parts at this step.
+// All replicas have the frame's picture revision, and a later attempt is told what the frame knows
+// already. So it sends the same as the one before. The first attempt that is done wins, and the
+// others are cancelled.
+
+#ifndef ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_
+#define ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <functional>
+#include <iterator>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "absl/types/span.h"
+
+#include "server/cluster/agent_failure.h"
+
+namespace isoscope::server {
+
+struct AttemptId {
+  std::size_t part = 0;
+  std::size_t replica = 0;  // in the order in which the part tries them
+
+  friend bool operator==(const AttemptId&, const AttemptId&) = default;
+};
+
+// kDamaged: the driver says so, whose decoder found it. It may come when the attempt is done.
+enum class AgentWord { kRayHits, kPixels, kOccludersDone, kFrameDone, kEnd, kDamaged };
+
+struct AgentEvent {
+  AttemptId from;
+  AgentWord word = AgentWord::kEnd;
+  absl::Time arrival;
+  absl::Status status = absl::OkStatus();  // with kEnd and kDamaged
+};
+
+// Returns the stage that the word ends, if its agent is at that stage. An end in error ends none.
+std::optional<FrameStage> EndedStage(AgentWord word, const absl::Status& status);
+// REQUIRES: not kEnded.
+constexpr FrameStage NextStage(FrameStage stage) {
+  return static_cast<FrameStage>(static_cast<int>(stage) + 1);
+}
+
+struct Command {
+  enum class Kind {
+    kBegin,   // begin the attempt, then call NoteBegun
+    kCancel,  // cancel the attempt
+    kReduce,  // the content of this event counts
+    kSend,    // send the attempt its blocks of `stage`
+    kStep,    // the last part has reached `stage`: call BeginStep when it can begin
+  };
+  Kind kind = Kind::kReduce;
+  AttemptId attempt = {};
+  FrameStage stage = FrameStage::kSelectingOccluders;
+  bool is_only_attempt = false;  // kSend: no other attempt of the part can want the blocks
+};
+using Commands = std::vector<Command>;
+
+// Who can work on the parts.
+struct ReplicaSetup {
+  // How many replicas can work on each part; at least 1.
+  std::vector<int> replica_counts;
+  // Returns true if a replica that a part is tried on no longer answers. Null: nobody knows.
+  std::function<bool(int part_index, int replica_index)> is_lost;
+  // Asked before a part that is only slow is also tried on a replica. Null: never.
+  std::function<bool(int part_index, int replica_index)> may_hedge;
+};
+
+// What a frame learnt of its agents.
+struct AgentReport {
+  // The agents that failed, also those whose part another one then did.
+  std::vector<AgentFailure> failures = {};
+  // The agents whose part a replica finished first.
+  std::vector<AgentIdentity> outrun = {};
+  // Number of second attempts that may_hedge allowed.
+  int hedge_count = 0;
+};
+
+// A relay may wait between kStep and BeginStep, and handle other events meanwhile.
+// Thread-compatible. A call takes O(attempts) at most.
+class FrameProtocol {
+ public:
+  // first_stage: kRenderingVisible without culling. `setup` outlives the protocol.
+  FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, absl::Time begin,
+                absl::Time deadline);
+
+  // The frame begins: one attempt of each part.
+  Commands Begin();
+  void NoteBegun(AttemptId id, AgentIdentity agent, absl::Time now);
+  // An agent has spoken. An error ends the frame. DEADLINE_EXCEEDED: an agent's own deadline has
+  // passed; DeadlineError returns the frame's error.
+  absl::StatusOr<Commands> Handle(const AgentEvent& event);
+  // The step begins: what its agents are told is known. Returns a kSend for each attempt that is
+  // there, in the order of the parts.
+  Commands BeginStep(FrameStage stage);
+  // Some time has passed: begins a second attempt of each part whose first one is late.
+  // step_begin: when the last step had begun.
+  Commands Watch(absl::Time now, absl::Time step_begin);
+
+  // The frame has failed. `late`: the events that had come, and were not handled.
+  //
+  // Returns the error of a passed deadline, which names the agents that have not answered.
+  absl::Status DeadlineError(absl::Span<const AgentEvent> late, absl::Time now);
+  // Returns the parts that no agent can do, ascending: the one that ended the frame, and those that
+  // were lost with it. A rack is lost as a whole: some of its agents have said so, and others no
+  // longer answer. REQUIRES: has_lost_part().
+  std::vector<std::size_t> LostParts(absl::Span<const AgentEvent> late);
+  // False if the same would have happened to other parts.
+  [[nodiscard]] bool has_lost_part() const { return lost_part_.has_value(); }
+
+  // The frame goes on when `count` parts, at least 1, have ended `stage`. kEnded: it is over.
+  struct Awaited {
+    std::size_t count = 0;
+    FrameStage stage = FrameStage::kEnded;
+  };
+  [[nodiscard]] Awaited awaited() const;
+  [[nodiscard]] bool has_replicas() const {  // any part has more than one
+    return std::any_of(setup_.replica_counts.begin(), setup_.replica_counts.end(),
+                       [](int count) { return count > 1; });
+  }
+  // REQUIRES: the frame is over.
+  [[nodiscard]] AttemptId WinnerOf(std::size_t part) const { return {part, *parts_[part].winner}; }
+
+  AgentReport TakeReport() { return std::exchange(report_, {}); }
+
+ private:
+  struct Attempt {
+    AgentIdentity agent = {};
+    FrameStage stage = FrameStage::kSelectingOccluders;
+    absl::Time begin = {};
+    bool is_live = true;  // else its words no longer count
+    bool has_failed = false;
+  };
+  struct Part {
+    std::vector<Attempt> attempts = {};  // in the order of their replicas
+    FrameStage stage = FrameStage::kSelectingOccluders;
+    absl::Time stage_begin = {};
+    std::optional<std::size_t> winner = std::nullopt;  // among attempts
+
+    // How far the frame can count on the part: its stage, or that of its winner.
+    [[nodiscard]] FrameStage progress() const {
+      return winner.has_value() ? attempts[*winner].stage : stage;
+    }
+    [[nodiscard]] auto live_count() const {
+      return std::count_if(attempts.begin(), attempts.end(),
+                           [](const Attempt& attempt) { return attempt.is_live; });
+    }
+  };
+
+  Command TryNextReplica(std::size_t part_index);
+  Commands ReachStage(AttemptId id);
+  Commands Win(AttemptId id);
+  absl::StatusOr<Commands> Fail(AttemptId id, const absl::Status& status);
+  absl::StatusOr<Commands> OutOfOrder(const AgentEvent& event);
+  void NoteFailure(AttemptId id, FrameStage stage, absl::Status status);
+
+  [[nodiscard]] Attempt& AttemptOf(AttemptId id) { return parts_[id.part].attempts[id.replica]; }
+  [[nodiscard]] Command Send(AttemptId id) const;
+  [[nodiscard]] bool HasSpare(std::size_t part_index) const {
+    return std::ssize(parts_[part_index].attempts) < setup_.replica_counts[part_index];
+  }
+  [[nodiscard]] bool IsSlow(const Part& part, absl::Time now, absl::Time step_begin) const;
+  [[nodiscard]] bool IsGone(std::size_t part_index, std::size_t replica) const;
+  [[nodiscard]] bool IsLost(std::size_t part_index) const;
+
+  const ReplicaSetup& setup_;
+  const FrameStage first_stage_;
+  const absl::Time begin_;
+  const absl::Time deadline_;
+  std::vector<Part> parts_;
+  FrameStage step_;  // the last one that has begun
+  absl::Time last_arrival_;
+  std::optional<std::size_t> lost_part_;  // it ended the frame
+  AgentReport report_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_FRAME_PROTOCOL_H_

@@ -1,0 +1,217 @@
+// The pixels of a frame that have arrived and wait to be composited.
+//
+// The frame's own thread takes them before it waits for events, and threads of the arena help when
+// much lies there. Agents of this process wait for memory that the queued pixels hold, and an arena
+// may have no thread to spare: one of one thread never has. So without the frame's thread nobody
+// would go on. Each arrival wakes it, though that costs: with more images under way they leave the
+// processor's caches, which costs more.
+
+#ifndef ISOSCOPE_SERVER_FRAME_PIXEL_QUEUE_H_
+#define ISOSCOPE_SERVER_FRAME_PIXEL_QUEUE_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include <oneapi/tbb/task_arena.h>
+#include <oneapi/tbb/task_group.h>
+
+#include "core/base/mutex.h"
+#include "core/image/pixel_mailboxes.h"
+#include "server/frame/event_queue.h"
+#include "server/frame/frame_protocol.h"
+#include "server/frame/read_gate.h"
+#include "server/frame/reduction.h"
+
+namespace isoscope::server {
+
+// The frame's thread calls it; helpers are its own.
+class PixelQueue {
+ public:
+  // Calls on_damage once there is something for Finish to return: any thread, no lock is held.
+  // Reduction and arena outlive the queue.
+  PixelQueue(Reduction* reduction, tbb::task_arena* arena, std::function<void()> on_damage)
+      : reduction_(*reduction), arena_(*arena), on_damage_(std::move(on_damage)) {}
+  ~PixelQueue() { Abandon(); }
+  PixelQueue(const PixelQueue&) = delete;
+  PixelQueue& operator=(const PixelQueue&) = delete;
+
+  void Push(AttemptId from, Bands bands) {
+    is_first_ = false;
+    std::vector<Arrival> arrivals;
+    arrivals.reserve(bands.bands.size());
+    for (std::string& band : bands.bands) {
+      const std::size_t tile_count = band.size() / kFullTileBytes + 1;
+      arrivals.push_back({from, std::move(band), bands.hold, tile_count});
+    }
+    Push(std::move(arrivals));
+  }
+  // The first image becomes the result; others are composited into it.
+  void Push(AttemptId from, image::DrawnPixels pixels) {
+    if (std::exchange(is_first_, false)) {
+      reduction_.Adopt(&pixels);
+      if (!reduction_.has_layers()) {
+        return;
+      }
+    }
+    std::vector<Arrival> arrivals;
+    const std::size_t tile_count = TileCountOf(pixels);
+    arrivals.push_back({from, std::move(pixels), nullptr, tile_count});
+    Push(std::move(arrivals));
+  }
+
+  // Composites on this thread what arrived first, unless nothing waits.
+  void CompositeOne() {
+    arena_.execute([this] { CompositeNext(); });
+  }
+  [[nodiscard]] bool empty() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return arrivals_.empty();
+  }
+
+  // Returns once all that has arrived is in the reduction, but for what was damaged. Returns a
+  // kDamaged for each of these.
+  std::vector<AgentEvent> Finish() ABSL_LOCKS_EXCLUDED(mutex_) {
+    arena_.execute([&] {
+      while (CompositeNext()) {
+      }
+      helpers_.wait();
+    });
+    has_tasks_ = false;
+    std::vector<AgentEvent> damages;
+    const base::MutexLock lock(&mutex_);
+    damages.swap(damages_);
+    return damages;
+  }
+  // Drops the pixels that nobody has begun to composite, and waits for the rest. Allocates nothing.
+  // In the arena: one of one thread has nobody else to run the tasks.
+  void Abandon() noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
+    if (!std::exchange(has_tasks_, false)) {
+      return;
+    }
+    while (Pop().has_value()) {
+    }
+    try {
+      arena_.execute([&] { helpers_.wait(); });
+    } catch (const std::bad_alloc&) {
+      // A task has thrown it. All are done, and the frame has failed anyhow.
+    }
+  }
+
+ private:
+  // A full tile of a band has about as many bytes.
+  static constexpr std::size_t kFullTileBytes = 1024;
+  // Tiles that one thread composites in some hundred microseconds. To wake another one takes as
+  // long.
+  static constexpr std::size_t kTilesPerHelper = 512;
+
+  // A band, or all of an agent's step.
+  struct Arrival {
+    AttemptId from;
+    std::variant<std::string, image::DrawnPixels> pixels;
+    std::shared_ptr<const ReadGate::Hold> hold;  // of bands
+    std::size_t tile_count = 0;                  // about
+  };
+
+  // Calls threads of the arena to help if the pixels are more than the frame's own thread
+  // composites in the time that it takes to wake another one.
+  void Push(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(mutex_) {
+    has_tasks_ = true;
+    std::size_t more_helpers = 0;
+    {
+      const base::MutexLock lock(&mutex_);
+      for (Arrival& arrival : arrivals) {
+        waiting_tiles_ += arrival.tile_count;
+        arrivals_.push_back(std::move(arrival));
+      }
+      const std::size_t wanted = std::min({waiting_tiles_ / kTilesPerHelper, arrivals_.size(),
+                                           static_cast<std::size_t>(arena_.max_concurrency())});
+      more_helpers = wanted - std::min(wanted, helper_count_);
+      helper_count_ += more_helpers;
+    }
+    if (more_helpers > 0) {
+      arena_.execute([&] {
+        for (std::size_t i = 0; i < more_helpers; ++i) {
+          helpers_.run([this] { Help(); });
+        }
+      });
+    }
+  }
+  // Takes what arrived first, unless another thread has.
+  std::optional<Arrival> Pop() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (arrivals_.empty()) {
+      return std::nullopt;
+    }
+    std::optional<Arrival> arrival(std::move(arrivals_.front()));
+    arrivals_.pop_front();
+    waiting_tiles_ -= arrival->tile_count;
+    return arrival;
+  }
+  // Composites what arrived first; false if nothing waits. The pixels and their memory are free
+  // when it returns.
+  bool CompositeNext() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const std::optional<Arrival> arrival = Pop();
+    if (!arrival.has_value()) {
+      return false;
+    }
+    const auto* const band = std::get_if<std::string>(&arrival->pixels);
+    const absl::Status status =
+        band != nullptr ? reduction_.CompositeBand(*band)
+                        : reduction_.CompositeDrawn(std::get<image::DrawnPixels>(arrival->pixels),
+                                                    arrival->tile_count >= kTilesPerHelper);
+    if (!status.ok()) {
+      {
+        const base::MutexLock lock(&mutex_);
+        damages_.push_back(
+            {arrival->from, AgentWord::kDamaged, absl::Now(),
+             absl::Status(status.code(), absl::StrCat("pixels: ", status.message()))});
+      }
+      on_damage_();
+    }
+    return true;
+  }
+  // Composites until nothing waits.
+  void Help() ABSL_LOCKS_EXCLUDED(mutex_) {
+    while (CompositeNext()) {
+    }
+    const base::MutexLock lock(&mutex_);
+    --helper_count_;
+  }
+
+  static std::size_t TileCountOf(const image::DrawnPixels& pixels) {
+    std::size_t count = pixels.image.touched.Count();
+    for (const image::FrameImage* level : pixels.layers.Levels()) {
+      count += level->touched.Count();
+    }
+    return count;
+  }
+
+  Reduction& reduction_;
+  tbb::task_arena& arena_;
+  const std::function<void()> on_damage_;
+  bool is_first_ = true;  // no pixels have come yet
+  mutable base::Mutex mutex_;
+  std::deque<Arrival> arrivals_ ABSL_GUARDED_BY(mutex_);
+  std::size_t waiting_tiles_ ABSL_GUARDED_BY(mutex_) = 0;  // of arrivals_
+  std::size_t helper_count_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::vector<AgentEvent> damages_ ABSL_GUARDED_BY(mutex_);
+  tbb::task_group helpers_;
+  bool has_tasks_ = false;  // since helpers_ was waited for
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_PIXEL_QUEUE_H_
