@@ -159,8 +159,7 @@ function cameraAround(center, radius, side, up) {
  * @param {Box} box @returns {Camera}
  */
 export function defaultCamera(box) {
-  const center = scale(add(box.min, box.max), 0.5);
-  return cameraAround(center, length(sub(box.max, box.min)) / 2, [0, 0, 1], [0, 1, 0]);
+  return /** @type {Camera} */ (namedCamera('front', box));
 }
 
 /**
@@ -178,9 +177,20 @@ export function patientDirection(frame, side) {
   return v;
 }
 
+/**
+ * The rows of core/view/named_views.inc: where the eye is, seen from the target; up; the patient's sides in their places.
+ * @type {Record<string, [Vec3, Vec3, string]>}
+ */
+export const NAMED_VIEWS = {
+  front: [[0, 0, 1], [0, 1, 0], ''], back: [[0, 0, -1], [0, 1, 0], ''],
+  anterior: [[0, 0, 0], [0, 0, 0], 'AS'], posterior: [[0, 0, 0], [0, 0, 0], 'PS'],
+  left: [[-1, 0, 0], [0, 1, 0], 'LS'], right: [[1, 0, 0], [0, 1, 0], 'RS'],
+  top: [[0, 1, 0], [0, 0, -1], ''], bottom: [[0, -1, 0], [0, 0, 1], ''],
+  superior: [[0, 0, 0], [0, 0, 0], 'SA'], inferior: [[0, 0, 0], [0, 0, 0], 'IA'],
+};
 /** The named views, as the command line has them, and those of a patient. */
-export const WORLD_VIEWS = ['front', 'back', 'left', 'right', 'top', 'bottom'];
-export const PATIENT_VIEWS = ['anterior', 'posterior', 'left', 'right', 'superior', 'inferior'];
+export const WORLD_VIEWS = Object.keys(NAMED_VIEWS).filter((name) => length(NAMED_VIEWS[name][0]) > 0);
+export const PATIENT_VIEWS = Object.keys(NAMED_VIEWS).filter((name) => NAMED_VIEWS[name][2]);
 
 /**
  * Returns the default camera of a box from another side, as `isoscope render --view` does; null if
@@ -188,22 +198,15 @@ export const PATIENT_VIEWS = ['anterior', 'posterior', 'left', 'right', 'superio
  * @param {string} name @param {Box} box @param {string} [patientFrame] @returns {Camera | null}
  */
 export function namedCamera(name, box, patientFrame) {
-  /** @type {Record<string, [Vec3, Vec3]>} */
-  const world = {
-    front: [[0, 0, 1], [0, 1, 0]], back: [[0, 0, -1], [0, 1, 0]], left: [[-1, 0, 0], [0, 1, 0]],
-    right: [[1, 0, 0], [0, 1, 0]], top: [[0, 1, 0], [0, 0, -1]], bottom: [[0, -1, 0], [0, 0, 1]],
-  };
-  /** @type {Record<string, string>} */
-  const patient = { anterior: 'AS', posterior: 'PS', left: 'LS', right: 'RS', superior: 'SA', inferior: 'IA' };
-  let sides = world[name];
-  if (patientFrame && patient[name]) {
-    sides = [patientDirection(patientFrame, patient[name][0]), patientDirection(patientFrame, patient[name][1])];
-  }
-  if (!sides) {
+  if (!Object.hasOwn(NAMED_VIEWS, name)) {
     return null;
   }
-  const center = scale(add(box.min, box.max), 0.5);
-  return cameraAround(center, length(sub(box.max, box.min)) / 2, sides[0], sides[1]);
+  let [toEye, up, sides] = NAMED_VIEWS[name];
+  if (patientFrame && sides) {
+    [toEye, up] = [patientDirection(patientFrame, sides[0]), patientDirection(patientFrame, sides[1])];
+  }
+  return length(up) > 0
+    ? cameraAround(scale(add(box.min, box.max), 0.5), length(sub(box.max, box.min)) / 2, toEye, up) : null;
 }
 
 /**

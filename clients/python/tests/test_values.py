@@ -2,6 +2,7 @@
 
 import math
 import pickle
+import re
 import struct
 import zlib
 
@@ -11,11 +12,13 @@ import pytest
 from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
-from isoscope import _png, _wire
+from isoscope import _answer, _png, _request
 from isoscope._channel import make_target
 from isoscope._retry import told_delay
+from isoscope.camera import _NAMED_VIEWS
 from isoscope.errors import DataLossError, InvalidArgumentError, explain
 from isoscope.look import as_clip, parse_color
+from conftest import ROOT
 
 
 def info(**changes):
@@ -75,6 +78,13 @@ def test_patient_views_follow_the_patient_frame():
         info().camera("sideways")
 
 
+def test_the_table_of_named_views_is_the_one_of_cpp():
+    table = (ROOT / "core" / "view" / "named_views.inc").read_text()
+    rows = re.findall(r'\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}', table)
+    numbers = [(name.lower(), tuple(tuple(map(int, v.split(", "))) for v in vectors) + (sides,)) for name, *vectors, sides in rows]
+    assert len(rows) == 10 and list(_NAMED_VIEWS.items()) == numbers
+
+
 def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_path):
     for camera in (
         isoscope.Camera((0.1, 1 / 3, 1e300), (-0.0, 2.0, 3.0), (0, 1, 0.1), fov_y=1 / 7),
@@ -82,7 +92,7 @@ def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_pa
     ):
         camera.save(tmp_path / "c.json")
         assert isoscope.Camera.load(tmp_path / "c.json") == camera
-        assert _wire.camera_from_proto(_wire.camera_to_proto(camera)) == camera
+        assert _answer.camera(_request.camera_message(camera)) == camera
     for wrong in ({}, {"eye": [1, 2], "target": [0, 0, 0], "perspective": {"fov_y_degrees": 3}}, {"eyes": 1}):
         with pytest.raises(InvalidArgumentError, match="camera"):
             isoscope.Camera.from_dict(wrong)
@@ -174,10 +184,10 @@ def test_plane_through_a_point_keeps_the_side_of_its_normal():
 
 def test_clip_is_a_plane_a_box_or_both():
     assert as_clip((0, 1, 2, 3, 4, 5)).box == (0, 1, 2, 3, 4, 5)
-    region, caps = _wire.clip_to_proto(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
+    region, caps = _request.clip_messages(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
     assert region.half_spaces[0].offset == 5 and region.box.max.z == 6 and caps is not None
     with pytest.raises(InvalidArgumentError, match="x_min, x_max"):
-        _wire.clip_to_proto((1, 2, 3))
+        _request.clip_messages((1, 2, 3))
 
 
 @pytest.mark.parametrize(
@@ -195,7 +205,7 @@ def test_clip_is_a_plane_a_box_or_both():
 def test_wrong_arguments_are_named_before_anything_is_sent(look, words):
     isovalue = look.pop("isovalue", None)
     with pytest.raises(InvalidArgumentError, match=words):
-        _wire.frame_request(info(), isovalue, **look)
+        _request.frame(info(), isovalue, **look)
 
 
 def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field():
@@ -207,11 +217,11 @@ def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field
         (isoscope.Capabilities(**limits, features=frozenset({"dataset_id"})), "0" * 32),
     ):
         for request in (
-            _wire.frame_request(info(), 1),
-            _wire.export_request(info(), 1, None, None),
-            _wire.histogram_request("v", 8, None),
+            _request.frame(info(), 1),
+            _request.export(info(), 1, None, None),
+            _request.histogram("v", 8, None),
         ):
-            _wire.expect_dataset(request, info(), capabilities)
+            _request.expect_dataset(request, info(), capabilities)
             assert request.dataset_id == expected
 
 

@@ -1,5 +1,6 @@
 // The view module without a browser: cameras, moves, the warp, and messages.
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
@@ -43,6 +44,14 @@ test('named views look from the sides that the command line names', () => {
   assert.deepEqual(side('superior', 'SPL'), [[1, 0, 0], [0, -1, 0]]);
   assert.equal(side('anterior'), null);
   assert.equal(side('sideways'), null);
+});
+
+test('the table of named views is the one of C++', () => {
+  const table = readFileSync(new URL('../../../core/view/named_views.inc', import.meta.url), 'utf8');
+  const rows = [...table.matchAll(/\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}/g)].map(([, name, toEye, up, sides]) =>
+    [name.toLowerCase(), [toEye.split(', ').map(Number), up.split(', ').map(Number), sides]]);
+  assert.equal(rows.length, 10);
+  assert.deepEqual(Object.entries(view.NAMED_VIEWS), rows);
 });
 
 test('the box of a dataset has its samples as corners, also where the grid is turned', () => {
