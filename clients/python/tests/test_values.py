@@ -12,8 +12,7 @@ import pytest
 from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
-from isoscope import _answer, _png, _request
-from isoscope._channel import make_target
+from isoscope import _answer, _core, _png, _request
 from isoscope._retry import told_delay
 from isoscope.camera import _NAMED_VIEWS
 from isoscope.errors import DataLossError, InvalidArgumentError, explain
@@ -134,18 +133,6 @@ def test_every_color_of_css_has_a_name():
     assert len(_NAMED_COLORS) == 149
     for name in [name for name in _NAMED_COLORS if "gray" in name]:
         assert parse_color(name, "color") == parse_color(name.replace("gray", "grey"), "color")
-
-
-def test_an_address_without_a_port_has_the_coordinators_wherever_it_is_resolved():
-    for address, expected in {
-        "host": "host:50051", " host ": "host:50051", "host:1": "host:1",
-        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7",
-        "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051",
-        "dns://192.0.2.1/host": "dns://192.0.2.1/host:50051", "dns:///host:7": "dns:///host:7",
-        "ipv4:192.0.2.1,192.0.2.2:7": "ipv4:192.0.2.1:50051,192.0.2.2:7", "ipv6:[::1]": "ipv6:[::1]:50051",
-        "unix:/run/isoscope": "unix:/run/isoscope",
-    }.items():  # fmt: skip
-        assert target(address).address == expected
 
 
 def statistics(**changes):
@@ -284,22 +271,19 @@ def test_damaged_pngs_are_data_loss_and_never_something_else():
 
 
 def target(address, **changes):
-    values = dict(
-        tls=None, ca_file=None, cert_file=None, key_file=None, server_name=None, token=None,
-        token_file=None, allow_insecure_token=False, metadata=(), timeout=1,
-    )  # fmt: skip
-    return make_target(address, **{**values, **changes})
+    return _core.connection(address, **changes)[0]
 
 
-@pytest.mark.parametrize(
-    "address, full",
-    [
-        ("host", "host:50051"), ("host:1", "host:1"), ("::1", "[::1]:50051"), ("[::1]:7", "[::1]:7"),
-        ("unix:/tmp/s", "unix:/tmp/s"), ("dns:///h:1", "dns:///h:1"),
-    ],
-)  # fmt: skip
-def test_addresses_get_the_default_port(address, full):
-    assert target(address).address == full
+def test_an_address_without_a_port_has_the_coordinators_wherever_it_is_resolved():
+    for address, expected in {
+        "host": "host:50051", " host ": "host:50051", "host:1": "host:1",
+        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7",
+        "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051", "dns:///h:1": "dns:///h:1",
+        "dns://192.0.2.1/host": "dns://192.0.2.1/host:50051", "dns:///host:7": "dns:///host:7",
+        "ipv4:192.0.2.1,192.0.2.2:7": "ipv4:192.0.2.1:50051,192.0.2.2:7", "ipv6:[::1]": "ipv6:[::1]:50051",
+        "unix:/run/isoscope": "unix:/run/isoscope", "unix:/tmp/s": "unix:/tmp/s",
+    }.items():  # fmt: skip
+        assert target(address).address == expected
 
 
 @pytest.mark.parametrize("address", ["", "host:port", "host:0", "host:99999", ":1", "http://host:1/"])
@@ -368,14 +352,17 @@ def test_tls_arguments_fit_each_other():
 
 
 class Failed(grpc.RpcError):
-    def __init__(self, code, details):
-        self._code, self._details = code, details
+    def __init__(self, code, details, metadata=()):
+        self._code, self._details, self._metadata = code, details, metadata
 
     def code(self):
         return self._code
 
     def details(self):
         return self._details
+
+    def trailing_metadata(self):
+        return self._metadata
 
 
 @pytest.mark.parametrize("code", [code for code in grpc.StatusCode if code is not grpc.StatusCode.OK])
@@ -397,8 +384,45 @@ def test_connection_that_broke_is_unavailable(code, words):
     assert explain(Failed(grpc.StatusCode[code], "Channel closed!"), "h:1", 1.0, False).code == code
 
 
-def test_errors_are_also_pythons_own_classes():
-    assert issubclass(isoscope.NotFoundError, LookupError)
-    assert issubclass(isoscope.InvalidArgumentError, ValueError)
-    assert issubclass(isoscope.UnavailableError, ConnectionError)
-    assert issubclass(isoscope.DeadlineExceededError, TimeoutError)
+@pytest.mark.parametrize(
+    "error, own",
+    [("NotFound", LookupError), ("InvalidArgument", ValueError), ("Unavailable", ConnectionError), ("DeadlineExceeded", TimeoutError)],
+)  # fmt: skip
+def test_errors_are_also_pythons_own_classes(error, own):
+    assert issubclass(getattr(isoscope, f"{error}Error"), own)
+
+
+# ------------------------------------------------------------------------------------ the core: tries and answers
+
+
+BUSY = retry_info(seconds=1)
+
+
+@pytest.mark.parametrize(
+    "code, info, has_taken, timeout, expected",
+    [
+        ("RESOURCE_EXHAUSTED", BUSY, False, 10, 1), ("UNAVAILABLE", BUSY, False, 10, 1),
+        ("RESOURCE_EXHAUSTED", BUSY, True, 10, isoscope.ResourceExhaustedError),  # a part of the answer has come
+        ("RESOURCE_EXHAUSTED", BUSY, False, 0.5, isoscope.ResourceExhaustedError),  # its time is up before that
+        ("RESOURCE_EXHAUSTED", None, False, 10, isoscope.ResourceExhaustedError),  # it can never fit
+        ("INTERNAL", BUSY, False, 10, isoscope.InternalError), ("NOT_FOUND", None, False, 10, isoscope.NotFoundError),
+    ],
+)  # fmt: skip
+def test_a_call_is_tried_again_only_where_the_server_tells_when_and_nothing_has_come(code, info, has_taken, timeout, expected):
+    connection = _core.Connection(target("localhost:1"), None)
+    call = _core.Call(None, _core.One(lambda message: message), timeout)
+    if has_taken:
+        call.add("a part")
+    error = Failed(grpc.StatusCode[code], "a sentence", Refusal(info).trailing_metadata() if info else ())
+    if isinstance(expected, int):
+        assert connection._delay_after(error, call, connection._retries(call)) == expected
+    else:
+        with pytest.raises(expected, match="a sentence"):
+            connection._delay_after(error, call, connection._retries(call))
+
+
+def test_an_answer_without_a_message_is_an_error_and_a_timeout_is_above_0():
+    with pytest.raises(isoscope.InternalError, match="without a message"):
+        _core.capabilities(None).result(None)
+    with pytest.raises(InvalidArgumentError, match="timeout 0"):
+        _core.Connection(target("localhost:1"), None)._retries(_core.capabilities(0))
