@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import traceback
+import typing
 import unicodedata
 
 import grpc
@@ -355,6 +356,9 @@ def test_both_clients_have_the_same_names_and_arguments():
     for name in ("render", "pick", "mesh", "histogram"):
         blocking, awaited = (inspect.signature(getattr(cls, name)) for cls in (isoscope.Dataset, isoscope.aio.Dataset))
         assert blocking.parameters == awaited.parameters, name
+        types, same = (typing.get_type_hints(getattr(cls, name)) for cls in (isoscope.Dataset, isoscope.aio.Dataset))
+        assert types == same, name
+    assert typing.get_type_hints(isoscope.connect)["return"] is isoscope.Client
     assert inspect.signature(isoscope.connect).parameters == inspect.signature(isoscope.aio.connect).parameters
 
 

@@ -80,8 +80,9 @@ def test_patient_views_follow_the_patient_frame():
 def test_the_table_of_named_views_is_the_one_of_cpp():
     table = (ROOT / "core" / "view" / "named_views.inc").read_text()
     rows = re.findall(r'\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}', table)
-    numbers = [(name.lower(), tuple(tuple(map(int, v.split(", "))) for v in vectors) + (sides,)) for name, *vectors, sides in rows]
-    assert len(rows) == 10 and list(_NAMED_VIEWS.items()) == numbers
+    vectors = [[tuple(map(int, row[at].split(", "))) for at in (1, 2)] for row in rows]
+    expected = [(row[0].lower(), (*pair, row[3])) for row, pair in zip(rows, vectors)]
+    assert len(rows) == 10 and list(_NAMED_VIEWS.items()) == expected
 
 
 def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_path):
@@ -386,7 +387,10 @@ def test_connection_that_broke_is_unavailable(code, words):
 
 @pytest.mark.parametrize(
     "error, own",
-    [("NotFound", LookupError), ("InvalidArgument", ValueError), ("Unavailable", ConnectionError), ("DeadlineExceeded", TimeoutError)],
+    [
+        ("NotFound", LookupError), ("InvalidArgument", ValueError), ("Unavailable", ConnectionError),
+        ("DeadlineExceeded", TimeoutError),
+    ],
 )  # fmt: skip
 def test_errors_are_also_pythons_own_classes(error, own):
     assert issubclass(getattr(isoscope, f"{error}Error"), own)
@@ -408,7 +412,7 @@ BUSY = retry_info(seconds=1)
         ("INTERNAL", BUSY, False, 10, isoscope.InternalError), ("NOT_FOUND", None, False, 10, isoscope.NotFoundError),
     ],
 )  # fmt: skip
-def test_a_call_is_tried_again_only_where_the_server_tells_when_and_nothing_has_come(code, info, has_taken, timeout, expected):
+def test_a_call_is_tried_again_where_the_server_tells_when_and_nothing_has_come(code, info, has_taken, timeout, expected):
     connection = _core.Connection(target("localhost:1"), None)
     call = _core.Call(None, _core.One(lambda message: message), timeout)
     if has_taken:

@@ -244,7 +244,8 @@ class MeshParts:
     def result(self, do: Callable[[Any], Any] | None) -> Mesh:
         """Returns the whole mesh."""
         points, normals, triangles = (
-            np.frombuffer(b"".join(part), dtype).reshape(-1, 3) for part, dtype in zip(self._parts, ("<f4", "<f4", "<i8"))
+            np.frombuffer(b"".join(part), dtype).reshape(-1, 3)
+            for part, dtype in zip(self._parts, ("<f4", "<f4", "<i8"))
         )
         counts = [len(data) // 24 for data in self._parts[2]]
         surface = np.repeat(np.array(self._surfaces, np.uint8), counts)

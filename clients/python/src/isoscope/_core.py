@@ -5,7 +5,7 @@
         call.add(message)
     frame = call.result(...)            # decodes the answer
 
-Each call is idempotent. A try that fails is repeated only while no part of its answer has come (`Connection.delay_after`).
+Each call is idempotent. A try that fails is repeated only while no part of its answer has come.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import inspect
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, ParamSpec, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, Generic, Literal, ParamSpec, Protocol, TypeAlias, TypeVar, cast, get_type_hints
 
 import grpc
 
@@ -159,7 +159,8 @@ def shaped_like(model: Callable[_P, Any]) -> Callable[[Callable[..., _R]], Calla
     def shape(function: Any) -> Any:
         returned = function.__annotations__["return"]
         function.__signature__ = inspect.signature(model).replace(return_annotation=returned)
-        function.__annotations__ = {**model.__annotations__, "return": returned}
+        # Those of the model are words of this module, "return" is one of the function's.
+        function.__annotations__ = {**get_type_hints(model), "return": returned}
         function.__doc__ = model.__doc__
         return function
 
