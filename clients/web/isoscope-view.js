@@ -159,8 +159,7 @@ function cameraAround(center, radius, side, up) {
  * @param {Box} box @returns {Camera}
  */
 export function defaultCamera(box) {
-  const center = scale(add(box.min, box.max), 0.5);
-  return cameraAround(center, length(sub(box.max, box.min)) / 2, [0, 0, 1], [0, 1, 0]);
+  return /** @type {Camera} */ (namedCamera('front', box));
 }
 
 /**
@@ -178,9 +177,20 @@ export function patientDirection(frame, side) {
   return v;
 }
 
+/**
+ * The rows of core/view/named_views.inc: where the eye is, seen from the target; up; the patient's sides in their places.
+ * @type {Record<string, [Vec3, Vec3, string]>}
+ */
+export const NAMED_VIEWS = {
+  front: [[0, 0, 1], [0, 1, 0], ''], back: [[0, 0, -1], [0, 1, 0], ''],
+  anterior: [[0, 0, 0], [0, 0, 0], 'AS'], posterior: [[0, 0, 0], [0, 0, 0], 'PS'],
+  left: [[-1, 0, 0], [0, 1, 0], 'LS'], right: [[1, 0, 0], [0, 1, 0], 'RS'],
+  top: [[0, 1, 0], [0, 0, -1], ''], bottom: [[0, -1, 0], [0, 0, 1], ''],
+  superior: [[0, 0, 0], [0, 0, 0], 'SA'], inferior: [[0, 0, 0], [0, 0, 0], 'IA'],
+};
 /** The named views, as the command line has them, and those of a patient. */
-export const WORLD_VIEWS = ['front', 'back', 'left', 'right', 'top', 'bottom'];
-export const PATIENT_VIEWS = ['anterior', 'posterior', 'left', 'right', 'superior', 'inferior'];
+export const WORLD_VIEWS = Object.keys(NAMED_VIEWS).filter((name) => length(NAMED_VIEWS[name][0]) > 0);
+export const PATIENT_VIEWS = Object.keys(NAMED_VIEWS).filter((name) => NAMED_VIEWS[name][2]);
 
 /**
  * Returns the default camera of a box from another side, as `isoscope render --view` does; null if
@@ -188,22 +198,15 @@ export const PATIENT_VIEWS = ['anterior', 'posterior', 'left', 'right', 'superio
  * @param {string} name @param {Box} box @param {string} [patientFrame] @returns {Camera | null}
  */
 export function namedCamera(name, box, patientFrame) {
-  /** @type {Record<string, [Vec3, Vec3]>} */
-  const world = {
-    front: [[0, 0, 1], [0, 1, 0]], back: [[0, 0, -1], [0, 1, 0]], left: [[-1, 0, 0], [0, 1, 0]],
-    right: [[1, 0, 0], [0, 1, 0]], top: [[0, 1, 0], [0, 0, -1]], bottom: [[0, -1, 0], [0, 0, 1]],
-  };
-  /** @type {Record<string, string>} */
-  const patient = { anterior: 'AS', posterior: 'PS', left: 'LS', right: 'RS', superior: 'SA', inferior: 'IA' };
-  let sides = world[name];
-  if (patientFrame && patient[name]) {
-    sides = [patientDirection(patientFrame, patient[name][0]), patientDirection(patientFrame, patient[name][1])];
-  }
-  if (!sides) {
+  if (!Object.hasOwn(NAMED_VIEWS, name)) {
     return null;
   }
-  const center = scale(add(box.min, box.max), 0.5);
-  return cameraAround(center, length(sub(box.max, box.min)) / 2, sides[0], sides[1]);
+  let [toEye, up, sides] = NAMED_VIEWS[name];
+  if (patientFrame && sides) {
+    [toEye, up] = [patientDirection(patientFrame, sides[0]), patientDirection(patientFrame, sides[1])];
+  }
+  return length(up) > 0
+    ? cameraAround(scale(add(box.min, box.max), 0.5), length(sub(box.max, box.min)) / 2, toEye, up) : null;
 }
 
 /**
@@ -355,45 +358,6 @@ export function gridDepth(grid, i, j) {
 }
 
 /**
- * Returns the depth of a cell: of its own point; where that is background, of the farthest neighbour,
- * so that the rim of a surface keeps its pixels.
- * @param {DepthGrid} grid @param {number} i @param {number} j
- */
-function cellDepth(grid, i, j) {
-  let depth = gridDepth(grid, i, j);
-  if (depth < 0) {
-    for (let k = 0; k < 9; ++k) {
-      depth = Math.max(depth, gridDepth(grid, i + k % 3 - 1, j + Math.floor(k / 3) - 1));
-    }
-  }
-  return depth;
-}
-
-/**
- * Returns the depth at corner (a, b), each 0 or 1, of cell (i, j); below 0 if the cell shows nothing.
- * Neighbours that are connected meet at one depth; others are cut.
- * @param {DepthGrid} grid @param {number} i @param {number} j @param {number} a @param {number} b
- * @param {number} jumpPerDepth @param {number} jump the greatest step between neighbours of one
- *   surface is jump + jumpPerDepth * the lesser depth
- */
-export function cornerDepth(grid, i, j, a, b, jumpPerDepth, jump) {
-  const own = cellDepth(grid, i, j);
-  if (own < 0) {
-    return -1;
-  }
-  let sum = 0;
-  let count = 0;
-  for (let k = 0; k < 4; ++k) {
-    const depth = gridDepth(grid, i + a - 1 + k % 2, j + b - 1 + (k >> 1));
-    if (depth >= 0 && Math.abs(depth - own) <= jump + jumpPerDepth * Math.min(depth, own)) {
-      sum += depth;
-      ++count;
-    }
-  }
-  return count > 0 ? sum / count : own;
-}
-
-/**
  * @param {Camera} camera of the frame @param {number} gridHeight
  * @returns {{jumpPerDepth: number, jump: number}}
  */
@@ -403,7 +367,7 @@ export function jumpOf(camera, gridHeight) {
 }
 
 /**
- * The way from a frame to another camera, for warpPoint and for the shader.
+ * The way from a frame to another camera, for the shader. tests/clients/web/warp.mjs says the same without it.
  * @param {Camera} from @param {number} fromAspect @param {Camera} to @param {number} toAspect
  */
 export function makeWarp(from, fromAspect, to, toAspect) {
@@ -422,46 +386,6 @@ export function makeWarp(from, fromAspect, to, toAspect) {
     isFromPerspective: !(from.height > 0),
     isToPerspective: !(to.height > 0),
   };
-}
-
-/**
- * Takes a point of the frame, u and v in [0, 1] from its top left corner, and its depth to the other
- * camera's picture, as project does.
- * @param {ReturnType<typeof makeWarp>} warp @param {number} u @param {number} v @param {number} depth
- */
-export function warpPoint(warp, u, v, depth) {
-  const s = warp.isFromPerspective ? depth : 1;
-  const p = [(2 * u - 1) * warp.fromSpan[0] * s, (1 - 2 * v) * warp.fromSpan[1] * s, depth];
-  const m = warp.matrix;
-  /** @param {number} row */
-  const at = (row) => m[row] * p[0] + m[3 + row] * p[1] + m[6 + row] * p[2] + warp.offset[row];
-  const distance = at(2);
-  const t = warp.isToPerspective ? distance : 1;
-  return { x: at(0) / (warp.toSpan[0] * t), y: at(1) / (warp.toSpan[1] * t), distance };
-}
-
-/**
- * Takes a point of the frame to the other camera by the grid alone, as the shader draws it: null where
- * the relief has nothing.
- * @param {DepthGrid} grid @param {ReturnType<typeof makeWarp>} warp @param {number} u
- * @param {number} v @param {{jumpPerDepth: number, jump: number}} jump
- */
-export function warpByGrid(grid, warp, u, v, jump) {
-  const i = Math.min(Math.floor(u * grid.width), grid.width - 1);
-  const j = Math.min(Math.floor(v * grid.height), grid.height - 1);
-  const fx = u * grid.width - i;
-  const fy = v * grid.height - j;
-  let depth = 0;
-  for (let k = 0; k < 4; ++k) {
-    const a = k % 2;
-    const b = k >> 1;
-    const corner = cornerDepth(grid, i, j, a, b, jump.jumpPerDepth, jump.jump);
-    if (corner < 0) {
-      return null;
-    }
-    depth += corner * (a ? fx : 1 - fx) * (b ? fy : 1 - fy);
-  }
-  return warpPoint(warp, u, v, depth);
 }
 
 // ---- messages and the worker ----
@@ -1027,6 +951,19 @@ function drawLabel(context, text, x, y, color, halo) {
 }
 
 /**
+ * Draws a line through points.
+ * @param {CanvasRenderingContext2D} context @param {string} color @param {number} width
+ * @param {[number, number][]} points
+ */
+function drawLine(context, color, width, points) {
+  context.strokeStyle = color;
+  context.lineWidth = width;
+  context.beginPath();
+  points.forEach(([x, y]) => context.lineTo(x, y));
+  context.stroke();
+}
+
+/**
  * Draws boxes and pins, which lie in the scene.
  * @param {CanvasRenderingContext2D} context @param {number} width @param {number} height in CSS pixels
  * @param {Scene} scene
@@ -1041,8 +978,6 @@ function drawOverlay(context, width, height, scene) {
   };
   /** @param {Box} box @param {string} color */
   const drawBox = (box, color) => {
-    context.strokeStyle = color;
-    context.lineWidth = 1.25;
     for (let edge = 0; edge < 12; ++edge) {
       const axis = edge >> 2;
       /** @type {Vec3} */
@@ -1058,10 +993,7 @@ function drawOverlay(context, width, height, scene) {
         const at = toScreen(p);
         if (previous.isSeen && at.isSeen) {
           context.globalAlpha = isHidden(scene.frame, p) ? 0.12 : 0.75;
-          context.beginPath();
-          context.moveTo(previous.x, previous.y);
-          context.lineTo(at.x, at.y);
-          context.stroke();
+          drawLine(context, color, 1.25, [[previous.x, previous.y], [at.x, at.y]]);
         }
         previous = at;
       }
@@ -1081,12 +1013,7 @@ function drawOverlay(context, width, height, scene) {
   if (scene.pins.length === 2) {
     const [a, b] = scene.pins.map((pin) => toScreen(pin.position));
     context.setLineDash([5, 4]);
-    context.lineWidth = 1.5;
-    context.strokeStyle = '#ffb454';
-    context.beginPath();
-    context.moveTo(a.x, a.y);
-    context.lineTo(b.x, b.y);
-    context.stroke();
+    drawLine(context, '#ffb454', 1.5, [[a.x, a.y], [b.x, b.y]]);
     context.setLineDash([]);
   }
   for (const pin of scene.pins) {
@@ -1122,14 +1049,8 @@ function drawAxes(context, scene) {
   })).sort((a, b) => b.depth - a.depth);
   for (const axis of axes) {
     const end = { x: center.x + arm * axis.x, y: center.y - arm * axis.y };
-    for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[scene.halo, 5], [axis.color, 2.5]])) {
-      context.strokeStyle = color;
-      context.lineWidth = lineWidth;
-      context.beginPath();
-      context.moveTo(center.x, center.y);
-      context.lineTo(end.x, end.y);
-      context.stroke();
-    }
+    drawLine(context, scene.halo, 5, [[center.x, center.y], [end.x, end.y]]);
+    drawLine(context, axis.color, 2.5, [[center.x, center.y], [end.x, end.y]]);
     const reach = Math.hypot(axis.x, axis.y);
     const away = reach > 0.2 ? (arm * reach + 10) / reach : arm;
     drawLabel(context, axis.label, center.x + away * axis.x, center.y - away * axis.y, axis.color, scene.halo);
@@ -1156,16 +1077,10 @@ function drawScaleBar(context, bar, { ink, halo }) {
   const y = 34;
   context.clearRect(0, 0, x + 4, y + 4);
   context.lineCap = 'round';
-  for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[halo, 4], [ink, 2]])) {
-    context.strokeStyle = color;
-    context.lineWidth = lineWidth;
-    context.beginPath();
-    context.moveTo(x - bar.px, y - 4);
-    context.lineTo(x - bar.px, y);
-    context.lineTo(x, y);
-    context.lineTo(x, y - 4);
-    context.stroke();
-  }
+  /** @type {[number, number][]} */
+  const points = [[x - bar.px, y - 4], [x - bar.px, y], [x, y], [x, y - 4]];
+  drawLine(context, halo, 4, points);
+  drawLine(context, ink, 2, points);
   drawLabel(context, bar.text, x - bar.px / 2, y - 14, ink, halo);
 }
 

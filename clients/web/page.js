@@ -1136,40 +1136,40 @@ function tellOfDownload(note, text, stage) {
   }
 }
 
-page.savePng.onclick = async () => {
+/**
+ * Saves what `ask` gets. The note says how it goes, and the button rests meanwhile.
+ * @param {HTMLButtonElement} button @param {HTMLElement} note @param {string} verb @param {string} name of the file
+ * @param {() => Promise<Response>} ask
+ */
+async function download(button, note, verb, name, ask) {
+  button.disabled = true;
+  tellOfDownload(note, verb, 'begin');
+  try {
+    const blob = await (await ask()).blob();
+    saveAs(blob, name);
+    tellOfDownload(note, formatBytes(blob.size), 'end');
+  } catch (error) {
+    tellOfDownload(note, /** @type {Error} */ (error).message, 'error');
+  }
+  button.disabled = false;
+}
+
+page.savePng.onclick = () => {
   const state = shown.getState();
   const request = { ...state, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
     samples: Number(page.saveSamples.value) };
   if (page.transparent.checked) {
     request.backgroundColor = { red: 0, green: 0, blue: 0, alpha: 0 };
   }
-  page.savePng.disabled = true;
-  tellOfDownload(page.saveNote, 'Drawing …', 'begin');
-  try {
-    const response = await client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, request);
-    const blob = await response.blob();
-    saveAs(blob, `${state.dataset || 'isoscope'}.png`);
-    tellOfDownload(page.saveNote, formatBytes(blob.size), 'end');
-  } catch (error) {
-    tellOfDownload(page.saveNote, /** @type {Error} */ (error).message, 'error');
-  }
-  page.savePng.disabled = false;
+  download(page.savePng, page.saveNote, 'Drawing …', `${state.dataset || 'isoscope'}.png`,
+    () => client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, request));
 };
-byId('save-mesh', HTMLElement).onclick = async (event) => {
+byId('save-mesh', HTMLElement).onclick = (event) => {
   const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
   const state = shown.getState();
   const words = stateToHash({ surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
-  button.disabled = true;
-  tellOfDownload(page.meshNote, 'Extracting …', 'begin');
-  try {
-    const response = await client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`);
-    const blob = await response.blob();
-    saveAs(blob, `${state.dataset || 'isoscope'}.glb`);
-    tellOfDownload(page.meshNote, formatBytes(blob.size), 'end');
-  } catch (error) {
-    tellOfDownload(page.meshNote, /** @type {Error} */ (error).message, 'error');
-  }
-  button.disabled = false;
+  download(button, page.meshNote, 'Extracting …', `${state.dataset || 'isoscope'}.glb`,
+    () => client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`));
 };
 
 listenToHistogram();

@@ -1,6 +1,7 @@
 #include "core/view/camera_fit.h"
 
 #include <algorithm>
+#include <iterator>
 
 #include "absl/status/status.h"
 
@@ -20,51 +21,33 @@ struct Side {
   math::Vec3d up;
 };
 
-Side SideOf(const PatientFrame& frame, PatientSide eye, PatientSide up) {
-  return {frame.DirectionTo(eye), frame.DirectionTo(up)};
-}
+struct NamedViewRow {
+  NamedView named_view;
+  Side world;             // 0: none
+  char patient_sides[3];  // PatientSide of the eye and of up; "": none
+};
+
+constexpr NamedViewRow kNamedViews[] = {
+#include "core/view/named_views.inc"
+};
 
 absl::StatusOr<Side> SideOf(NamedView named_view, const std::optional<PatientFrame>& patient) {
-  switch (named_view) {
-    case NamedView::kFront:
-      return Side{{0, 0, 1}, {0, 1, 0}};
-    case NamedView::kBack:
-      return Side{{0, 0, -1}, {0, 1, 0}};
-    case NamedView::kLeft:
-      return patient ? SideOf(*patient, PatientSide::kLeft, PatientSide::kSuperior)
-                     : Side{{-1, 0, 0}, {0, 1, 0}};
-    case NamedView::kRight:
-      return patient ? SideOf(*patient, PatientSide::kRight, PatientSide::kSuperior)
-                     : Side{{1, 0, 0}, {0, 1, 0}};
-    case NamedView::kTop:
-      return Side{{0, 1, 0}, {0, 0, -1}};
-    case NamedView::kBottom:
-      return Side{{0, -1, 0}, {0, 0, 1}};
-    case NamedView::kAnterior:
-    case NamedView::kPosterior:
-    case NamedView::kSuperior:
-    case NamedView::kInferior:
-      break;
+  const auto* row = std::find_if(
+      std::begin(kNamedViews), std::end(kNamedViews),
+      [&](const NamedViewRow& candidate) { return candidate.named_view == named_view; });
+  ISOSCOPE_CHECK(row != std::end(kNamedViews));
+  if (patient && row->patient_sides[0] != '\0') {
+    return Side{patient->DirectionTo(PatientSide{row->patient_sides[0]}),
+                patient->DirectionTo(PatientSide{row->patient_sides[1]})};
   }
-  if (!patient.has_value()) {
+  if (row->world.up == math::Vec3d{0, 0, 0}) {
     return absl::InvalidArgumentError(
         "a view of a patient, but the source of the dataset has no patient frame (NIfTI with a "
         "qform or sform, DICOM, and NRRD with the space LPS or RAS have one; datasets made "
         "before it was kept must be partitioned anew): use front, back, left, right, top or "
         "bottom");
   }
-  switch (named_view) {
-    case NamedView::kAnterior:
-      return SideOf(*patient, PatientSide::kAnterior, PatientSide::kSuperior);
-    case NamedView::kPosterior:
-      return SideOf(*patient, PatientSide::kPosterior, PatientSide::kSuperior);
-    case NamedView::kSuperior:
-      return SideOf(*patient, PatientSide::kSuperior, PatientSide::kAnterior);
-    case NamedView::kInferior:
-      return SideOf(*patient, PatientSide::kInferior, PatientSide::kAnterior);
-    default:
-      base::CheckFailed(__FILE__, __LINE__, "view out of range");
-  }
+  return row->world;
 }
 
 }  // namespace

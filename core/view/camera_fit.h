@@ -27,7 +27,7 @@ math::Box3d ClippedBounds(const math::Box3d& bounds, const ClipRegion& clip);
 // stay. REQUIRES: from.Radius() > 0.
 Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3d& to);
 
-// The sides to look from. Those of the world: front is the default camera's.
+// The sides to look from; named_views.inc has their numbers. Front is the default camera's.
 //
 //   side     eye at   up          side of the patient   eye at       up
 //   front    +z       +y          anterior              anterior     superior

@@ -22,8 +22,7 @@ try:
 except ImportError as error:
     robustness.try_another_python(error)
 
-from isoscope._proto import cluster_service_pb2_grpc, interact_service_pb2_grpc  # noqa: E402
-from isoscope._proto import isosurface_service_pb2_grpc  # noqa: E402
+import grpc_services  # noqa: E402
 
 
 METHODS = {
@@ -312,17 +311,13 @@ class JudgeTest(unittest.TestCase):
         self.assertEqual(self._error(code="DATA_LOSS", message="block 7 is damaged"), "error")
 
 
-class FakeServer(isosurface_service_pb2_grpc.IsosurfaceServiceServicer,
-                 cluster_service_pb2_grpc.ClusterServiceServicer,
-                 interact_service_pb2_grpc.InteractServiceServicer):  # fmt: skip
+class FakeServer:
     """Answers as it is told: with a picture, late, or busy; to views with `answers`."""
 
     def __init__(self, test):
         self.png, self.late_s, self.working, self.answers = b"right", 0.0, 0, []
         server = pool.grpc.server(concurrent.futures.ThreadPoolExecutor(4))
-        isosurface_service_pb2_grpc.add_IsosurfaceServiceServicer_to_server(self, server)
-        cluster_service_pb2_grpc.add_ClusterServiceServicer_to_server(self, server)
-        interact_service_pb2_grpc.add_InteractServiceServicer_to_server(self, server)
+        grpc_services.serve(self, server, pool.pb, pool.cluster_pb2, pool.interact_pb2)
         self.address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
         server.start()
         test.addCleanup(lambda: server.stop(None).wait())

@@ -18,15 +18,14 @@ import typing
 os.environ["GRPC_ENABLE_FORK_SUPPORT"] = "0"
 os.environ.setdefault("GRPC_VERBOSITY", "NONE")
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "clients" / "python" / "src"))
+sys.path.insert(1, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 
 import grpc  # noqa: E402
+from grpc_services import Stub  # noqa: E402
 
-from isoscope._proto import cluster_service_pb2 as cluster_pb2  # noqa: E402, F401
-from isoscope._proto import cluster_service_pb2_grpc, dataset_service_pb2_grpc  # noqa: E402
-from isoscope._proto import isosurface_service_pb2_grpc  # noqa: E402
+from isoscope._proto import cluster_service_pb2 as cluster_pb2  # noqa: E402
 from isoscope._proto import dataset_service_pb2 as dataset_pb2  # noqa: E402
 from isoscope._proto import interact_service_pb2 as interact_pb2  # noqa: E402
-from isoscope._proto import interact_service_pb2_grpc  # noqa: E402
 from isoscope._proto import isosurface_service_pb2 as pb  # noqa: E402
 
 SIZE = (56.0, 48.0, 40.0)  # of the volume, world units
@@ -225,10 +224,10 @@ class Client:
         else:
             files = ((tls / name).read_bytes() for name in ("ca.pem", "client.key", "client.pem"))
             self._channel = grpc.secure_channel(address, grpc.ssl_channel_credentials(*files), options)
-        self._frames = isosurface_service_pb2_grpc.IsosurfaceServiceStub(self._channel)
-        self._views = interact_service_pb2_grpc.InteractServiceStub(self._channel)
-        self._datasets = dataset_service_pb2_grpc.DatasetServiceStub(self._channel)
-        self.cluster = cluster_service_pb2_grpc.ClusterServiceStub(self._channel)
+        self._frames = Stub(self._channel, pb)
+        self._views = Stub(self._channel, interact_pb2)
+        self._datasets = Stub(self._channel, dataset_pb2)
+        self.cluster = Stub(self._channel, cluster_pb2)
 
     def ask(self, request, timeout):
         """(digest, missing shards), or grpc.RpcError, FrameFailed."""

@@ -12,7 +12,8 @@ from concurrent import futures
 import grpc
 
 from isoscope._proto.interact_service_pb2 import InteractRequest
-from isoscope._proto.isosurface_service_pb2_grpc import IsosurfaceServiceStub
+from grpc_services import Stub
+from isoscope._proto import isosurface_service_pb2
 
 
 class _Passer(grpc.GenericRpcHandler):
@@ -23,7 +24,7 @@ class _Passer(grpc.GenericRpcHandler):
         proxy, method = self._proxy, details.method
         if method.endswith("/Interact") and proxy.interact is not None:
             return grpc.stream_stream_rpc_method_handler(
-                lambda requests, context: proxy.interact(requests, IsosurfaceServiceStub(proxy.upstream)),
+                lambda requests, context: proxy.interact(requests, Stub(proxy.upstream, isosurface_service_pb2)),
                 InteractRequest.FromString,
                 lambda response: response.SerializeToString(),
             )

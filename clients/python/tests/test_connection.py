@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import traceback
+import typing
 import unicodedata
 
 import grpc
@@ -41,60 +42,62 @@ def proxy(client):
         yield proxy
 
 
-def test_unavailable_is_tried_again_until_it_works(proxy, dataset):
+@pytest.fixture
+def through(proxy):
+    """A client through the proxy, which has seen no call of it yet."""
     with isoscope.connect(proxy.address) as through:
-        expected = dataset.render(127.5, size=32).png
-        again = through["shells"]
         proxy.seen.clear()
-        proxy.failures = [LOST, LOST]
-        assert again.render(127.5, size=32).png == expected
-        assert len(proxy.seen) == 3
-        proxy.failures = [LOST]
-        assert [one.name for one in through.datasets()] == ["shells"]
+        yield through
 
 
-def test_unavailable_for_good_is_the_servers_sentence_after_four_tries(proxy):
-    with isoscope.connect(proxy.address) as through:
-        dataset = through["shells"]
-        proxy.seen.clear()
-        proxy.failures = [LOST] * 9
-        with pytest.raises(isoscope.UnavailableError, match="served shards 0, 1") as caught:
-            dataset.mesh(127.5)
-        assert "no coordinator answers" not in str(caught.value)
-        assert len(proxy.seen) == 4
+def test_unavailable_is_tried_again_until_it_works(proxy, through, dataset):
+    expected = dataset.render(127.5, size=32).png
+    again = through["shells"]
+    proxy.seen.clear()
+    proxy.failures = [LOST, LOST]
+    assert again.render(127.5, size=32).png == expected
+    assert len(proxy.seen) == 3
+    proxy.failures = [LOST]
+    assert [one.name for one in through.datasets()] == ["shells"]
+
+
+def test_unavailable_for_good_is_the_servers_sentence_after_four_tries(proxy, through):
+    dataset = through["shells"]
+    proxy.seen.clear()
+    proxy.failures = [LOST] * 9
+    with pytest.raises(isoscope.UnavailableError, match="served shards 0, 1") as caught:
+        dataset.mesh(127.5)
+    assert "no coordinator answers" not in str(caught.value)
+    assert len(proxy.seen) == 4
 
 
 @pytest.mark.parametrize("code", ["RESOURCE_EXHAUSTED", "INTERNAL", "DATA_LOSS", "FAILED_PRECONDITION"])
-def test_no_other_error_is_tried_again(proxy, code):
-    with isoscope.connect(proxy.address) as through:
-        proxy.seen.clear()
-        proxy.failures = [(grpc.StatusCode[code], "a sentence")] * 2
-        with pytest.raises(isoscope.IsoscopeError, match="a sentence") as caught:
-            through.datasets()
-        assert caught.value.code == code and len(proxy.seen) == 1
+def test_no_other_error_is_tried_again(proxy, through, code):
+    proxy.failures = [(grpc.StatusCode[code], "a sentence")] * 2
+    with pytest.raises(isoscope.IsoscopeError, match="a sentence") as caught:
+        through.datasets()
+    assert caught.value.code == code and len(proxy.seen) == 1
 
 
-def test_a_refusal_is_tried_again_after_the_time_that_it_tells(proxy, dataset):
-    with isoscope.connect(proxy.address) as through:
-        again = through["shells"]
-        expected = dataset.render(127.5, size=32).png
-        proxy.seen.clear()
-        proxy.failures = [refusal(0.3), refusal(0.0)]
-        start = time.monotonic()
-        assert again.render(127.5, size=32).png == expected
-        assert len(proxy.seen) == 3 and time.monotonic() - start >= 0.3
-        proxy.failures = [refusal(0.01)]
-        assert [one.name for one in through.datasets()] == ["shells"]
+def test_a_refusal_is_tried_again_after_the_time_that_it_tells(proxy, through, dataset):
+    again = through["shells"]
+    expected = dataset.render(127.5, size=32).png
+    proxy.seen.clear()
+    proxy.failures = [refusal(0.3), refusal(0.0)]
+    start = time.monotonic()
+    assert again.render(127.5, size=32).png == expected
+    assert len(proxy.seen) == 3 and time.monotonic() - start >= 0.3
+    proxy.failures = [refusal(0.01)]
+    assert [one.name for one in through.datasets()] == ["shells"]
 
 
-def test_a_refusal_that_tells_more_time_than_there_is_left_is_final(proxy):
-    with isoscope.connect(proxy.address) as through:
-        dataset = through["shells"]
-        proxy.seen.clear()
-        proxy.failures = [refusal(0.01), refusal(60)]
-        with pytest.raises(isoscope.ResourceExhaustedError, match="36 wait"):
-            dataset.render(127.5, size=32, timeout=5)
-        assert len(proxy.seen) == 2 and proxy.seen[1][2] <= 6
+def test_a_refusal_that_tells_more_time_than_there_is_left_is_final(proxy, through):
+    dataset = through["shells"]
+    proxy.seen.clear()
+    proxy.failures = [refusal(0.01), refusal(60)]
+    with pytest.raises(isoscope.ResourceExhaustedError, match="36 wait"):
+        dataset.render(127.5, size=32, timeout=5)
+    assert len(proxy.seen) == 2 and proxy.seen[1][2] <= 6
 
 
 def test_refusals_are_tried_again_by_aio_too(proxy, dataset):
@@ -171,19 +174,23 @@ def test_a_missing_or_wrong_token_is_unauthenticated_with_the_servers_sentence(c
             assert through["shells"].dims == (48, 40, 32)
 
 
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory):
+def need_openssl():
     if shutil.which("openssl") is None:
         skips.skip("openssl", "no program openssl to make certificates with")
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory):
+    need_openssl()
     return make_certificates(tmp_path_factory.mktemp("certificates"))
 
 
-def read(path):
-    return path.read_bytes()
+def key_and_certificate(folder):
+    return (folder / "server.key").read_bytes(), (folder / "server.pem").read_bytes()
 
 
 def test_tls_checks_the_server_and_encrypts_the_token(client, dataset, certificates):
-    credentials = grpc.ssl_server_credentials([(read(certificates / "server.key"), read(certificates / "server.pem"))])
+    credentials = grpc.ssl_server_credentials([key_and_certificate(certificates)])
     with Proxy(client, credentials=credentials, token="t") as proxy:
         tls = {"ca_file": certificates / "ca.pem", "server_name": "isoscope.test", "token": "t"}
         with isoscope.connect(proxy.address, **tls) as through:
@@ -204,7 +211,7 @@ def test_tls_checks_the_server_and_encrypts_the_token(client, dataset, certifica
 
 def test_a_server_that_wants_a_client_certificate_gets_it(client, certificates):
     credentials = grpc.ssl_server_credentials(
-        [(read(certificates / "server.key"), read(certificates / "server.pem"))], read(certificates / "ca.pem"), True
+        [key_and_certificate(certificates)], (certificates / "ca.pem").read_bytes(), True
     )
     with Proxy(client, credentials=credentials) as proxy:
         tls = {"ca_file": certificates / "ca.pem", "server_name": "isoscope.test", "connect_timeout": 5}
@@ -349,6 +356,9 @@ def test_both_clients_have_the_same_names_and_arguments():
     for name in ("render", "pick", "mesh", "histogram"):
         blocking, awaited = (inspect.signature(getattr(cls, name)) for cls in (isoscope.Dataset, isoscope.aio.Dataset))
         assert blocking.parameters == awaited.parameters, name
+        types, same = (typing.get_type_hints(getattr(cls, name)) for cls in (isoscope.Dataset, isoscope.aio.Dataset))
+        assert types == same, name
+    assert typing.get_type_hints(isoscope.connect)["return"] is isoscope.Client
     assert inspect.signature(isoscope.connect).parameters == inspect.signature(isoscope.aio.connect).parameters
 
 
@@ -420,8 +430,7 @@ def test_a_process_has_one_fork_handler_however_many_clients_it_makes():
 @pytest.fixture(scope="module")
 def secure_server(programs, folder, tmp_path_factory):
     """The service itself with TLS and a token file: its address and the folder of certificates."""
-    if shutil.which("openssl") is None:
-        skips.skip("openssl", "no program openssl to make certificates with")
+    need_openssl()
     tls = tmp_path_factory.mktemp("tls") / "tls"
     subprocess.run(["bash", str(ROOT / "scripts" / "make_certificates.sh"), str(tls)], check=True, capture_output=True)
     digest = hashlib.sha256(b"blind").hexdigest()

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import isoscope
+from grpc_services import Stub
 from isoscope import ColorBy, Light, Silhouette, Surface
 from isoscope._channel import make_channel
 from isoscope._proto import isosurface_service_pb2 as pb
-from isoscope._proto import isosurface_service_pb2_grpc as rpc
 from isoscope.errors import InvalidArgumentError
 
 SIZE = {"size": (160, 120)}
@@ -76,7 +76,7 @@ def test_opacity_alone_keeps_the_default_colour(dataset):
 
 def test_a_frame_has_the_bytes_of_the_unary_call(client, dataset):
     frame = dataset.render(127.5, azimuth=20, **SIZE)
-    stub = rpc.IsosurfaceServiceStub(make_channel(client._target))
+    stub = Stub(make_channel(client._target), pb)
     response = stub.RenderIsosurface(frame._request, timeout=60, metadata=client._target.call_metadata())
     assert frame.png == response.png
 

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+import re
 import struct
 import zlib
 
@@ -11,11 +12,12 @@ import pytest
 from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
-from isoscope import _png, _wire
-from isoscope._channel import make_target
+from isoscope import _answer, _core, _png, _request
 from isoscope._retry import told_delay
+from isoscope.camera import _NAMED_VIEWS
 from isoscope.errors import DataLossError, InvalidArgumentError, explain
 from isoscope.look import as_clip, parse_color
+from conftest import ROOT
 
 
 def info(**changes):
@@ -75,6 +77,14 @@ def test_patient_views_follow_the_patient_frame():
         info().camera("sideways")
 
 
+def test_the_table_of_named_views_is_the_one_of_cpp():
+    table = (ROOT / "core" / "view" / "named_views.inc").read_text()
+    rows = re.findall(r'\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}', table)
+    vectors = [[tuple(map(int, row[at].split(", "))) for at in (1, 2)] for row in rows]
+    expected = [(row[0].lower(), (*pair, row[3])) for row, pair in zip(rows, vectors)]
+    assert len(rows) == 10 and list(_NAMED_VIEWS.items()) == expected
+
+
 def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_path):
     for camera in (
         isoscope.Camera((0.1, 1 / 3, 1e300), (-0.0, 2.0, 3.0), (0, 1, 0.1), fov_y=1 / 7),
@@ -82,7 +92,7 @@ def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_pa
     ):
         camera.save(tmp_path / "c.json")
         assert isoscope.Camera.load(tmp_path / "c.json") == camera
-        assert _wire.camera_from_proto(_wire.camera_to_proto(camera)) == camera
+        assert _answer.camera(_request.camera_message(camera)) == camera
     for wrong in ({}, {"eye": [1, 2], "target": [0, 0, 0], "perspective": {"fov_y_degrees": 3}}, {"eyes": 1}):
         with pytest.raises(InvalidArgumentError, match="camera"):
             isoscope.Camera.from_dict(wrong)
@@ -126,18 +136,6 @@ def test_every_color_of_css_has_a_name():
         assert parse_color(name, "color") == parse_color(name.replace("gray", "grey"), "color")
 
 
-def test_an_address_without_a_port_has_the_coordinators_wherever_it_is_resolved():
-    for address, expected in {
-        "host": "host:50051", " host ": "host:50051", "host:1": "host:1",
-        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7",
-        "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051",
-        "dns://192.0.2.1/host": "dns://192.0.2.1/host:50051", "dns:///host:7": "dns:///host:7",
-        "ipv4:192.0.2.1,192.0.2.2:7": "ipv4:192.0.2.1:50051,192.0.2.2:7", "ipv6:[::1]": "ipv6:[::1]:50051",
-        "unix:/run/isoscope": "unix:/run/isoscope",
-    }.items():  # fmt: skip
-        assert target(address).address == expected
-
-
 def statistics(**changes):
     counts = dict.fromkeys(
         ("active_block_count", "ray_hit_block_count", "visible_block_count", "culled_block_count",
@@ -174,10 +172,10 @@ def test_plane_through_a_point_keeps_the_side_of_its_normal():
 
 def test_clip_is_a_plane_a_box_or_both():
     assert as_clip((0, 1, 2, 3, 4, 5)).box == (0, 1, 2, 3, 4, 5)
-    region, caps = _wire.clip_to_proto(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
+    region, caps = _request.clip_messages(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
     assert region.half_spaces[0].offset == 5 and region.box.max.z == 6 and caps is not None
     with pytest.raises(InvalidArgumentError, match="x_min, x_max"):
-        _wire.clip_to_proto((1, 2, 3))
+        _request.clip_messages((1, 2, 3))
 
 
 @pytest.mark.parametrize(
@@ -195,7 +193,7 @@ def test_clip_is_a_plane_a_box_or_both():
 def test_wrong_arguments_are_named_before_anything_is_sent(look, words):
     isovalue = look.pop("isovalue", None)
     with pytest.raises(InvalidArgumentError, match=words):
-        _wire.frame_request(info(), isovalue, **look)
+        _request.frame(info(), isovalue, **look)
 
 
 def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field():
@@ -207,11 +205,11 @@ def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field
         (isoscope.Capabilities(**limits, features=frozenset({"dataset_id"})), "0" * 32),
     ):
         for request in (
-            _wire.frame_request(info(), 1),
-            _wire.export_request(info(), 1, None, None),
-            _wire.histogram_request("v", 8, None),
+            _request.frame(info(), 1),
+            _request.export(info(), 1, None, None),
+            _request.histogram("v", 8, None),
         ):
-            _wire.expect_dataset(request, info(), capabilities)
+            _request.expect_dataset(request, info(), capabilities)
             assert request.dataset_id == expected
 
 
@@ -274,22 +272,19 @@ def test_damaged_pngs_are_data_loss_and_never_something_else():
 
 
 def target(address, **changes):
-    values = dict(
-        tls=None, ca_file=None, cert_file=None, key_file=None, server_name=None, token=None,
-        token_file=None, allow_insecure_token=False, metadata=(), timeout=1,
-    )  # fmt: skip
-    return make_target(address, **{**values, **changes})
+    return _core.connection(address, **changes)[0]
 
 
-@pytest.mark.parametrize(
-    "address, full",
-    [
-        ("host", "host:50051"), ("host:1", "host:1"), ("::1", "[::1]:50051"), ("[::1]:7", "[::1]:7"),
-        ("unix:/tmp/s", "unix:/tmp/s"), ("dns:///h:1", "dns:///h:1"),
-    ],
-)  # fmt: skip
-def test_addresses_get_the_default_port(address, full):
-    assert target(address).address == full
+def test_an_address_without_a_port_has_the_coordinators_wherever_it_is_resolved():
+    for address, expected in {
+        "host": "host:50051", " host ": "host:50051", "host:1": "host:1",
+        "::1": "[::1]:50051", "[::1]": "[::1]:50051", "[::1]:7": "[::1]:7",
+        "dns:host": "dns:host:50051", "dns:///host": "dns:///host:50051", "dns:///h:1": "dns:///h:1",
+        "dns://192.0.2.1/host": "dns://192.0.2.1/host:50051", "dns:///host:7": "dns:///host:7",
+        "ipv4:192.0.2.1,192.0.2.2:7": "ipv4:192.0.2.1:50051,192.0.2.2:7", "ipv6:[::1]": "ipv6:[::1]:50051",
+        "unix:/run/isoscope": "unix:/run/isoscope", "unix:/tmp/s": "unix:/tmp/s",
+    }.items():  # fmt: skip
+        assert target(address).address == expected
 
 
 @pytest.mark.parametrize("address", ["", "host:port", "host:0", "host:99999", ":1", "http://host:1/"])
@@ -358,14 +353,17 @@ def test_tls_arguments_fit_each_other():
 
 
 class Failed(grpc.RpcError):
-    def __init__(self, code, details):
-        self._code, self._details = code, details
+    def __init__(self, code, details, metadata=()):
+        self._code, self._details, self._metadata = code, details, metadata
 
     def code(self):
         return self._code
 
     def details(self):
         return self._details
+
+    def trailing_metadata(self):
+        return self._metadata
 
 
 @pytest.mark.parametrize("code", [code for code in grpc.StatusCode if code is not grpc.StatusCode.OK])
@@ -387,8 +385,48 @@ def test_connection_that_broke_is_unavailable(code, words):
     assert explain(Failed(grpc.StatusCode[code], "Channel closed!"), "h:1", 1.0, False).code == code
 
 
-def test_errors_are_also_pythons_own_classes():
-    assert issubclass(isoscope.NotFoundError, LookupError)
-    assert issubclass(isoscope.InvalidArgumentError, ValueError)
-    assert issubclass(isoscope.UnavailableError, ConnectionError)
-    assert issubclass(isoscope.DeadlineExceededError, TimeoutError)
+@pytest.mark.parametrize(
+    "error, own",
+    [
+        ("NotFound", LookupError), ("InvalidArgument", ValueError), ("Unavailable", ConnectionError),
+        ("DeadlineExceeded", TimeoutError),
+    ],
+)  # fmt: skip
+def test_errors_are_also_pythons_own_classes(error, own):
+    assert issubclass(getattr(isoscope, f"{error}Error"), own)
+
+
+# ------------------------------------------------------------------------------------ the core: tries and answers
+
+
+BUSY = retry_info(seconds=1)
+
+
+@pytest.mark.parametrize(
+    "code, info, has_taken, timeout, expected",
+    [
+        ("RESOURCE_EXHAUSTED", BUSY, False, 10, 1), ("UNAVAILABLE", BUSY, False, 10, 1),
+        ("RESOURCE_EXHAUSTED", BUSY, True, 10, isoscope.ResourceExhaustedError),  # a part of the answer has come
+        ("RESOURCE_EXHAUSTED", BUSY, False, 0.5, isoscope.ResourceExhaustedError),  # its time is up before that
+        ("RESOURCE_EXHAUSTED", None, False, 10, isoscope.ResourceExhaustedError),  # it can never fit
+        ("INTERNAL", BUSY, False, 10, isoscope.InternalError), ("NOT_FOUND", None, False, 10, isoscope.NotFoundError),
+    ],
+)  # fmt: skip
+def test_a_call_is_tried_again_where_the_server_tells_when_and_nothing_has_come(code, info, has_taken, timeout, expected):
+    connection = _core.Connection(target("localhost:1"), None)
+    call = _core.Call(None, _core.One(lambda message: message), timeout)
+    if has_taken:
+        call.add("a part")
+    error = Failed(grpc.StatusCode[code], "a sentence", Refusal(info).trailing_metadata() if info else ())
+    if isinstance(expected, int):
+        assert connection._delay_after(error, call, connection._retries(call)) == expected
+    else:
+        with pytest.raises(expected, match="a sentence"):
+            connection._delay_after(error, call, connection._retries(call))
+
+
+def test_an_answer_without_a_message_is_an_error_and_a_timeout_is_above_0():
+    with pytest.raises(isoscope.InternalError, match="without a message"):
+        _core.capabilities(None).result(None)
+    with pytest.raises(InvalidArgumentError, match="timeout 0"):
+        _core.Connection(target("localhost:1"), None)._retries(_core.capabilities(0))

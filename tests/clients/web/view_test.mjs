@@ -1,9 +1,11 @@
 // The view module without a browser: cameras, moves, the warp, and messages.
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
 import { draw, gridOf } from './mock_gateway.mjs';
+import { cornerDepth, warpByGrid, warpPoint } from './warp.mjs';
 
 /** A small generator, so that failures come back. */
 function makeRandom(seed) {
@@ -43,6 +45,14 @@ test('named views look from the sides that the command line names', () => {
   assert.deepEqual(side('superior', 'SPL'), [[1, 0, 0], [0, -1, 0]]);
   assert.equal(side('anterior'), null);
   assert.equal(side('sideways'), null);
+});
+
+test('the table of named views is the one of C++', () => {
+  const table = readFileSync(new URL('../../../core/view/named_views.inc', import.meta.url), 'utf8');
+  const rows = [...table.matchAll(/\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}/g)].map(([, name, toEye, up, sides]) =>
+    [name.toLowerCase(), [toEye.split(', ').map(Number), up.split(', ').map(Number), sides]]);
+  assert.equal(rows.length, 10);
+  assert.deepEqual(Object.entries(view.NAMED_VIEWS), rows);
 });
 
 test('the box of a dataset has its samples as corners, also where the grid is turned', () => {
@@ -146,7 +156,7 @@ test('warping by the true depth is projecting', () => {
     const [from, to] = [randomCamera(random), randomCamera(random)];
     const [u, v, depth] = [random(), random(), 1 + random() * 100];
     const truth = view.project(to, 0.8, view.unproject(from, 1.3, 2 * u - 1, 1 - 2 * v, depth));
-    const at = view.warpPoint(view.makeWarp(from, 1.3, to, 0.8), u, v, depth);
+    const at = warpPoint(view.makeWarp(from, 1.3, to, 0.8), u, v, depth);
     near([at.x, at.y, at.distance], [truth.x, truth.y, truth.distance], 1e-6 * (1 + Math.hypot(truth.x, truth.y, truth.distance)), 'point');
   }
 });
@@ -168,8 +178,8 @@ function warpShare(request, size, columns, degrees) {
       if (Number.isFinite(depth)) {
         ++covered;
         const [u, v] = [(x + 0.5) / size.width, (y + 0.5) / size.height];
-        const truth = view.warpPoint(warp, u, v, depth);
-        const at = view.warpByGrid(grid, warp, u, v, jump);
+        const truth = warpPoint(warp, u, v, depth);
+        const at = warpByGrid(grid, warp, u, v, jump);
         if (at && Math.hypot((at.x - truth.x) * size.width / 2, (at.y - truth.y) * size.height / 2) <= 2) {
           ++good;
         }
@@ -224,7 +234,7 @@ test('the relief is cut at jumps, whole elsewhere, and has nothing where there i
   }
   const grid = { width: 8, height: 8, near: 10, far: 110, values };
   const far = 10 + 100 * 60000 / 65534;
-  const corner = (i, a) => view.cornerDepth(grid, i, 4, a, 0, 0, 5);
+  const corner = (i, a) => cornerDepth(grid, i, 4, a, 0, 0, 5);
   assert.equal(corner(0, 0), -1);
   assert.ok(Math.abs(corner(1, 1) - far) < 1e-9, 'the rim takes the depth of its neighbour');
   assert.ok(Math.abs(corner(3, 1) - far) < 1e-9);

@@ -14,101 +14,23 @@ asyncio. World coordinates are those of the volume; colours are sRGB; row 0 of a
 """
 
 from isoscope import _environment  # before gRPC is imported
+from isoscope import data, errors
+from isoscope import aio
 from isoscope._channel import DEFAULT_PORT, DEFAULT_TIMEOUT
-from isoscope import aio, errors
 from isoscope._version import __version__
 from isoscope.camera import VIEWS, Camera
 from isoscope.client import Client, Dataset, connect
-from isoscope.data import (
-    AgentState,
-    AgentStatistics,
-    Capabilities,
-    DatasetInfo,
-    Histogram,
-    Mesh,
-    PickedPoint,
-    Statistics,
-    Suggestion,
-    SurfaceColoring,
-    SurfaceStatistics,
-)
-from isoscope.errors import (
-    CancelledError,
-    DataLossError,
-    DeadlineExceededError,
-    FailedPreconditionError,
-    InternalError,
-    InvalidArgumentError,
-    IsoscopeError,
-    NotFoundError,
-    PermissionDeniedError,
-    ProgramError,
-    ResourceExhaustedError,
-    UnauthenticatedError,
-    UnavailableError,
-    UnimplementedError,
-)
+from isoscope.data import *
+from isoscope.errors import *
 from isoscope.frame import Frame
 from isoscope.local import serve
-from isoscope.look import (
-    AmbientOcclusion,
-    Caps,
-    Clip,
-    ColorBy,
-    Light,
-    Material,
-    Plane,
-    Silhouette,
-    Surface,
-)
+from isoscope.look import AmbientOcclusion, Caps, Clip, ColorBy, Light, Material, Plane, Silhouette, Surface
 from isoscope.viewer import View
 
 __all__ = [
-    "DEFAULT_PORT",
-    "DEFAULT_TIMEOUT",
-    "VIEWS",
-    "AgentState",
-    "AgentStatistics",
-    "AmbientOcclusion",
-    "CancelledError",
-    "Camera",
-    "Capabilities",
-    "Caps",
-    "Client",
-    "Clip",
-    "ColorBy",
-    "DataLossError",
-    "Dataset",
-    "DatasetInfo",
-    "DeadlineExceededError",
-    "FailedPreconditionError",
-    "Frame",
-    "Histogram",
-    "InternalError",
-    "InvalidArgumentError",
-    "IsoscopeError",
-    "Light",
-    "Material",
-    "Mesh",
-    "NotFoundError",
-    "PermissionDeniedError",
-    "PickedPoint",
-    "Plane",
-    "ProgramError",
-    "ResourceExhaustedError",
-    "Silhouette",
-    "Statistics",
-    "Suggestion",
-    "Surface",
-    "SurfaceColoring",
-    "SurfaceStatistics",
-    "UnauthenticatedError",
-    "UnavailableError",
-    "UnimplementedError",
-    "View",
-    "__version__",
-    "aio",
-    "connect",
-    "errors",
-    "serve",
-]
+    "DEFAULT_PORT", "DEFAULT_TIMEOUT", "VIEWS", "AmbientOcclusion", "Camera", "Caps", "Client", "Clip", "ColorBy",
+    "Dataset", "Frame", "Light", "Material", "Plane", "Silhouette", "Surface", "View", "__version__", "aio", "connect",
+    "errors", "serve",
+]  # fmt: skip
+__all__ += data.__all__
+__all__ += errors.__all__

@@ -19,14 +19,13 @@ import grpc
 from google.protobuf import json_format
 
 from isoscope._proto import interact_service_pb2 as pb
-from isoscope._proto import interact_service_pb2_grpc as rpc
 from isoscope.errors import explain
 
 # A view may be open for long; without a deadline, a lost server would never be noticed.
 _SESSION_SECONDS = 24 * 3600.0
 # A browser at rest sends nothing either; its next view state opens the stream again.
 _IDLE_SECONDS = 60.0
-_STUB: Callable[[Any], Any] = rpc.InteractServiceStub
+_METHOD = "/isoscope.v1.InteractService/Interact"
 
 
 class KernelFrames:
@@ -88,9 +87,10 @@ class KernelFrames:
     def _run(self, stream: _Stream) -> None:
         target = self._client._target
         try:
-            call = _STUB(self._client._channel.get()).Interact(
-                stream.requests(), timeout=_SESSION_SECONDS, metadata=target.call_metadata()
+            interact = self._client._channel.get().stream_stream(
+                _METHOD, pb.InteractRequest.SerializeToString, pb.InteractResponse.FromString
             )
+            call = interact(stream.requests(), timeout=_SESSION_SECONDS, metadata=target.call_metadata())
             stream.begin(call)
             for response in call:
                 if stream.has_ended:

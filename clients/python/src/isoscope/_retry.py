@@ -59,6 +59,7 @@ class Retries:
     """The tries of one call: how long each may take, and how long to wait before the next one."""
 
     def __init__(self, timeout: float) -> None:
+        self.seconds = timeout
         self._end = time.monotonic() + timeout
 
     def timeout(self) -> float:

@@ -21,26 +21,23 @@ Vec3 = tuple[float, float, float]
 
 _RADIANS_PER_DEGREE = math.pi / 180
 
-# Side: direction from the target to the eye, and up. Of the patient: letters of the sides.
-_WORLD_VIEWS: dict[str, tuple[Vec3, Vec3]] = {
-    "front": ((0, 0, 1), (0, 1, 0)),
-    "back": ((0, 0, -1), (0, 1, 0)),
-    "left": ((-1, 0, 0), (0, 1, 0)),
-    "right": ((1, 0, 0), (0, 1, 0)),
-    "top": ((0, 1, 0), (0, 0, -1)),
-    "bottom": ((0, -1, 0), (0, 0, 1)),
-}
-_PATIENT_VIEWS = {
-    "left": ("L", "S"),
-    "right": ("R", "S"),
-    "anterior": ("A", "S"),
-    "posterior": ("P", "S"),
-    "superior": ("S", "A"),
-    "inferior": ("I", "A"),
+# The rows of core/view/named_views.inc: where the eye is, seen from the target; up; the patient's sides in their places.
+_NOWHERE: Vec3 = (0, 0, 0)
+_NAMED_VIEWS: dict[str, tuple[Vec3, Vec3, str]] = {
+    "front": ((0, 0, 1), (0, 1, 0), ""),
+    "back": ((0, 0, -1), (0, 1, 0), ""),
+    "anterior": (_NOWHERE, _NOWHERE, "AS"),
+    "posterior": (_NOWHERE, _NOWHERE, "PS"),
+    "left": ((-1, 0, 0), (0, 1, 0), "LS"),
+    "right": ((1, 0, 0), (0, 1, 0), "RS"),
+    "top": ((0, 1, 0), (0, 0, -1), ""),
+    "bottom": ((0, -1, 0), (0, 0, 1), ""),
+    "superior": (_NOWHERE, _NOWHERE, "SA"),
+    "inferior": (_NOWHERE, _NOWHERE, "IA"),
 }
 #: Names that `view=` takes. Of the last four, the dataset must know its patient frame; `left` and
 #: `right` are the patient's where it does.
-VIEWS = (*_WORLD_VIEWS, "anterior", "posterior", "superior", "inferior")
+VIEWS = tuple(sorted(_NAMED_VIEWS, key=lambda name: _NAMED_VIEWS[name][0] == _NOWHERE))
 
 
 @dataclass(frozen=True)
@@ -187,12 +184,10 @@ def named_camera(view: str, lower: Vec3, upper: Vec3, patient_frame: str) -> Cam
     """Returns the default camera of a world box from another side; VIEWS has the names."""
     if view not in VIEWS:
         raise InvalidArgumentError(f"view {view!r}: must be one of {', '.join(VIEWS)}")
-    if patient_frame and view in _PATIENT_VIEWS:
-        eye_side, up_side = _PATIENT_VIEWS[view]
-        to_eye, up = _direction_to(eye_side, patient_frame), _direction_to(up_side, patient_frame)
-    elif view in _WORLD_VIEWS:
-        to_eye, up = _WORLD_VIEWS[view]
-    else:
+    to_eye, up, sides = _NAMED_VIEWS[view]
+    if patient_frame and sides:
+        to_eye, up = (_direction_to(side, patient_frame) for side in sides)
+    elif to_eye == _NOWHERE:
         raise InvalidArgumentError(
             f"view {view!r}: a view of a patient, but the source of the dataset has no patient frame (NIfTI with "
             "a qform or sform, DICOM, and NRRD with the space LPS or RAS have one): use front, back, left, right, "

@@ -124,30 +124,15 @@ class PermissionDeniedError(IsoscopeError, PermissionError):
     code = "PERMISSION_DENIED"
 
 
+_CLASSES: dict[str, type[IsoscopeError]] = {cls.code: cls for cls in IsoscopeError.__subclasses__()}
+_CLASSES["OUT_OF_RANGE"] = InvalidArgumentError
+
+
 class ProgramError(IsoscopeError, OSError):
     """A local program of `isoscope.serve` is not installed, or ended with an error."""
 
     code = "FAILED_PRECONDITION"
 
-
-_CLASSES: dict[str, type[IsoscopeError]] = {
-    cls.code: cls
-    for cls in (
-        InvalidArgumentError,
-        NotFoundError,
-        FailedPreconditionError,
-        ResourceExhaustedError,
-        UnavailableError,
-        DeadlineExceededError,
-        CancelledError,
-        DataLossError,
-        InternalError,
-        UnimplementedError,
-        UnauthenticatedError,
-        PermissionDeniedError,
-    )
-}
-_CLASSES["OUT_OF_RANGE"] = InvalidArgumentError
 
 # How the sentences of gRPC itself begin when no server was reached: the server's own never do.
 _NO_CONNECTION = (
@@ -204,9 +189,7 @@ def explain(error: grpc.RpcError, address: str, timeout: float | None, secure: b
     return _CLASSES.get(code, IsoscopeError)(details, code)
 
 
-def raise_explained(
-    error: grpc.RpcError, address: str, timeout: float | None, secure: bool
-) -> NoReturn:
+def raise_explained(error: grpc.RpcError, address: str, timeout: float | None, secure: bool) -> NoReturn:
     """Raises what `explain` returns. The gRPC error is its cause, unless a traceback of it would steer a terminal."""
     details = error.details() or ""
     raise explain(error, address, timeout, secure) from (error if printable(details) == details else None)

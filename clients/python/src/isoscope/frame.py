@@ -7,8 +7,7 @@ import dataclasses
 import functools
 import os
 import pathlib
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Union
+from typing import TYPE_CHECKING, Any, Literal, Union, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +18,7 @@ from isoscope.data import PickedPoint, Statistics, SurfaceColoring
 from isoscope.errors import IsoscopeError
 
 if TYPE_CHECKING:
+    from isoscope._core import Do
     from isoscope._proto.isosurface_service_pb2 import RenderIsosurfaceRequest
 
 __all__ = ["Frame", "ImageFormat", "PlaneName"]
@@ -56,8 +56,7 @@ class Frame:
     _rgba_bytes: bytes
     _planes: Planes
     _request: RenderIsosurfaceRequest
-    _fetch: Callable[[PlaneName], npt.NDArray[Any]] | None = None
-    _pick: Callable[[Sequence[tuple[int, int]]], list[PickedPoint | None]] | None = None
+    _do: Do | None = None
 
     @property
     def png(self) -> bytes:
@@ -117,12 +116,14 @@ class Frame:
 
     def pick(self, x: int, y: int) -> PickedPoint | None:
         """Returns what pixel (column x, row y) of the viewport shows; None: the background."""
-        if self._pick is None:
+        if self._do is None:
             raise IsoscopeError(
                 "this frame has no blocking connection: use dataset.pick((x, y), frame=frame), with await in the "
                 "async client"
             )
-        return self._pick([(x, y)])[0]
+        from isoscope import _core
+
+        return cast(Union[PickedPoint, None], self._do(_core.points(self._request, (x, y))))
 
     def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
         """Writes the exact bytes: .png, .jpg or .jpeg (if rendered as JPEG), or .npy (the RGBA array)."""
@@ -167,7 +168,7 @@ class Frame:
     def __getstate__(self) -> dict[str, Any]:
         """Pickles everything but the connection, the request as its bytes."""
         state = {name: value for name, value in self.__dict__.items() if name != "rgba"}
-        state.update(_fetch=None, _pick=None, _request=self._request.SerializeToString())
+        state.update(_do=None, _request=self._request.SerializeToString())
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -177,9 +178,11 @@ class Frame:
 
     def _plane(self, name: PlaneName) -> npt.NDArray[Any]:
         if name not in self._planes:
-            if self._fetch is None:
+            if self._do is None:
                 raise self._lacks(f"the plane {name!r}", f'planes=["{name}"]')
-            self._planes[name] = self._fetch(name)
+            from isoscope import _core
+
+            self._planes.update(self._do(_core.plane(self._request, name))._planes)
         return self._planes[name]
 
     def _lacks(self, thing: str, argument: str) -> IsoscopeError:

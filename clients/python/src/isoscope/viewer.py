@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from google.protobuf import json_format
 
-from isoscope import _wire
+from isoscope import _answer, _core, _request
 from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, CameraLike
@@ -123,7 +123,7 @@ class View:
     @property
     def camera(self) -> Camera:
         """The camera of the state."""
-        return _wire.camera_from_proto(self._current().camera)
+        return _answer.camera(self._current().camera)
 
     @property
     def picked(self) -> Any:
@@ -141,7 +141,7 @@ class View:
         request.viewport.width_px, request.viewport.height_px = width, height
         serialized = request.SerializeToString(deterministic=True)
         if self._frame is None or serialized != self._frame_request:
-            frame: Frame = self.dataset._client._render(request, None)
+            frame: Frame = self.dataset._client._do(_core.frame(request))
             self._frame, self._frame_request = frame, serialized
         return self._frame
 
@@ -256,7 +256,7 @@ def make_view(
         gateway = dataset._client.capabilities().gateway_address or ""
     if gateway and not gateway.startswith(("http://", "https://", "/")):
         raise InvalidArgumentError(f"gateway {gateway!r}: must begin with http://, https:// or /")
-    request = _wire.frame_request(
+    request = _request.frame(
         dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size
     )
     return View(dataset, request, (request.viewport.width_px, request.viewport.height_px), gateway, token or "")

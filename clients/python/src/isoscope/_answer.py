@@ -1,0 +1,271 @@
+"""Answers: messages of isoscope.v1 become values of this package; their numbers keep their bits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from isoscope._proto import cluster_service_pb2 as cluster_pb
+from isoscope._proto import dataset_pb2, frame_pb2, geometry_pb2
+from isoscope._proto import dataset_service_pb2 as datasets_pb
+from isoscope._proto import isosurface_service_pb2 as pb
+from isoscope._request import MAPS, PLANES, QUANTITIES
+from isoscope.camera import Camera
+from isoscope.data import (
+    AgentState,
+    AgentStatistics,
+    Capabilities,
+    Histogram,
+    Mesh,
+    PickedPoint,
+    Statistics,
+    Suggestion,
+    SurfaceColoring,
+    SurfaceStatistics,
+)
+from isoscope.errors import InternalError
+from isoscope.frame import Frame, Planes
+from isoscope.look import ColorBy
+
+_BYTES_FIELDS = ("png", "jpeg", "rgba8", *PLANES)
+_DTYPES = ("V1", "u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
+_COLUMNS = ("sample_count", "active_block_count", "active_block_bytes", "estimated_triangle_count")
+_STEPS = ("occluder_selection", "occluder_rendering", "visibility_culling", "composite", "encode")
+_METHODS: dict[int, Literal["between_classes", "one_percent"]] = {1: "between_classes", 2: "one_percent"}
+
+
+def _key(values: dict[str, int], number: int, default: str) -> str:
+    return next((name for name, value in values.items() if value == number), default)
+
+
+def _copied(proto: Any, *names: str) -> dict[str, Any]:
+    """Returns the fields that have the same names here."""
+    return {name: getattr(proto, name) for name in names}
+
+
+def _optional(proto: Any, name: str) -> Any:
+    return getattr(proto, name) if proto.HasField(name) else None
+
+
+def _tuple3(vector: Any) -> tuple[Any, Any, Any]:
+    return (vector.x, vector.y, vector.z)
+
+
+def dataset_fields(proto: dataset_pb2.Dataset) -> dict[str, Any]:
+    """Returns the keyword arguments of a DatasetInfo."""
+    columns = [_tuple3(column) for column in proto.geometry.direction_columns]
+    if len(columns) != 3:
+        columns = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    kind = int(proto.sample_type)
+    return {
+        **_copied(proto, "name", "source", "block_count", "shard_count"),
+        "id": proto.dataset_id,
+        "dims": _tuple3(proto.geometry.sample_dims),
+        "spacing": _tuple3(proto.geometry.spacing),
+        "origin": _tuple3(proto.geometry.origin),
+        "direction": (columns[0], columns[1], columns[2]),
+        "dtype": np.dtype(_DTYPES[kind] if kind < len(_DTYPES) else _DTYPES[0]),
+        "range": (proto.value_range.min, proto.value_range.max) if proto.HasField("value_range") else None,
+        "block_cells": _tuple3(proto.block_cells),
+        "missing_shards": tuple(proto.missing_shards),
+        "samples_digest": proto.samples_digest or None,
+        "patient_frame": proto.patient_frame or None,
+        "max_gradient": _optional(proto, "max_gradient_magnitude"),
+    }
+
+
+def histogram(proto: datasets_pb.GetHistogramResponse) -> Histogram:
+    """Returns a histogram of arrays."""
+    bins = proto.bins
+    columns: dict[str, Any] = {name: np.array([getattr(one, name) for one in bins], np.int64) for name in _COLUMNS}
+    return Histogram(
+        edges=np.array([one.min for one in bins] + [one.max for one in bins[-1:]], np.float64),
+        **columns,
+        **_copied(proto, "has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count"),
+        suggestions=tuple(
+            Suggestion(_METHODS.get(int(one.method), "unknown"), one.isovalue, one.inside_fraction)
+            for one in proto.suggestions
+        ),
+    )
+
+
+def capabilities(proto: cluster_pb.GetCapabilitiesResponse) -> Capabilities:
+    """Returns version and limits."""
+    return Capabilities(
+        max_viewport=proto.max_viewport_px,
+        max_concurrent_frames=proto.max_concurrent_frame_count,
+        max_queued_frames=proto.max_queued_frame_count,
+        gateway_address=proto.gateway_address or None,
+        features=frozenset(proto.features),
+        **_copied(proto, "version", "max_message_bytes", "max_frame_seconds"),
+    )
+
+
+def agents(proto: cluster_pb.GetClusterStatusResponse) -> list[AgentState]:
+    """Returns the agents."""
+    return [
+        AgentState(
+            is_reachable=int(agent.state) == 1,
+            shards=tuple((shard.dataset, shard.shard_index, shard.block_count) for shard in agent.shards),
+            **_copied(agent, "address", "message", "version", "renderer", "picture_revision", "is_draining"),
+        )
+        for agent in proto.agents
+    ]
+
+
+def _milliseconds(duration: Any) -> float:
+    return float(duration.seconds * 1e3 + duration.nanos * 1e-6)
+
+
+def statistics(proto: frame_pb2.RenderStatistics) -> Statistics:
+    """Returns the cost of a frame."""
+    return Statistics(
+        **_copied(
+            proto, "active_block_count", "ray_hit_block_count", "visible_block_count", "culled_block_count",
+            "occluding_block_count", "triangle_count", "unique_vertex_count", "read_bytes", "network_bytes",
+            "png_bytes", "truncated_pixel_count",
+        ),
+        missing_shards=tuple(proto.missing_shards),
+        active_block_coverage=_optional(proto, "active_block_coverage"),
+        durations_ms={step: _milliseconds(getattr(proto.durations, f"{step}_duration")) for step in _STEPS},
+        agents=tuple(
+            AgentStatistics(
+                address=agent.agent_address,
+                shards=tuple(agent.shard_indices),
+                **_copied(agent, "active_block_count", "visible_block_count", "triangle_count", "read_bytes"),
+                busy_ms=_milliseconds(agent.busy_duration),
+                extract_ms=_milliseconds(agent.extract_duration),
+                render_ms=_milliseconds(agent.render_duration),
+            )
+            for agent in proto.agents
+        ),
+        surfaces=tuple(SurfaceStatistics(one.triangle_count, one.unique_vertex_count) for one in proto.surfaces),
+    )  # fmt: skip
+
+
+def camera(proto: geometry_pb2.Camera) -> Camera:
+    """Returns a camera; its numbers keep their bits."""
+    up = _tuple3(proto.up) if proto.HasField("up") else (0.0, 1.0, 0.0)
+    projection: dict[str, float] = (
+        {"height": proto.orthographic.height} if proto.WhichOneof("projection") == "orthographic"
+        else {"fov_y": proto.perspective.fov_y_degrees}
+    )  # fmt: skip
+    return Camera(_tuple3(proto.eye), _tuple3(proto.target), up, **projection)
+
+
+def _coloring(proto: pb.SurfaceColoring) -> SurfaceColoring:
+    one = proto.color_by
+    return SurfaceColoring(
+        surface_index=proto.surface_index,
+        color_by=ColorBy(
+            quantity=cast(Any, _key(QUANTITIES, int(one.quantity), "normal")),
+            map=cast(Any, _key(MAPS, int(one.color_map), "viridis")) if int(one.quantity) != 4 else None,
+            range=(one.range.min, one.range.max) if one.HasField("range") else None,
+            opacity=(one.opacity.at_min, one.opacity.at_max) if one.HasField("opacity") else None,
+        ),
+    )
+
+
+class FrameParts:
+    """Puts the parts of RenderIsosurfaceStream together."""
+
+    def __init__(self, request: pb.RenderIsosurfaceRequest) -> None:
+        self._request = request
+        self._bytes: dict[str, list[bytes]] = {name: [] for name in _BYTES_FIELDS}
+        self._rest = pb.RenderIsosurfaceResponse()
+
+    def add(self, message: pb.RenderIsosurfaceStreamResponse) -> None:
+        """Takes the next part; it is empty afterwards."""
+        part = message.part
+        for name, pieces in self._bytes.items():
+            piece = getattr(part, name)
+            if piece:
+                pieces.append(piece)
+                part.ClearField(cast(Any, name))
+        self._rest.MergeFrom(part)
+
+    def result(self, do: Callable[[Any], Any] | None) -> Frame:
+        """Returns the frame, with the request that gives it again wherever the server had moved the camera."""
+        again = pb.RenderIsosurfaceRequest()
+        again.CopyFrom(self._request)
+        again.camera.CopyFrom(self._rest.camera)
+        again.ClearField("camera_fit")
+        return Frame(
+            width=self._rest.extent.width_px,
+            height=self._rest.extent.height_px,
+            camera=camera(self._rest.camera),
+            stats=statistics(self._rest.statistics),
+            colorings=tuple(map(_coloring, self._rest.colorings)),
+            jpeg=self._joined("jpeg") or None,
+            _png_bytes=self._joined("png"),
+            _rgba_bytes=self._joined("rgba8"),
+            _planes=self._planes(),
+            _request=again,
+            _do=do,
+        )
+
+    def _joined(self, name: str) -> bytes:
+        pieces = self._bytes[name]
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+    def _planes(self) -> Planes:
+        """Returns the planes that came, read-only arrays."""
+        width, height = self._rest.extent.width_px, self._rest.extent.height_px
+        planes: Planes = {}
+        for name, (dtype, components) in PLANES.items():
+            data = self._joined(name)
+            if not data:
+                continue
+            shape = (height, width) if components == 1 else (height, width, components)
+            array = np.frombuffer(data, dtype)
+            if array.size != math.prod(shape):
+                raise InternalError(f"plane {name!r} has {len(data)} bytes, which is not {shape} of {dtype}")
+            planes[name] = array.reshape(shape)
+        return planes
+
+
+class MeshParts:
+    """Puts the chunks of ExportIsosurface together."""
+
+    def __init__(self, request: pb.ExportIsosurfaceRequest) -> None:
+        self._isovalues = tuple(one.isovalue for one in request.surfaces) or (request.isovalue,)
+        self._parts: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
+        self._surfaces: list[int] = []
+
+    def add(self, chunk: pb.ExportIsosurfaceResponse) -> None:
+        """Takes the next chunk."""
+        for part, data in zip(self._parts, (chunk.positions, chunk.normals, chunk.triangles)):
+            part.append(data)
+        self._surfaces.append(chunk.surface_index)
+
+    def result(self, do: Callable[[Any], Any] | None) -> Mesh:
+        """Returns the whole mesh."""
+        points, normals, triangles = (
+            np.frombuffer(b"".join(part), dtype).reshape(-1, 3)
+            for part, dtype in zip(self._parts, ("<f4", "<f4", "<i8"))
+        )
+        counts = [len(data) // 24 for data in self._parts[2]]
+        surface = np.repeat(np.array(self._surfaces, np.uint8), counts)
+        return Mesh(points, normals, triangles, surface, self._isovalues)
+
+
+def picked(
+    proto: pb.PickSurfaceResponse, pixels: Sequence[tuple[int, int]]
+) -> list[PickedPoint | None]:
+    """Returns what the pixels show, in their order; None where it is the background."""
+    return [
+        PickedPoint(
+            pixel=(int(pixel[0]), int(pixel[1])),
+            position=_tuple3(point.position),
+            normal=_tuple3(point.normal) if point.HasField("normal") else None,
+            gradient=_tuple3(point.gradient) if point.HasField("gradient") else None,
+            shard_index=_optional(point, "shard_index"),
+            **_copied(point, "depth", "surface_index", "block_id"),
+        )
+        if point.is_hit
+        else None
+        for point, pixel in zip(proto.points, pixels)
+    ]

@@ -1,0 +1,447 @@
+"""The client without I/O: what to send, what the answer means, when to try again. Both clients run its calls.
+
+    call = _core.render(dataset, 60)    # checks the arguments, assembles the request
+    for message in ...:                 # the client's part: a channel, threads or an event loop
+        call.add(message)
+    frame = call.result(...)            # decodes the answer
+
+Each call is idempotent. A try that fails is repeated only while no part of its answer has come.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, Literal, ParamSpec, Protocol, TypeAlias, TypeVar, cast, get_type_hints
+
+import grpc
+
+from isoscope import _answer, _request
+from isoscope._channel import CONNECT_TIMEOUT, DEFAULT_TIMEOUT, ProcessChannel, Target, make_target
+from isoscope._proto import cluster_service_pb2 as cluster_pb
+from isoscope._proto import dataset_service_pb2 as datasets_pb
+from isoscope._proto import isosurface_service_pb2 as pb
+from isoscope._retry import Retries
+from isoscope.camera import CameraLike
+from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint
+from isoscope.errors import CancelledError, InternalError, InvalidArgumentError, printable, raise_explained
+from isoscope.frame import Frame, ImageFormat, PlaneName
+from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_T = TypeVar("_T")
+_T_co = TypeVar("_T_co", covariant=True)
+_Message: TypeAlias = Any
+#: Makes a call and waits for its result.
+Do: TypeAlias = Callable[["Call[Any]"], Any]
+
+
+def _methods(module: Any, service: str, *names: str) -> dict[Any, tuple[str, Callable[[bytes], _Message]]]:
+    """Returns path and reader of answers by the type of the request, which the protos name after the method."""
+    return {
+        getattr(module, f"{name}Request"): (
+            f"/isoscope.v1.{service}/{name}", getattr(module, f"{name}Response").FromString,
+        )
+        for name in names
+    }  # fmt: skip
+
+
+_METHODS = {
+    **_methods(datasets_pb, "DatasetService", "ListDatasets", "GetDataset", "GetHistogram"),
+    **_methods(cluster_pb, "ClusterService", "GetCapabilities", "GetClusterStatus"),
+    **_methods(pb, "IsosurfaceService", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface"),
+}
+
+
+class Answer(Protocol[_T_co]):
+    """Takes the messages of an answer in order, then says what they mean."""
+
+    def add(self, message: _Message) -> None: ...
+
+    def result(self, do: Do | None) -> _T_co: ...
+
+
+class One(Generic[_T]):
+    """An answer of one message."""
+
+    def __init__(self, decode: Callable[[_Message], _T]) -> None:
+        self._decode = decode
+        self._message: _Message = None
+
+    def add(self, message: _Message) -> None:
+        self._message = message
+
+    def result(self, do: Do | None) -> _T:
+        if self._message is None:
+            raise InternalError("the server answered without a message")
+        return self._decode(self._message)
+
+
+class Call(Generic[_T]):
+    """One call: its checked request, its deadline in seconds (None: the client's), and what becomes of its answer."""
+
+    def __init__(self, request: _Message, answer: Answer[_T], timeout: float | None = None) -> None:
+        self.request = request
+        self.timeout = timeout
+        self.has_taken = False
+        self._answer = answer
+
+    def add(self, message: _Message) -> None:
+        """Takes the next message of the answer."""
+        self.has_taken = True
+        self._answer.add(message)
+
+    def result(self, do: Do | None) -> _T:
+        """Returns what the whole answer means. `do` is for results that make calls later; None: they can't."""
+        return self._answer.result(do)
+
+
+class Connection:
+    """Where a client's calls go, and their tries. The clients add how one waits."""
+
+    _name = "isoscope.Client"
+
+    def __init__(self, target: Target, make: Callable[[Target], Any]) -> None:
+        self._target = target
+        self._channel = ProcessChannel(target, make)
+        self._capabilities: Capabilities | None = None
+
+    @property
+    def address(self) -> str:
+        """Address of the server."""
+        return self._target.address
+
+    @property
+    def token_file(self) -> str | None:
+        """The file with the token that is sent: `--token-file` of the programs; None if it came otherwise, or none.
+
+        `isoscope.serve` makes a token, and this file, which goes when the client is closed.
+        """
+        return self._target.token_file
+
+    def __repr__(self) -> str:
+        version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
+        return f"<{self._name} of {self.address}{version}>"
+
+    def _retries(self, call: Call[Any]) -> Retries:
+        if call.timeout is not None and not call.timeout > 0:
+            raise InvalidArgumentError(f"timeout {call.timeout!r}: must be above 0 seconds")
+        return Retries(self._target.timeout if call.timeout is None else call.timeout)
+
+    def _begin(self, call: Call[Any], retries: Retries) -> Any:
+        """Begins a try; returns gRPC's iterator of messages. An answer of one message is a stream of one."""
+        path, read = _METHODS[type(call.request)]
+        method = self._channel.get().unary_stream(path, type(call.request).SerializeToString, read)
+        try:
+            return method(call.request, timeout=retries.timeout(), metadata=self._target.call_metadata())
+        except ValueError as error:  # gRPC: the channel was closed by another thread
+            if "closed" in str(error).lower():
+                raise self._closed() from error
+            raise
+
+    def _closed(self) -> CancelledError:
+        return CancelledError(f"the client of {self.address} is closed")
+
+    def _delay_after(self, error: grpc.RpcError, call: Call[Any], retries: Retries) -> float:
+        """Returns the seconds to wait before another try; raises what the error means where there is none."""
+        delay = None if call.has_taken else retries.delay_after(error)
+        if delay is None:
+            raise_explained(error, self.address, retries.seconds, self._target.tls)
+        return delay
+
+
+def shaped_like(model: Callable[_P, Any]) -> Callable[[Callable[..., _R]], Callable[_P, _R]]:
+    """Gives a function the parameters and the text of `model`, to which it passes all of its arguments."""
+
+    def shape(function: Any) -> Any:
+        returned = function.__annotations__["return"]
+        function.__signature__ = inspect.signature(model).replace(return_annotation=returned)
+        # Those of the model are words of this module, "return" is one of the function's.
+        function.__annotations__ = {**get_type_hints(model), "return": returned}
+        function.__doc__ = model.__doc__
+        return function
+
+    return shape
+
+
+# ---------------------------------------------------------------------------------------- of a server
+
+
+def connection(
+    address: str = "localhost:50051",
+    *,
+    timeout: float = DEFAULT_TIMEOUT,
+    connect_timeout: float = CONNECT_TIMEOUT,
+    tls: bool | None = None,
+    ca_file: str | os.PathLike[str] | None = None,
+    cert_file: str | os.PathLike[str] | None = None,
+    key_file: str | os.PathLike[str] | None = None,
+    server_name: str | None = None,
+    token: str | None = None,
+    token_file: str | os.PathLike[str] | None = None,
+    allow_insecure_token: bool = False,
+    metadata: Sequence[tuple[str, str]] = (),
+) -> tuple[Target, float]:
+    """Connects to a coordinator and asks for its version, so that a wrong address fails here.
+
+        with isoscope.connect("host:50051") as client:
+            client["head"].render(isovalue=60).save("head.png")
+
+    `isoscope.aio.connect` is awaited: `await connect(...)`, or `async with connect(...) as client`.
+
+    Args:
+        address: HOST:PORT, HOST (port 50051), or unix:PATH.
+        timeout: deadline of each call in seconds; calls can have one of their own.
+        connect_timeout: deadline of the first call.
+        tls: whether to encrypt; by default if a file or a server name is given.
+        ca_file: PEM file of the authorities that may have signed the server's certificate.
+        cert_file, key_file: PEM files of a client certificate, for servers that want one.
+        server_name: name in the server's certificate, where it isn't the address's host. The defaults of these are
+            $ISOSCOPE_TLS_CA, $ISOSCOPE_TLS_CERT, $ISOSCOPE_TLS_KEY, $ISOSCOPE_TLS_SERVER_NAME, as of the programs.
+        token: sent as `authorization: Bearer TOKEN` with each call; default: $ISOSCOPE_TOKEN.
+        token_file: a file with that token, instead.
+        allow_insecure_token: send the token unencrypted to another machine.
+        metadata: more metadata of each call.
+
+    Raises:
+        UnavailableError: no server answers there.
+        UnauthenticatedError: the server wants another token.
+        InvalidArgumentError: the arguments do not fit each other.
+
+    Calls are tried again on UNAVAILABLE only, four times within some two seconds. Thread-safe. A
+    forked child makes a connection of its own, if no call was at work in the moment of the fork: gRPC can't fork then.
+    """
+    target = make_target(
+        address, tls=tls, ca_file=ca_file, cert_file=cert_file, key_file=key_file, server_name=server_name,
+        token=token, token_file=token_file, allow_insecure_token=allow_insecure_token, metadata=metadata,
+        timeout=timeout,
+    )  # fmt: skip
+    return target, connect_timeout
+
+
+def datasets(timeout: float | None) -> Call[list[dict[str, Any]]]:
+    """The fields of each dataset."""
+    decode = One(lambda response: [_answer.dataset_fields(proto) for proto in response.datasets])
+    return Call(datasets_pb.ListDatasetsRequest(), decode, timeout)
+
+
+def dataset(name: str, timeout: float | None) -> Call[dict[str, Any]]:
+    """The fields of one dataset."""
+    decode = One(lambda response: _answer.dataset_fields(response.dataset))
+    return Call(datasets_pb.GetDatasetRequest(name=name), decode, timeout)
+
+
+def capabilities(timeout: float | None) -> Call[Capabilities]:
+    """The server's version and limits."""
+    return Call(cluster_pb.GetCapabilitiesRequest(), One(_answer.capabilities), timeout)
+
+
+def agents(timeout: float | None) -> Call[list[AgentState]]:
+    """The agents of the cluster."""
+    return Call(cluster_pb.GetClusterStatusRequest(), One(_answer.agents), timeout)
+
+
+# ---------------------------------------------------------------------------------------- of a dataset
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DatasetOfClient(DatasetInfo):
+    """A dataset with the client that its calls go through."""
+
+    _client: Any = field(compare=False)
+
+    def __repr__(self) -> str:
+        ends = "empty" if self.range is None else f"{self.range[0]:g} to {self.range[1]:g}"
+        return f"Dataset({self.name!r}, {' x '.join(map(str, self.dims))} {self.dtype.name}, {ends})"
+
+
+# The parameters and the texts of these are those of the methods of both clients' datasets: hence self.
+
+
+def render(
+    self: DatasetOfClient,
+    isovalue: float | None = None,
+    *,
+    surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    color: ColorLike | None = None,
+    camera: CameraLike | None = None,
+    view: str | None = None,
+    azimuth: float = 0,
+    elevation: float = 0,
+    zoom: float = 1,
+    fit: Literal["volume", "surface"] = "volume",
+    size: tuple[int, int] | int = (1024, 1024),
+    region: tuple[int, int, int, int] | None = None,
+    background: ColorLike | None = None,
+    clip: ClipLike | None = None,
+    lights: Sequence[LightLike] | LightLike = (),
+    color_by: ColorBy | None = None,
+    samples: int | None = None,
+    ambient_occlusion: AmbientOcclusion | bool = False,
+    silhouette: Silhouette | bool = False,
+    max_layers: int | None = None,
+    culling: Literal["depth", "mask", "none"] = "depth",
+    format: ImageFormat = "png",
+    quality: int | None = None,
+    planes: Sequence[PlaneName] = (),
+    allow_partial: bool = False,
+    timeout: float | None = None,
+) -> Call[Frame]:
+    """Renders one frame.
+
+        dataset.render(60, view="anterior", size=(800, 600))
+        dataset.render(surfaces=[Surface(75), Surface(30, color="tan", opacity=0.35)], azimuth=30)
+
+    Args:
+        isovalue: level of the only surface, field units.
+        surfaces: 1 to 16 surfaces (or isovalues) instead.
+        color: colour of the only surface; default: a light clay.
+        camera: Camera, or (eye, target, up); default: sees the whole volume along -z with +y up.
+        view: side to look from, one of isoscope.VIEWS.
+        azimuth, elevation: degrees to turn from there, about up and about the right axis.
+        zoom: divides the angle of view.
+        fit: "surface" frames the blocks that the surface meets instead of the volume.
+        size: (width, height), pixels, or one number for both.
+        region: window (x, y, width, height) of that picture, with exactly its pixels; then `size`
+            may be up to 65536 on each side.
+        background: colour behind, with alpha; default: opaque black.
+        clip: part of the world that is shown.
+        lights: up to 4 lights in place of the head light.
+        color_by: quantity that surfaces without one of their own show.
+        samples: 1, 4, 9 or 16 samples a pixel, for smooth edges.
+        ambient_occlusion, silhouette: effects; True for their defaults.
+        max_layers: translucent fragments that show in a pixel, 1 to 16; default 8.
+        culling: "depth" and "none" give the same bytes; "mask" is approximate.
+        format: "png", "jpeg", "rgba" or "none".
+        quality: of a JPEG, 1 to 100.
+        planes: planes to send along: "depth", "surface_index", "position", "normal".
+        allow_partial: draw what there is if some shards are not served; `frame.stats.missing_shards`
+            says what is missing. Else that is an error.
+        timeout: deadline in seconds; default: the client's.
+
+    Raises:
+        InvalidArgumentError: names the argument, its value and the allowed values.
+        IsoscopeError: see isoscope.errors. A frame is right or an error, never incomplete.
+    """
+    request = _request.frame(
+        self, isovalue, surfaces=surfaces, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
+        zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers,
+    )  # fmt: skip
+    _request.set_appearance(
+        request, color=color, background=background, lights=lights, color_by=color_by, samples=samples,
+        ambient_occlusion=ambient_occlusion, silhouette=silhouette, culling=culling,
+    )  # fmt: skip
+    _request.set_output(request, format, quality, planes)
+    request.allow_partial = bool(allow_partial)
+    return frame(_expecting(self, request), timeout)
+
+
+def frame(request: pb.RenderIsosurfaceRequest, timeout: float | None = None) -> Call[Frame]:
+    """The frame of a request. Always as a stream: a picture of any size stays below every limit of messages."""
+    return Call(pb.RenderIsosurfaceStreamRequest(request=request), _answer.FrameParts(request), timeout)
+
+
+def plane(request: pb.RenderIsosurfaceRequest, name: PlaneName) -> Call[Frame]:
+    """A frame of nothing but one more plane of the frame that `request` asked for."""
+    return frame(_request.plane(request, name))
+
+
+def points(request: pb.RenderIsosurfaceRequest, pixels: Any, timeout: float | None = None) -> Call[Any]:
+    """What pixels of a frame show: a list in their order; of one (column, row) alone, that point."""
+    several, is_one = as_pixels(pixels)
+
+    def decode(response: pb.PickSurfaceResponse) -> PickedPoint | None | list[PickedPoint | None]:
+        found = _answer.picked(response, several)
+        return found[0] if is_one else found
+
+    return Call(_request.pick(request, several), One(decode), timeout)
+
+
+_PICK_ARGUMENTS = (
+    "surfaces", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers",
+)  # fmt: skip
+
+
+def pick(
+    self: DatasetOfClient,
+    pixels: tuple[int, int] | Sequence[Sequence[int]],
+    isovalue: float | None = None,
+    *,
+    frame: Frame | None = None,
+    timeout: float | None = None,
+    **look: Any,
+) -> Call[PickedPoint | None | list[PickedPoint | None]]:
+    """Tells what pixels show: point, depth, surface, normal, gradient.
+
+        dataset.pick((512, 400), 60, azimuth=30)
+        dataset.pick([(9, 8), (10, 8)], frame=frame)
+
+    Args:
+        pixels: one (column, row), or a sequence or array of 1 to 1000; row 0 is the top.
+        isovalue: as in `render`.
+        frame: the frame whose pixels are meant, instead of isovalue and the rest.
+        look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, as in `render`.
+        timeout: deadline in seconds; default: the client's.
+
+    Returns:
+        For one pixel, its point, or None where the background shows; for several, a list of these.
+    """
+    if frame is None:
+        unknown = [name for name in look if name not in _PICK_ARGUMENTS]
+        if unknown:
+            raise InvalidArgumentError(f"pick: unknown argument {unknown[0]!r}; expected {', '.join(_PICK_ARGUMENTS)}")
+        request = _expecting(self, _request.frame(self, isovalue, **look))
+    elif isovalue is not None or look:
+        given = "isovalue" if isovalue is not None else next(iter(look))
+        raise InvalidArgumentError(f"pick: {given} can't be given with frame, which has it")
+    else:
+        request = frame._request
+    return points(request, pixels, timeout)
+
+
+def mesh(
+    self: DatasetOfClient,
+    isovalue: float | None = None,
+    *,
+    surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    clip: ClipLike | None = None,
+    timeout: float | None = None,
+) -> Call[Mesh]:
+    """Returns whole isosurfaces as one welded mesh in memory: 36 bytes a triangle, or so.
+
+    For meshes larger than memory, and for files, there is `isoscope export`.
+
+    Args:
+        isovalue: level of the only surface, field units.
+        surfaces: 1 to 16 surfaces (or isovalues) instead.
+        clip: triangles are cut at its borders; nothing closes the cut.
+        timeout: deadline in seconds; default: the client's.
+    """
+    request = _expecting(self, _request.export(self, isovalue, surfaces, clip))
+    return Call(request, _answer.MeshParts(request), timeout)
+
+
+def histogram(
+    self: DatasetOfClient,
+    bins: int = 256,
+    range: tuple[float, float] | None = None,
+    *,
+    timeout: float | None = None,
+) -> Call[Histogram]:
+    """Counts the samples by value, and estimates what the surface at each value costs.
+
+    Args:
+        bins: most bins, 1 to 4096.
+        range: values to look at, widened to whole bins; default: all finite samples.
+        timeout: deadline in seconds; default: the client's.
+    """
+    request = _expecting(self, _request.histogram(self.name, bins, range))
+    return Call(request, One(_answer.histogram), timeout)
+
+
+def _expecting(dataset: DatasetOfClient, request: _R) -> _R:
+    _request.expect_dataset(cast(Any, request), dataset, dataset._client._capabilities)
+    return request
