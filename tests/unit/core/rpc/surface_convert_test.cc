@@ -1,11 +1,7 @@
 #include "core/rpc/surface_convert.h"
 
 #include <cmath>
-#include <cstdint>
-#include <functional>
 #include <limits>
-#include <optional>
-#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -16,22 +12,13 @@
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera.h"
 #include "tests/support/status_matchers.h"
+#include "tests/unit/core/rpc/wrong_fields.h"
 
 namespace isoscope::rpc {
 namespace {
 
-using isoscope::testing::IsOk;
 using isoscope::testing::StatusIs;
-using ::testing::AllOf;
 using ::testing::HasSubstr;
-
-isoscope::v1::RenderIsosurfaceRequest MakeRequest() {
-  isoscope::v1::RenderIsosurfaceRequest request;
-  request.set_isovalue(60);
-  request.mutable_viewport()->set_width_px(40);
-  request.mutable_viewport()->set_height_px(30);
-  return request;
-}
 
 TEST(SurfaceConvertTest, SurfacesArriveInTheirOrderWithTheirLook) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
@@ -215,107 +202,43 @@ TEST(SurfaceConvertTest, HostileLightsAndColorByAreNamed) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   using Request = isoscope::v1::RenderIsosurfaceRequest;
-  const auto light = [](Request* request) { return request->mutable_lights(0); };
-  const auto color_by = [](Request* request) {
-    return request->mutable_surfaces(0)->mutable_color_by();
-  };
-  struct Case {
-    const char* path;
-    std::function<void(Request*, double)> set;
-    std::vector<double> values;
-  };
-  const std::vector<Case> cases{
-      {"lights[0].direction",
-       [&](Request* r, double v) { light(r)->mutable_direction()->set_z(v); },
-       {kNan, 0, kInfinity, 1e300, 1e-300}},
-      {"lights[0].intensity",
-       [&](Request* r, double v) { light(r)->set_intensity(static_cast<float>(v)); },
-       {kNan, -0.1, 10.1, kInfinity}},
-      {"lights[0].space",
-       [&](Request* r, double v) {
-         light(r)->set_space(static_cast<isoscope::v1::Light::Space>(static_cast<int>(v)));
-       },
-       {-1, 3, 1e9}},
-      {"lights[0].color.green",
-       [&](Request* r, double v) {
-         light(r)->mutable_color()->set_alpha(1);
-         light(r)->mutable_color()->set_green(static_cast<float>(v));
-       },
-       {kNan, -0.01, 1.01}},
-      {"lights[0].color.alpha",
-       [&](Request* r, double v) { light(r)->mutable_color()->set_alpha(static_cast<float>(v)); },
-       {kNan, 0, 0.5}},
-      {"lights has 5 elements: must have at most 4",
-       [&](Request* r, double v) {
-         while (r->lights_size() < static_cast<int>(v)) {
-           *r->add_lights() = r->lights(0);
-         }
-       },
-       {5}},
-      {"surfaces[0].color_by.quantity",
-       [&](Request* r, double v) {
-         color_by(r)->set_quantity(
-             static_cast<isoscope::v1::ColorBy::Quantity>(static_cast<int>(v)));
-       },
-       {0, -1, 6}},
-      {"surfaces[0].color_by.color_map",
-       [&](Request* r, double v) {
-         color_by(r)->set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(v)));
-       },
-       {-1, 7, 1e9}},
-      {"surfaces[0].color_by.range.min",
-       [&](Request* r, double v) { color_by(r)->mutable_range()->set_min(v); },
-       {kNan, kInfinity, 1, 2}},
-      {"surfaces[0].color_by.range.max",
-       [&](Request* r, double v) { color_by(r)->mutable_range()->set_max(v); },
-       {kNan, -kInfinity, 0, -1}},
-      {"surfaces[0].color_by.opacity.at_min",
-       [&](Request* r, double v) {
-         color_by(r)->mutable_opacity()->set_at_min(static_cast<float>(v));
-       },
-       {kNan, -0.01, 1.01, kInfinity}},
-      {"surfaces[0].color_by.opacity.at_max",
-       [&](Request* r, double v) {
-         color_by(r)->mutable_opacity()->set_at_max(static_cast<float>(v));
-       },
-       {kNan, -1, 2, -kInfinity}},
-      {"surfaces[0].color_by.opacity is set beside",
-       [&](Request* r, double) {
-         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
-         color_by(r)->clear_range();
-         color_by(r)->mutable_opacity();
-       },
-       {0}},
-      {"surfaces[0].color_by.range is set beside",
-       [&](Request* r, double) {
-         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
-       },
-       {0}},
-      {"surfaces[0].color_by.color_map is set beside",
-       [&](Request* r, double) {
-         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
-         color_by(r)->clear_range();
-         color_by(r)->set_color_map(isoscope::v1::COLOR_MAP_GREY);
-       },
-       {0}},
-  };
-  for (const Case& wrong : cases) {
-    for (const double value : wrong.values) {
-      Request request = MakeRequest();
-      request.set_isovalue(0);
-      request.add_surfaces();
-      color_by(&request)->set_quantity(isoscope::v1::ColorBy::QUANTITY_POSITION_Y);
-      color_by(&request)->mutable_range()->set_max(1);
-      request.add_lights()->mutable_direction()->set_z(1);
-      ASSERT_THAT(FrameSpecFromProto(request), IsOk());
-      wrong.set(&request, value);
-      EXPECT_THAT(FrameSpecFromProto(request),
-                  StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(wrong.path)))
-          << value;
-    }
+  Request good = MakeRequest();
+  good.set_isovalue(0);
+  isoscope::v1::ColorBy* const color_by = good.add_surfaces()->mutable_color_by();
+  color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_POSITION_Y);
+  color_by->mutable_range()->set_max(1);
+  good.add_lights()->mutable_direction()->set_z(1);
+  good.mutable_lights(0)->mutable_color()->set_alpha(1);
+  ExpectNamed(
+      good, {{"lights[0].direction.z", {kNan, 0, kInfinity, 1e300, 1e-300}, "lights[0].direction"},
+             {"lights[0].intensity", {kNan, -0.1, 10.1, kInfinity}},
+             {"lights[0].space", {-1, 3, 1e9}},
+             {"lights[0].color.green", {kNan, -0.01, 1.01}},
+             {"lights[0].color.alpha", {kNan, 0, 0.5}},
+             {"surfaces[0].color_by.quantity", {0, -1, 6}},
+             {"surfaces[0].color_by.color_map", {-1, 7, 1e9}},
+             {"surfaces[0].color_by.range.min", {kNan, kInfinity, 1, 2}},
+             {"surfaces[0].color_by.range.max", {kNan, -kInfinity, 0, -1}},
+             {"surfaces[0].color_by.opacity.at_min", {kNan, -0.01, 1.01, kInfinity}},
+             {"surfaces[0].color_by.opacity.at_max", {kNan, -1, 2, -kInfinity}},
+             {"surfaces[0].color_by.quantity",
+              {isoscope::v1::ColorBy::QUANTITY_NORMAL},
+              "surfaces[0].color_by.range is set beside"}});
+  color_by->clear_range();
+  color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
+  const std::string beside = " is set beside surfaces[0].color_by.quantity 4";
+  ExpectNamed(
+      good, {{"surfaces[0].color_by.opacity.at_max", {0}, "surfaces[0].color_by.opacity" + beside},
+             {"surfaces[0].color_by.color_map",
+              {isoscope::v1::COLOR_MAP_GREY},
+              "surfaces[0].color_by.color_map" + beside}});
+  while (good.lights_size() < 5) {
+    *good.add_lights() = good.lights(0);
   }
+  EXPECT_THAT(FrameSpecFromProto(good),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("lights has 5 elements: must have at most 4")));
 }
 
-// Every number of the new messages, with values that a program may send by mistake.
 }  // namespace
 }  // namespace isoscope::rpc
