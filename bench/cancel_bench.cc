@@ -34,14 +34,11 @@
 
 #include "bench/sample_statistics.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/json_text.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/table.h"
-#include "core/rpc/proto_convert.h"
-#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
@@ -90,19 +87,12 @@ class CancelBench {
     cluster_.reset();
     ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
     client::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
-    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset,
-                              client.GetDataset("", kMaxCancelWait));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-    dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
-                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(scene_, FindScene(plan_.request, /*dataset=*/"", &client));
     return absl::OkStatus();
   }
 
   isoscope::v1::RenderIsosurfaceRequest NextRequest() {
-    return client::MakeRequest(plan_.request, dataset_name_,
-                               client::OrbitCamera(camera_, plan_.orbit_degrees, next_frame_++));
+    return scene_.Frame(plan_.orbit_degrees, next_frame_++);
   }
 
   absl::StatusOr<double> RenderWholeFrame() {
@@ -118,8 +108,7 @@ class CancelBench {
     // Not counted: it brings the files into the page cache.
     ISOSCOPE_RETURN_IF_ERROR(RenderWholeFrame().status());
     ISOSCOPE_RETURN_IF_ERROR(StartCluster());
-    result_.agent_count = cluster_->shard_count();
-    result_.renderer = cluster_->renderer_description();
+    result_.drawers = {cluster_->shard_count(), cluster_->renderer_description()};
     ISOSCOPE_ASSIGN_OR_RETURN(result_.cold_ms, RenderWholeFrame());
     std::vector<double> following_ms;
     for (int i = 0; i < kFollowingFrameCount; ++i) {
@@ -194,8 +183,7 @@ class CancelBench {
   const cli::Context& context_;
   std::mt19937_64 random_;
   std::unique_ptr<cli::EmbeddedCluster> cluster_;
-  std::string dataset_name_;
-  view::Camera camera_;
+  Scene scene_;
   int next_frame_ = 0;
   CancelBenchResult result_;
 };
@@ -214,8 +202,6 @@ std::vector<double> Select(const std::vector<CancelledFrame>& frames,
 }
 
 std::string TwoDecimals(double milliseconds) { return absl::StrFormat("%.2f", milliseconds); }
-
-double Rounded(double value) { return std::round(value * 1e3) / 1e3; }
 
 }  // namespace
 
@@ -248,20 +234,14 @@ std::string DescribeCancelBench(const CancelBenchResult& result) {
   return table.ToString();
 }
 
-std::string CancelBenchJson(absl::string_view volume, const CancelBenchPlan& plan,
-                            const CancelBenchResult& result, const Machine& machine,
-                            absl::string_view timestamp) {
+std::string CancelBenchJson(const Occasion& occasion, const CancelBenchPlan& plan,
+                            const CancelBenchResult& result) {
   const std::vector<double> idle_ms =
       Select(result.frames, &CancelledFrame::idle_ms, [](const CancelledFrame&) { return true; });
-  Json json;
-  json["machine"] = ToString(machine);
-  json["date"] = std::string(timestamp);
-  json["volume"] = std::string(volume);
+  Json json = JsonHead(occasion);
+  json["volume"] = occasion.volume;
   json["isovalue"] = plan.request.isovalue.value_or(0);
-  json["width"] = plan.request.viewport().width_px;
-  json["height"] = plan.request.viewport().height_px;
-  json["agents"] = result.agent_count;
-  json["renderer"] = result.renderer;
+  AddFrame(plan.request, result.drawers, &json);
   json["seed"] = plan.seed;
   json["cold_ms"] = Rounded(result.cold_ms);
   json["following_ms"] = Rounded(result.following_ms);

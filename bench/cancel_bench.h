@@ -13,9 +13,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "client-cli/session/embedded_cluster.h"
 #include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
@@ -40,8 +39,7 @@ struct CancelledFrame {
 };
 
 struct CancelBenchResult {
-  int agent_count = 0;
-  std::string renderer;
+  Drawers drawers;
   // Of frames that are not cancelled.
   double cold_ms = 0;
   double following_ms = 0;
@@ -61,9 +59,8 @@ std::string DescribeCancelBench(const CancelBenchResult& result);
 // {"machine", "date", "volume", "isovalue", "width", "height", "agents", "renderer", "seed",
 // "cold_ms", "following_ms", "complete_count", "idle_ms": {"median", "p99", "max"}, "frames":
 // [{"cold", "moment_ms", "answer_ms", "idle_ms"}]}.
-std::string CancelBenchJson(absl::string_view volume, const CancelBenchPlan& plan,
-                            const CancelBenchResult& result, const Machine& machine,
-                            absl::string_view timestamp);
+std::string CancelBenchJson(const Occasion& occasion, const CancelBenchPlan& plan,
+                            const CancelBenchResult& result);
 
 }  // namespace isoscope::bench
 

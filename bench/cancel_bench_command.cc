@@ -4,15 +4,13 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <ostream>
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 
 #include "bench/cancel_bench.h"
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "bench/program.h"
 #include "client-cli/session/partition_volume.h"
 #include "client-cli/session/source_flags.h"
@@ -23,7 +21,6 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
-#include "core/io/atomic_file.h"
 #include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
@@ -33,8 +30,6 @@ namespace {
 
 constexpr std::int64_t kMaxCancelCount = 1'000'000;
 constexpr std::int64_t kMaxThreadCount = 1024;
-constexpr double kDefaultAzimuth = 30;
-constexpr double kDefaultElevation = 20;
 
 struct CancelBenchFlags {
   std::optional<std::string> input;
@@ -100,30 +95,23 @@ CancelBenchPlan PlanOf(const CancelBenchFlags& flags) {
 
 absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
-  }
   base::SetLogLevel(base::LogLevel::kOff);
-  ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
-  CancelBenchPlan plan = PlanOf(flags);
-  ISOSCOPE_ASSIGN_OR_RETURN(plan.cluster.dataset_directory, PrepareDataset(flags, folder, context));
-  const Machine machine = DescribeMachine();
-  const std::string timestamp = Timestamp();
-  ISOSCOPE_ASSIGN_OR_RETURN(const CancelBenchResult result, RunCancelBench(plan, context));
-  if (flags.json) {
-    const std::string volume = std::filesystem::path(*flags.input).filename().string();
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, CancelBenchJson(volume, plan, result, machine, timestamp)));
-  }
-  *context.out << ToString(machine) << "; " << timestamp << "\n"
-               << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px
-               << " pixels, " << result.agent_count
-               << (result.agent_count == 1 ? " agent" : " agents") << " in this process, "
-               << result.renderer << "; a whole frame takes "
-               << cli::FormatMilliseconds(result.cold_ms) << " ms cold, "
-               << cli::FormatMilliseconds(result.following_ms) << " ms following\n\n"
-               << DescribeCancelBench(result);
-  return absl::OkStatus();
+  return RunMeasurement(
+      flags.json, std::filesystem::path(*flags.input).filename().string(), context,
+      [&](const Occasion& occasion) -> absl::StatusOr<Report> {
+        ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
+        CancelBenchPlan plan = PlanOf(flags);
+        ISOSCOPE_ASSIGN_OR_RETURN(plan.cluster.dataset_directory,
+                                  PrepareDataset(flags, folder, context));
+        ISOSCOPE_ASSIGN_OR_RETURN(const CancelBenchResult result, RunCancelBench(plan, context));
+        return Report{
+            .json = CancelBenchJson(occasion, plan, result),
+            .text = absl::StrCat(DescribeFrame(plan.request, result.drawers), " in this process, ",
+                                 result.drawers.renderer, "; a whole frame takes ",
+                                 cli::FormatMilliseconds(result.cold_ms), " ms cold, ",
+                                 cli::FormatMilliseconds(result.following_ms), " ms following\n\n",
+                                 DescribeCancelBench(result))};
+      });
 }
 
 cli::Action RegisterCancelBenchFlags(cli::FlagSet* set) {

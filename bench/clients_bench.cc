@@ -20,14 +20,11 @@
 #include "client-cli/session/connection_flags.h"
 #include "clients/cpp/connection/retries.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/json_text.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/rpc/channel.h"
-#include "core/rpc/proto_convert.h"
 #include "core/rpc/transport.h"
-#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
@@ -75,13 +72,9 @@ class ClientsBench {
     ISOSCOPE_ASSIGN_OR_RETURN(dialing_, rpc::MakeDialing(connection.transport, /*own_role=*/""));
     const std::unique_ptr<client::ServiceClient> client = Connect();
     ISOSCOPE_ASSIGN_OR_RETURN(
-        const v1::Dataset dataset,
-        client->GetDataset(plan_.session.dataset.value_or(""), kMaxClientsWait));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
-    request_ = client::MakeRequest(plan_.request, dataset.name(), camera);
+        const Scene scene,
+        FindScene(plan_.request, plan_.session.dataset.value_or(""), client.get()));
+    request_ = scene.Frame();
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
                               client->RenderIsosurface(request_, kMaxClientsWait));
     expected_ = std::move(*response.mutable_png());
@@ -194,15 +187,12 @@ std::string DescribeClientsBench(const std::vector<ClientsRound>& rounds) {
   return text;
 }
 
-std::string ClientsBenchJson(const ClientsBenchPlan& plan, const std::vector<ClientsRound>& rounds,
-                             const Machine& machine, absl::string_view timestamp) {
-  nlohmann::ordered_json json;
-  json["machine"] = ToString(machine);
-  json["date"] = std::string(timestamp);
+std::string ClientsBenchJson(const Occasion& occasion, const ClientsBenchPlan& plan,
+                             const std::vector<ClientsRound>& rounds) {
+  nlohmann::ordered_json json = JsonHead(occasion);
   json["server"] = plan.session.server.value_or("");
   json["isovalues"] = plan.request.isovalues();
-  json["width"] = plan.request.viewport().width_px;
-  json["height"] = plan.request.viewport().height_px;
+  AddSize(plan.request, &json);
   json["seconds"] = absl::ToDoubleSeconds(plan.duration);
   json["rounds"] = nlohmann::ordered_json::array();
   for (const ClientsRound& round : rounds) {

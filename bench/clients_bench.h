@@ -10,10 +10,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
@@ -58,8 +57,8 @@ std::string DescribeClientsBench(const std::vector<ClientsRound>& rounds);
 // {"machine", "date", "server", "isovalues", "width", "height", "seconds", "rounds": [{"clients",
 // "frames", "frames_per_second", "p50_ms", "p95_ms", "p99_ms", "max_ms", "most_frames",
 // "least_frames", "refusals", "retries", "wrong", "failed"}]}.
-std::string ClientsBenchJson(const ClientsBenchPlan& plan, const std::vector<ClientsRound>& rounds,
-                             const Machine& machine, absl::string_view timestamp);
+std::string ClientsBenchJson(const Occasion& occasion, const ClientsBenchPlan& plan,
+                             const std::vector<ClientsRound>& rounds);
 
 }  // namespace isoscope::bench
 

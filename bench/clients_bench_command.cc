@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <ostream>
 #include <string>
 #include <vector>
 
@@ -13,7 +12,7 @@
 #include "absl/time/time.h"
 
 #include "bench/clients_bench.h"
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "bench/program.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/request/parse_value.h"
@@ -23,7 +22,6 @@
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
 namespace {
@@ -59,9 +57,6 @@ absl::Status CheckUsage(const ClientsBenchFlags& flags) {
 
 absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
-  }
   base::SetLogLevel(base::LogLevel::kOff);
   ClientsBenchPlan plan;
   plan.session = flags.session;
@@ -70,17 +65,16 @@ absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   if (flags.seconds) {
     plan.duration = absl::Seconds(*flags.seconds);
   }
-  const Machine machine = DescribeMachine();
-  const std::string timestamp = Timestamp();
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<ClientsRound> rounds, RunClientsBench(plan, context));
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        io::WriteFileAtomically(*flags.json, ClientsBenchJson(plan, rounds, machine, timestamp)));
-  }
-  *context.out << ToString(machine) << "; " << timestamp << "\n"
-               << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px
-               << " pixels, " << absl::ToInt64Seconds(plan.duration) << " s each\n\n"
-               << DescribeClientsBench(rounds);
+  std::vector<ClientsRound> rounds;
+  ISOSCOPE_RETURN_IF_ERROR(RunMeasurement(
+      flags.json, /*volume=*/"", context, [&](const Occasion& occasion) -> absl::StatusOr<Report> {
+        ISOSCOPE_ASSIGN_OR_RETURN(rounds, RunClientsBench(plan, context));
+        return Report{.json = ClientsBenchJson(occasion, plan, rounds),
+                      .text = absl::StrCat(plan.request.viewport().width_px, " x ",
+                                           plan.request.viewport().height_px, " pixels, ",
+                                           absl::ToInt64Seconds(plan.duration), " s each\n\n",
+                                           DescribeClientsBench(rounds))};
+      }));
   for (const ClientsRound& round : rounds) {
     if (round.failed_count + round.wrong_count > 0) {
       return absl::InternalError(absl::StrCat(

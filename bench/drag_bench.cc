@@ -19,14 +19,11 @@
 
 #include "bench/sample_statistics.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/json_text.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/rpc/proto_convert.h"
-#include "isoscope/v1/cluster_service.pb.h"
-#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -44,20 +41,9 @@ class DragBench {
       : plan_(plan), context_(context) {}
 
   absl::StatusOr<DragBenchResult> Run() {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
-    client::ServiceClient& client = session_->client();
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
-                              client.GetDataset(session_->dataset_name(), kMaxDragWait));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-    dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
-                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
-                              client.GetClusterStatus(kMaxDragWait));
-    result_.agent_count = cluster.agents_size();
-    result_.renderer = cluster.agents().empty() ? "" : cluster.agents(0).renderer();
+    ISOSCOPE_ASSIGN_OR_RETURN(stage_, OpenStage(plan_.session, plan_.request, context_));
+    result_.drawers = stage_.drawers;
+    client::ServiceClient& client = stage_.session->client();
     ISOSCOPE_RETURN_IF_ERROR(client.RenderIsosurface(FrameOf(0), kMaxDragWait).status());
     stream_ = client.Interact();
     std::thread reader([this] { Read(); });
@@ -75,10 +61,8 @@ class DragBench {
 
  private:
   v1::RenderIsosurfaceRequest FrameOf(std::int64_t state) const {
-    return client::MakeRequest(
-        plan_.request, dataset_name_,
-        client::OrbitCamera(camera_, plan_.degrees_per_second / plan_.states_per_second,
-                            static_cast<int>(state)));
+    return stage_.scene.Frame(plan_.degrees_per_second / plan_.states_per_second,
+                              static_cast<int>(state));
   }
 
   absl::Status Drag() ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -175,9 +159,7 @@ class DragBench {
 
   const DragBenchPlan& plan_;
   const cli::Context& context_;
-  std::unique_ptr<cli::Session> session_;
-  std::string dataset_name_;
-  view::Camera camera_;
+  Stage stage_;
   std::unique_ptr<client::InteractStream> stream_;
 
   base::Mutex mutex_;
@@ -217,18 +199,12 @@ std::string DescribeDragBench(const DragBenchResult& result) {
                                      : "NOT the bytes of RenderIsosurface");
 }
 
-std::string DragBenchJson(absl::string_view volume, const DragBenchPlan& plan,
-                          const DragBenchResult& result, const Machine& machine,
-                          absl::string_view timestamp) {
-  nlohmann::ordered_json json;
-  json["machine"] = ToString(machine);
-  json["date"] = std::string(timestamp);
-  json["volume"] = std::string(volume);
+std::string DragBenchJson(const Occasion& occasion, const DragBenchPlan& plan,
+                          const DragBenchResult& result) {
+  nlohmann::ordered_json json = JsonHead(occasion);
+  json["volume"] = occasion.volume;
   json["isovalue"] = plan.request.isovalue.value_or(0);
-  json["width"] = plan.request.viewport().width_px;
-  json["height"] = plan.request.viewport().height_px;
-  json["agents"] = result.agent_count;
-  json["renderer"] = result.renderer;
+  AddFrame(plan.request, result.drawers, &json);
   json["frames_per_second"] = FramesPerSecond(result);
   json["latency_ms"] = {{"median", Median(result.latencies_ms)},
                         {"p95", Percentile(result.latencies_ms, 0.95)}};

@@ -9,10 +9,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
@@ -30,8 +29,7 @@ struct DragBenchPlan {
 };
 
 struct DragBenchResult {
-  int agent_count = 0;
-  std::string renderer;
+  Drawers drawers;
   double drag_seconds = 0;
   std::int64_t frame_count = 0;      // moving frames that arrived while dragging
   std::vector<double> latencies_ms;  // from a state to its frame, of each of them
@@ -52,9 +50,8 @@ std::string DescribeDragBench(const DragBenchResult& result);
 // {"machine", "date", "volume", "isovalue", "width", "height", "agents", "renderer",
 // "frames_per_second", "latency_ms": {"median", "p95"}, "median_height_px", "median_frame_bytes",
 // "exact_ms"}.
-std::string DragBenchJson(absl::string_view volume, const DragBenchPlan& plan,
-                          const DragBenchResult& result, const Machine& machine,
-                          absl::string_view timestamp);
+std::string DragBenchJson(const Occasion& occasion, const DragBenchPlan& plan,
+                          const DragBenchResult& result);
 
 }  // namespace isoscope::bench
 

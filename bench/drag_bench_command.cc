@@ -1,16 +1,14 @@
 // isoscope-bench drag INPUT | DIR | --server HOST:PORT --isovalue V
 
-#include <filesystem>
 #include <memory>
 #include <optional>
-#include <ostream>
 #include <string>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
 #include "bench/drag_bench.h"
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "bench/program.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/request/parse_value.h"
@@ -20,7 +18,6 @@
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
 namespace {
@@ -54,9 +51,6 @@ absl::Status CheckUsage(const DragBenchFlags& flags) {
 
 absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
-  }
   base::SetLogLevel(base::LogLevel::kOff);
   DragBenchPlan plan;
   plan.session = flags.session;
@@ -65,23 +59,15 @@ absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
   plan.states_per_second = flags.states.value_or(plan.states_per_second);
   plan.target_frames_per_second = flags.rate.value_or(0);
   plan.decode = absl::Milliseconds(flags.decode_ms.value_or(0));
-  const Machine machine = DescribeMachine();
-  const std::string timestamp = Timestamp();
-  ISOSCOPE_ASSIGN_OR_RETURN(const DragBenchResult result, RunDragBench(plan, context));
-  if (flags.json) {
-    const std::string volume =
-        std::filesystem::path(flags.session.input.value_or(flags.session.dataset.value_or("")))
-            .filename()
-            .string();
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, DragBenchJson(volume, plan, result, machine, timestamp)));
-  }
-  *context.out << ToString(machine) << "; " << timestamp << "\n"
-               << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px
-               << " pixels, " << result.agent_count
-               << (result.agent_count == 1 ? " agent, " : " agents, ") << result.renderer << "\n\n"
-               << DescribeDragBench(result);
-  return absl::OkStatus();
+  return RunMeasurement(
+      flags.json, VolumeOf(flags.session), context,
+      [&](const Occasion& occasion) -> absl::StatusOr<Report> {
+        ISOSCOPE_ASSIGN_OR_RETURN(const DragBenchResult result, RunDragBench(plan, context));
+        return Report{
+            .json = DragBenchJson(occasion, plan, result),
+            .text = absl::StrCat(DescribeFrame(plan.request, result.drawers), ", ",
+                                 result.drawers.renderer, "\n\n", DescribeDragBench(result))};
+      });
 }
 
 cli::Action RegisterDragBenchFlags(cli::FlagSet* set) {

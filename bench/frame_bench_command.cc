@@ -10,7 +10,6 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <ostream>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -23,7 +22,7 @@
 
 #include "bench/frame_bench.h"
 #include "bench/frame_bench_report.h"
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "bench/peer.h"
 #include "bench/program.h"
 #include "client-cli/session/partition_volume.h"
@@ -34,7 +33,6 @@
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/io/atomic_file.h"
 #include "core/io/file.h"
 #include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
@@ -44,8 +42,6 @@ namespace isoscope::bench {
 namespace {
 
 constexpr std::int64_t kMaxCount = 1000;
-constexpr double kDefaultAzimuth = 30;
-constexpr double kDefaultElevation = 20;
 
 struct FrameBenchFlags {
   std::optional<std::string> input;
@@ -187,17 +183,8 @@ absl::StatusOr<std::string> RenderingProgram() {
   return path;
 }
 
-absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  const bool is_dataset = store::IsDatasetDirectory(*flags.input);
-  if (!is_dataset) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(flags.source, *flags.input).status());
-  }
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
-  }
+FrameBenchPlan PlanOf(const FrameBenchFlags& flags) {
   FrameBenchPlan plan;
-  ISOSCOPE_ASSIGN_OR_RETURN(plan.program, RenderingProgram());
   plan.isovalues = flags.isovalues;
   plan.cullings = flags.cullings.empty() ? std::vector<std::string>{"depth"} : flags.cullings;
   plan.renderers = flags.renderers.empty() ? std::vector<std::string>{"auto"} : flags.renderers;
@@ -209,29 +196,35 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   plan.width_px = flags.width_px();
   plan.height_px = flags.height_px();
   plan.thread_count = flags.thread_count;
+  return plan;
+}
 
-  ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
-  ISOSCOPE_ASSIGN_OR_RETURN(plan.datasets,
-                            is_dataset ? UseFolder(flags) : PartitionEach(flags, folder, context));
-  if (flags.peer) {
-    ISOSCOPE_ASSIGN_OR_RETURN(plan.peer, PreparePeer(flags, plan, folder, context));
+absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  const bool is_dataset = store::IsDatasetDirectory(*flags.input);
+  if (!is_dataset) {
+    ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(flags.source, *flags.input).status());
   }
-  const Machine machine = DescribeMachine();
-  const std::string timestamp = Timestamp();
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameBenchResult result, RunFrameBench(plan, context));
-
   const std::string volume = std::filesystem::path(*flags.input).filename().string();
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, FrameBenchJson(volume, plan, result, machine, timestamp)));
-  }
-  *context.out << ToString(machine) << "; " << timestamp << "\n"
-               << plan.width_px << " x " << plan.height_px << " pixels; medians of "
-               << plan.run_count << (plan.run_count == 1 ? " run" : " runs")
-               << ", each a fresh process of " << plan.frame_count << " frames "
-               << absl::StrFormat("%g", plan.orbit_degrees) << " degrees apart\n\n"
-               << DescribeFrameBench(volume, result);
-  return absl::OkStatus();
+  return RunMeasurement(
+      flags.json, volume, context, [&](const Occasion& occasion) -> absl::StatusOr<Report> {
+        FrameBenchPlan plan = PlanOf(flags);
+        ISOSCOPE_ASSIGN_OR_RETURN(plan.program, RenderingProgram());
+        ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            plan.datasets, is_dataset ? UseFolder(flags) : PartitionEach(flags, folder, context));
+        if (flags.peer) {
+          ISOSCOPE_ASSIGN_OR_RETURN(plan.peer, PreparePeer(flags, plan, folder, context));
+        }
+        ISOSCOPE_ASSIGN_OR_RETURN(const FrameBenchResult result, RunFrameBench(plan, context));
+        return Report{
+            .json = FrameBenchJson(occasion, plan, result),
+            .text = absl::StrCat(plan.width_px, " x ", plan.height_px, " pixels; medians of ",
+                                 plan.run_count, plan.run_count == 1 ? " run" : " runs",
+                                 ", each a fresh process of ", plan.frame_count, " frames ",
+                                 plan.orbit_degrees, " degrees apart\n\n",
+                                 DescribeFrameBench(volume, result))};
+      });
 }
 
 cli::Action RegisterFrameBenchFlags(cli::FlagSet* set) {

@@ -19,8 +19,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-double Rounded(double value) { return std::round(value * 1e3) / 1e3; }
-
 std::string FormatWhole(double value) {
   return cli::FormatCount(static_cast<std::int64_t>(std::llround(value)));
 }
@@ -137,13 +135,10 @@ std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult&
                       StepTable(volume, result).ToString());
 }
 
-std::string FrameBenchJson(absl::string_view volume, const FrameBenchPlan& plan,
-                           const FrameBenchResult& result, const Machine& machine,
-                           absl::string_view timestamp) {
-  Json json;
-  json["machine"] = ToString(machine);
-  json["date"] = std::string(timestamp);
-  json["volume"] = std::string(volume);
+std::string FrameBenchJson(const Occasion& occasion, const FrameBenchPlan& plan,
+                           const FrameBenchResult& result) {
+  Json json = JsonHead(occasion);
+  json["volume"] = occasion.volume;
   json["width"] = plan.width_px;
   json["height"] = plan.height_px;
   json["frames"] = plan.frame_count;

@@ -8,7 +8,7 @@
 #include "absl/strings/string_view.h"
 
 #include "bench/frame_bench.h"
-#include "bench/machine.h"
+#include "bench/measurement.h"
 
 namespace isoscope::bench {
 
@@ -21,9 +21,8 @@ std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult&
 // "elevation", "cases": [{"isovalue", "agents", "culling", "renderer", "first", "following",
 // "wall_ms", "network_growth"}], "peers": [{"isovalue", "cold_ms", "following_ms",
 // "triangle_count", "runs"}]}.
-std::string FrameBenchJson(absl::string_view volume, const FrameBenchPlan& plan,
-                           const FrameBenchResult& result, const Machine& machine,
-                           absl::string_view timestamp);
+std::string FrameBenchJson(const Occasion& occasion, const FrameBenchPlan& plan,
+                           const FrameBenchResult& result);
 
 }  // namespace isoscope::bench
 

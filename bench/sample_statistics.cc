@@ -25,6 +25,8 @@ double Percentile(std::vector<double> values, double share) {
   return values[std::clamp<std::size_t>(rank, 1, values.size()) - 1];
 }
 
+double Rounded(double value) { return std::round(value * 1e3) / 1e3; }
+
 double Sum(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0);
 }

@@ -11,6 +11,8 @@ namespace isoscope::bench {
 double Median(std::vector<double> values);
 // The smallest value that at least `share` of all values do not exceed, 0 < share <= 1; 0 of none.
 double Percentile(std::vector<double> values, double share);
+// To three decimals.
+double Rounded(double value);
 double Sum(const std::vector<double>& values);
 // 1: all equal; 0 if there are none or all are 0.
 double MaxOverMean(const std::vector<double>& values);

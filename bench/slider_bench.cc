@@ -5,7 +5,6 @@
 
 #include "bench/slider_bench.h"
 
-#include <memory>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -16,15 +15,11 @@
 
 #include "bench/sample_statistics.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/json_text.h"
 #include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/interrupt.h"
-#include "core/rpc/proto_convert.h"
-#include "isoscope/v1/cluster_service.pb.h"
-#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
@@ -47,20 +42,8 @@ class SliderBench {
       : plan_(plan), context_(context) {}
 
   absl::StatusOr<SliderBenchResult> Run() {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
-    client::ServiceClient& client = session_->client();
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
-                              client.GetDataset(session_->dataset_name(), kMaxSliderWait));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-    dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
-                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
-                              client.GetClusterStatus(kMaxSliderWait));
-    result_.agent_count = cluster.agents_size();
-    result_.renderer = cluster.agents().empty() ? "" : cluster.agents(0).renderer();
+    ISOSCOPE_ASSIGN_OR_RETURN(stage_, OpenStage(plan_.session, plan_.request, context_));
+    result_.drawers = stage_.drawers;
     result_.is_in_process = !plan_.session.server.has_value();
     std::vector<std::string> first_pngs;
     std::vector<std::string> second_pngs;
@@ -84,19 +67,18 @@ class SliderBench {
   }
 
   absl::StatusOr<SliderFrame> Step(int step, std::vector<std::string>* pngs) {
-    client::RequestFlags flags = plan_.request;
     const double first = plan_.request.isovalue.value_or(0);
-    flags.isovalue = first + (plan_.last_isovalue - first) * step / (plan_.step_count - 1);
-    const v1::RenderIsosurfaceRequest request = client::MakeRequest(flags, dataset_name_, camera_);
+    v1::RenderIsosurfaceRequest request = stage_.scene.Frame();
+    request.set_isovalue(first + (plan_.last_isovalue - first) * step / (plan_.step_count - 1));
     const auto resident = static_cast<double>(base::ResidentBytes());
     const absl::Duration kernel = KernelTime();
     const absl::Time start = absl::Now();
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                              session_->client().RenderIsosurface(request, kMaxSliderWait));
+                              stage_.session->client().RenderIsosurface(request, kMaxSliderWait));
     const absl::Time end = absl::Now();
     pngs->push_back(std::move(*response.mutable_png()));
     return SliderFrame{
-        .isovalue = *flags.isovalue,
+        .isovalue = request.isovalue(),
         .ms = absl::ToDoubleMilliseconds(end - start),
         .kernel_ms = absl::ToDoubleMilliseconds(KernelTime() - kernel),
         .grown_mib = (static_cast<double>(base::ResidentBytes()) - resident) / base::kMiB};
@@ -104,9 +86,7 @@ class SliderBench {
 
   const SliderBenchPlan& plan_;
   const cli::Context& context_;
-  std::unique_ptr<cli::Session> session_;
-  std::string dataset_name_;
-  view::Camera camera_;
+  Stage stage_;
   SliderBenchResult result_;
 };
 
@@ -162,18 +142,12 @@ std::string DescribeSliderBench(const SliderBenchResult& result) {
   return text;
 }
 
-std::string SliderBenchJson(absl::string_view volume, const SliderBenchPlan& plan,
-                            const SliderBenchResult& result, const Machine& machine,
-                            absl::string_view timestamp) {
-  nlohmann::ordered_json json;
-  json["machine"] = ToString(machine);
-  json["date"] = std::string(timestamp);
-  json["volume"] = std::string(volume);
+std::string SliderBenchJson(const Occasion& occasion, const SliderBenchPlan& plan,
+                            const SliderBenchResult& result) {
+  nlohmann::ordered_json json = JsonHead(occasion);
+  json["volume"] = occasion.volume;
   json["isovalues"] = {plan.request.isovalue.value_or(0), plan.last_isovalue};
-  json["width"] = plan.request.viewport().width_px;
-  json["height"] = plan.request.viewport().height_px;
-  json["agents"] = result.agent_count;
-  json["renderer"] = result.renderer;
+  AddFrame(plan.request, result.drawers, &json);
   json["new"] = ToJson(Summarize(result.first));
   json["again"] = ToJson(Summarize(result.second));
   return client::JsonText(json);

@@ -8,10 +8,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
@@ -35,8 +34,7 @@ struct SliderFrame {
 };
 
 struct SliderBenchResult {
-  int agent_count = 0;
-  std::string renderer;
+  Drawers drawers;
   bool is_in_process = false;       // else kernel_ms and grown_mib are those of a client
   std::vector<SliderFrame> first;   // each isovalue for the first time, without the first two
   std::vector<SliderFrame> second;  // the same once more, in the same order
@@ -54,9 +52,8 @@ std::string DescribeSliderBench(const SliderBenchResult& result);
 // {"machine", "date", "volume", "isovalues": [first, last], "width", "height", "agents",
 // "renderer", "new": {"median_ms", "p95_ms", "median_kernel_ms", "median_grown_mib"}, "again":
 // {...}}.
-std::string SliderBenchJson(absl::string_view volume, const SliderBenchPlan& plan,
-                            const SliderBenchResult& result, const Machine& machine,
-                            absl::string_view timestamp);
+std::string SliderBenchJson(const Occasion& occasion, const SliderBenchPlan& plan,
+                            const SliderBenchResult& result);
 
 }  // namespace isoscope::bench
 

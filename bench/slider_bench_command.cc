@@ -1,16 +1,14 @@
 // isoscope-bench slider INPUT | DIR | --server HOST:PORT --isovalue V
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <optional>
-#include <ostream>
 #include <string>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "bench/machine.h"
+#include "bench/measurement.h"
 #include "bench/program.h"
 #include "bench/slider_bench.h"
 #include "client-cli/session/session.h"
@@ -21,7 +19,6 @@
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
 namespace {
@@ -56,9 +53,6 @@ absl::Status CheckUsage(const SliderBenchFlags& flags) {
 
 absl::Status Run(const SliderBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
-  }
   base::SetLogLevel(base::LogLevel::kOff);
   SliderBenchPlan plan;
   plan.session = flags.session;
@@ -66,23 +60,15 @@ absl::Status Run(const SliderBenchFlags& flags, const cli::Context& context) {
   plan.last_isovalue = *flags.last_isovalue;
   plan.step_count = static_cast<int>(flags.steps.value_or(plan.step_count));
   plan.pause = absl::Milliseconds(flags.pause_ms.value_or(0));
-  const Machine machine = DescribeMachine();
-  const std::string timestamp = Timestamp();
-  ISOSCOPE_ASSIGN_OR_RETURN(const SliderBenchResult result, RunSliderBench(plan, context));
-  if (flags.json) {
-    const std::string volume =
-        std::filesystem::path(flags.session.input.value_or(flags.session.dataset.value_or("")))
-            .filename()
-            .string();
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, SliderBenchJson(volume, plan, result, machine, timestamp)));
-  }
-  *context.out << ToString(machine) << "; " << timestamp << "\n"
-               << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px
-               << " pixels, " << result.agent_count
-               << (result.agent_count == 1 ? " agent, " : " agents, ") << result.renderer << "\n\n"
-               << DescribeSliderBench(result);
-  return absl::OkStatus();
+  return RunMeasurement(
+      flags.json, VolumeOf(flags.session), context,
+      [&](const Occasion& occasion) -> absl::StatusOr<Report> {
+        ISOSCOPE_ASSIGN_OR_RETURN(const SliderBenchResult result, RunSliderBench(plan, context));
+        return Report{
+            .json = SliderBenchJson(occasion, plan, result),
+            .text = absl::StrCat(DescribeFrame(plan.request, result.drawers), ", ",
+                                 result.drawers.renderer, "\n\n", DescribeSliderBench(result))};
+      });
 }
 
 cli::Action RegisterSliderBenchFlags(cli::FlagSet* set) {

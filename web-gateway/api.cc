@@ -28,6 +28,7 @@
 #include "google/protobuf/io/coded_stream.h"
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
+#include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "core/base/retry_delay.h"
@@ -69,18 +70,6 @@ std::string Serialize(const google::protobuf::Message& message) {
   message.SerializeToCodedStream(&coded);
   coded.Trim();
   return bytes;
-}
-
-std::string RevisionOf(const v1::GetClusterStatusResponse& cluster, const v1::Dataset& dataset) {
-  for (const v1::AgentStatus& agent : cluster.agents()) {
-    for (const v1::ServedShard& shard : agent.shards()) {
-      if (agent.state() == v1::AgentStatus::STATE_REACHABLE &&
-          shard.dataset_id() == dataset.dataset_id()) {
-        return agent.picture_revision();
-      }
-    }
-  }
-  return "";
 }
 
 // The one thing of a response that its request asks for, and its type.
@@ -418,7 +407,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         call_,
         [self = shared_from_this()](const absl::StatusOr<v1::GetClusterStatusResponse>& cluster) {
           if (cluster.ok()) {
-            self->RenderUnlessKnown(RevisionOf(*cluster, self->dataset_));
+            self->RenderUnlessKnown(client::PictureRevisionOf(*cluster, self->dataset_));
           } else {
             self->RespondError(cluster.status());
           }

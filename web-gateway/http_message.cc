@@ -6,7 +6,6 @@
 #include <optional>
 #include <system_error>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 #include <nlohmann/json.hpp>
@@ -14,15 +13,6 @@
 #include "core/base/retry_delay.h"
 
 namespace isoscope::gateway {
-
-std::string HttpResponse::Header(absl::string_view name) const {
-  for (const auto& [key, value] : headers) {
-    if (absl::EqualsIgnoreCase(key, name)) {
-      return value;
-    }
-  }
-  return "";
-}
 
 int HttpStatusOf(absl::StatusCode code) {
   switch (code) {

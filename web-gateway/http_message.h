@@ -37,9 +37,6 @@ struct HttpResponse {
   // Lives until the answer is sent.
   std::shared_ptr<void> hold = nullptr;
   std::vector<std::pair<std::string, std::string>> headers = {};
-
-  // The value of a header, for tests; "" without it.
-  [[nodiscard]] std::string Header(absl::string_view name) const;
 };
 
 // INVALID_ARGUMENT 400, UNAUTHENTICATED 401, PERMISSION_DENIED 403, NOT_FOUND 404,

@@ -56,19 +56,8 @@ constexpr char kExamples[] =
   isoscope-gateway --allow-origin https://hub.example.org      pages of a notebook hub may ask, too
 )";
 
-void AddFlags(cli::FlagSet* set, Flags* flags) {
-  constexpr double kMaxSeconds = 86400;
-  constexpr double kMinSeconds = 0.01;
-  constexpr int kMaxConnections = 65536;
-  constexpr double kMinMeshBytes = 1 << 20;
-  constexpr double kMaxMeshBytes = 1e15;
-  const auto parse_server = [flags](absl::string_view target) {
-    flags->server = rpc::WithDefaultPort(target, rpc::kCoordinatorPort);
-    return absl::OkStatus();
-  };
-  set->Add("--server", "TARGET", parse_server, "The coordinator, HOST[:PORT] or any gRPC target")
-      .DefaultText(flags->server)
-      .Environment("ISOSCOPE_SERVER");
+// Who must show a token, and which one the coordinator gets.
+void AddTokenFlags(cli::FlagSet* set, Flags* flags) {
   const cli::Flag gateway_token =
       set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
                    "A file with the token that every request for data must show (default: "
@@ -99,6 +88,22 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   set->Exclude(user_tokens, token_file);
   set->Exclude(user_tokens, token);
   set->Exclude(user_tokens, gateway_token);
+}
+
+void AddFlags(cli::FlagSet* set, Flags* flags) {
+  constexpr double kMaxSeconds = 86400;
+  constexpr double kMinSeconds = 0.01;
+  constexpr int kMaxConnections = 65536;
+  constexpr double kMinMeshBytes = 1 << 20;
+  constexpr double kMaxMeshBytes = 1e15;
+  const auto parse_server = [flags](absl::string_view target) {
+    flags->server = rpc::WithDefaultPort(target, rpc::kCoordinatorPort);
+    return absl::OkStatus();
+  };
+  set->Add("--server", "TARGET", parse_server, "The coordinator, HOST[:PORT] or any gRPC target")
+      .DefaultText(flags->server)
+      .Environment("ISOSCOPE_SERVER");
+  AddTokenFlags(set, flags);
   set->AddText("--https-cert", "FILE", &flags->https_certificate_file,
                "The certificate for browsers, PEM, where it is not --tls-cert: one that they "
                "know")

@@ -25,8 +25,6 @@
 #include "core/cli/flag_set.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/frame/frame_spec.h"
-#include "core/rpc/proto_convert.h"
 #include "web-gateway/url.h"
 
 namespace isoscope::gateway {
@@ -155,12 +153,8 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   }
   const absl::StatusOr<v1::Camera> camera = client::ResolveView(view, flags.camera, dataset);
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera checked, rpc::CameraFromProto(*camera, "camera"));
-  v1::RenderIsosurfaceRequest request = client::MakeRequest(flags, dataset.name(), checked);
-  *request.mutable_camera() = *camera;
-  if (view.fit) {
-    request.set_camera_fit(*view.fit);
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
+                            client::MakeRequest(flags, dataset.name(), *camera, view.fit));
   client::SetEffects(effects, &request);
   client::AddLook(look, &request);
   if (format.value_or(Format::kPng) != Format::kPng) {
@@ -184,27 +178,19 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   if (isovalue.has_value() != surfaces.empty()) {
     return absl::InvalidArgumentError("give isovalue=V, or surface=V:COLOR for each surface");
   }
-  if (surfaces.size() > frame::kMaxSurfaces) {
-    return absl::InvalidArgumentError(absl::StrCat("surface is given ", surfaces.size(),
-                                                   " times: at most ", frame::kMaxSurfaces,
-                                                   " are allowed"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::CheckSurfaces(isovalue, surfaces, /*color=*/std::nullopt)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(clip)));
   MeshQuery mesh;
-  mesh.request.set_dataset(dataset.name());
-  mesh.request.set_isovalue(isovalue.value_or(0));
+  mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name());
   if (surfaces.empty()) {
     mesh.surfaces = {{.isovalue = *isovalue, .color = color}};
   }
   for (const client::SurfaceValue& surface : surfaces) {
-    mesh.request.add_surfaces()->set_isovalue(surface.isovalue);
     mesh.surfaces.push_back({.isovalue = surface.isovalue, .color = surface.color});
     if (surface.color && surface.color->alpha != 1.0F) {
       mesh.surfaces.back().color->alpha = 1;  // meshes are opaque
     }
-  }
-  if (!clip.empty()) {
-    *mesh.request.mutable_clip() = client::ToProto(clip);
   }
   return mesh;
 }

@@ -26,12 +26,12 @@
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "clients/cpp/request/clip_flags.h"
 #include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
-#include "core/frame/frame_spec.h"
 #include "core/io/atomic_file.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -81,26 +81,13 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
 
 absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  if (!flags.isovalue && flags.surfaces.empty()) {
-    return UsageError(
-        "--isovalue V is missing: the level of the surface, in field units; "
-        "`isoscope info INPUT --histogram` suggests some");
-  }
-  if (!flags.surfaces.empty() && (flags.isovalue || flags.color)) {
-    return UsageError(
-        absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
-                     " exclude each other: write --surface V:COLOR for each surface"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color));
   for (const client::SurfaceValue& surface : flags.surfaces) {
     if (surface.color && surface.color->alpha != 1.0F) {
       return UsageError(absl::StrCat("--surface ", surface.isovalue, " has opacity ",
                                      surface.color->alpha,
                                      ": meshes are opaque, leave :OPACITY out"));
     }
-  }
-  if (flags.surfaces.size() > frame::kMaxSurfaces) {
-    return UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(), " times: at most ",
-                                   frame::kMaxSurfaces, " are allowed"));
   }
   if (!flags.output) {
     return UsageError("--output FILE is missing: the mesh to write");
@@ -121,16 +108,9 @@ absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
 
 isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
                                                   const std::string& dataset) {
-  isoscope::v1::ExportIsosurfaceRequest request;
-  request.set_dataset(dataset);
+  isoscope::v1::ExportIsosurfaceRequest request =
+      client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip, dataset);
   request.set_dataset_id(flags.dataset_id.value_or(""));
-  request.set_isovalue(flags.isovalue.value_or(0));
-  for (const client::SurfaceValue& surface : flags.surfaces) {
-    request.add_surfaces()->set_isovalue(surface.isovalue);
-  }
-  if (!flags.clip.empty()) {
-    *request.mutable_clip() = client::ToProto(flags.clip);
-  }
   return request;
 }
 
@@ -253,7 +233,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   for (const client::MeshSurface& surface : file_options.surfaces) {
-    WarnIfNoSurface(dataset, surface.isovalue, context);
+    WarnIfNoSurface(dataset, {surface.isovalue}, context);
   }
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,

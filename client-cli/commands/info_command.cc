@@ -15,7 +15,6 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/dataset_json.h"
 #include "client-cli/output/histogram_plot.h"
-#include "client-cli/output/output_suffix.h"
 #include "client-cli/session/connection_flags.h"
 #include "client-cli/session/session.h"
 #include "client-cli/session/source_flags.h"
@@ -29,7 +28,6 @@
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
-#include "core/io/atomic_file.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
 #include "core/source/value_range.h"
@@ -59,15 +57,10 @@ struct InfoFlags {
   SourceFlags source;
   // The histogram of one dataset.
   bool draws_histogram = false;
-  std::optional<std::string> histogram_svg;
   std::optional<std::string> dataset;
   std::optional<std::int64_t> bin_count;
   std::optional<volume::ScalarSpan> value_range;
   bool is_logarithmic = false;
-
-  [[nodiscard]] bool wants_histogram() const {
-    return draws_histogram || histogram_svg.has_value();
-  }
 };
 
 // "MIN,MAX".
@@ -187,8 +180,8 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
   return result;
 }
 
-// Writes the SVG if one is wanted, and adds the histogram to `json`, which it makes for a volume:
-// the range of its values is then known without reading it again.
+// Draws the histogram, and adds it to `json`, which it makes for a volume: the range of its values
+// is then known without reading it again.
 absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& context,
                                          Json* json) {
   ISOSCOPE_ASSIGN_OR_RETURN(const HistogramOfDataset found, FetchHistogram(flags, context));
@@ -196,31 +189,17 @@ absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& 
     (*json)["datasets"] = Json::array({DatasetToJson(found.dataset)});
   }
   (*json)["histogram"] = HistogramToJson(found.histogram);
-  if (flags.histogram_svg) {
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.histogram_svg,
-        HistogramToSvg(found.histogram,
-                       absl::StrCat(found.dataset.name(), " (", found.dataset.source(), ")"),
-                       flags.is_logarithmic)));
-  }
-  return flags.draws_histogram
-             ? DrawHistogram(found.histogram,
-                             {.width = TerminalWidth(), .is_logarithmic = flags.is_logarithmic})
-             : "";
+  return DrawHistogram(found.histogram,
+                       {.width = TerminalWidth(), .is_logarithmic = flags.is_logarithmic});
 }
 
 absl::Status CheckHistogramUsage(const InfoFlags& flags) {
-  if (!flags.wants_histogram() &&
+  if (!flags.draws_histogram &&
       (flags.bin_count || flags.value_range || flags.is_logarithmic || flags.dataset)) {
-    return UsageError(
-        "--bins, --range, --log and --dataset are for --histogram or --histogram-svg FILE.svg");
+    return UsageError("--bins, --range, --log and --dataset are for --histogram");
   }
   if (flags.dataset && !flags.server) {
     return UsageError("--dataset is for --server; a file or folder is one dataset");
-  }
-  if (flags.histogram_svg) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(*flags.histogram_svg, ".svg", "SVG"));
-    return io::CheckWritable(*flags.histogram_svg);
   }
   return absl::OkStatus();
 }
@@ -267,12 +246,12 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
     if (store::IsDatasetDirectory(*flags.input)) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
-    } else if (!flags.wants_histogram()) {
+    } else if (!flags.draws_histogram) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeFile(flags, context));
     }
   }
   std::string plot;
-  if (flags.wants_histogram()) {
+  if (flags.draws_histogram) {
     ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
   }
   *context.out << (flags.is_json ? client::JsonText(json)
@@ -297,8 +276,6 @@ Action RegisterInfoFlags(FlagSet* set) {
       "--histogram", &flags->draws_histogram,
       "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
       "partitioned into the cache first)");
-  AddFlag(set, "--histogram-svg", "FILE.svg", &flags->histogram_svg, ParseText,
-          "write the histogram as SVG");
   AddFlag(
       set, "--bins", "N", &flags->bin_count,
       [](absl::string_view text) {
@@ -325,7 +302,7 @@ Command InfoCommand() {
               "  isoscope info head.nii.gz\n"
               "  isoscope info large.nrrd --values\n"
               "  isoscope info head\n"
-              "  isoscope info head.nii.gz --histogram --log --histogram-svg head.svg\n"
+              "  isoscope info head.nii.gz --histogram --log\n"
               "  isoscope info --server localhost:50051 --json\n",
           .register_flags = RegisterInfoFlags};
 }

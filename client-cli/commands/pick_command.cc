@@ -26,7 +26,6 @@
 #include "core/cli/waiting_line.h"
 #include "core/io/atomic_file.h"
 #include "core/rpc/pick_convert.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -62,9 +61,6 @@ absl::Status CheckUsage(const PickFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
-  if (flags.request.region) {
-    return UsageError("--region is for render; --pixel counts in the whole picture");
-  }
   if (flags.pixels.empty() || flags.pixels.size() > rpc::kMaxPickedPixels) {
     return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
                                    " times: once for each pixel, 1 to ", rpc::kMaxPickedPixels));
@@ -141,18 +137,13 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
-  for (const double isovalue : flags.request.isovalues()) {
-    WarnIfNoSurface(dataset, isovalue, context);
-  }
+  WarnIfNoSurface(dataset, flags.request.isovalues(), context);
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera converted, rpc::CameraFromProto(camera, "camera"));
   v1::PickSurfaceRequest request;
-  *request.mutable_frame() = client::MakeRequest(flags.request, dataset.name(), converted);
-  *request.mutable_frame()->mutable_camera() = camera;  // the very bits of a camera from a file
-  if (flags.view.fit) {
-    request.mutable_frame()->set_camera_fit(*flags.view.fit);
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      *request.mutable_frame(),
+      client::MakeRequest(flags.request, dataset.name(), camera, flags.view.fit));
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_ASSIGN_OR_RETURN(const rpc::PixelPosition pixel,
                               ParsePixel(text, flags.request.viewport()));
@@ -186,6 +177,7 @@ Action RegisterPickFlags(FlagSet* set) {
                 "a pixel of the picture: column and row from the top left; repeatable");
   set->AddSwitch("--json", &flags->is_json, "print JSON");
   client::AddRequestFlags(set, &flags->request);
+  set->Remove("--region");  // --pixel counts in the whole picture
   client::AddViewFlags(set, &flags->view);
   return [flags](const Context& context) { return Run(*flags, context); };
 }

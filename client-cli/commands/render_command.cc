@@ -1,5 +1,8 @@
 // isoscope render INPUT | DIR | --server HOST:PORT --isovalue V --output FILE.png
 // isoscope render INPUT | DIR | --server HOST:PORT --like FILE.png --output FILE.png
+//
+// One picture, or frames of a sweep, each with one request (RunFrames); a picture too large for one
+// frame, region by region (RunPoster); or a picture made again from its record (RunLike).
 
 #include <algorithm>
 #include <cstddef>
@@ -15,29 +18,19 @@
 #include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
-#include "client-cli/output/annotation_flags.h"
+#include "client-cli/commands/render_flags.h"
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/frame_statistics.h"
 #include "client-cli/output/no_surface.h"
 #include "client-cli/output/picture_output.h"
-#include "client-cli/output/plane_flags.h"
-#include "client-cli/output/sweep.h"
 #include "client-cli/output/trace_file.h"
-#include "client-cli/session/session.h"
-#include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/connection/png_metadata.h"
 #include "clients/cpp/connection/render_frame.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/picture_file/annotations.h"
 #include "clients/cpp/picture_file/picture_scaling.h"
 #include "clients/cpp/picture_file/poster.h"
 #include "clients/cpp/request/camera_file.h"
-#include "clients/cpp/request/camera_flags.h"
-#include "clients/cpp/request/effect_flags.h"
-#include "clients/cpp/request/look_flags.h"
-#include "clients/cpp/request/render_request.h"
-#include "clients/cpp/request/view_flags.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -60,168 +53,6 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-struct RenderFlags {
-  SessionFlags session;
-  client::RequestFlags request;
-  SweepFlags sweep;
-  PlaneFlags planes;
-  client::EffectFlags effects;
-  client::ViewFlags view;
-  client::LookFlags look;
-  std::optional<std::string> output;
-  std::optional<std::string> stats;
-  std::optional<std::string> like;
-  std::optional<ShowMode> show;
-  std::optional<std::string> trace;
-  bool has_no_metadata = false;
-  bool allow_partial = false;
-  bool is_quiet = false;
-  std::optional<std::string> dataset_id;
-  client::Annotations annotations;
-};
-
-// Whether the picture is drawn region by region.
-bool IsPoster(const RenderFlags& flags) {
-  const view::Viewport viewport = flags.request.viewport();
-  const view::Viewport drawn = flags.effects.drawn_size(viewport);
-  return !flags.request.region &&
-         (client::NeedsRegions(viewport) ||
-          std::max(drawn.width_px, drawn.height_px) > view::kMaxViewportPx);
-}
-
-view::Viewport PosterRegionSize(const RenderFlags& flags) {
-  return client::RegionSizeOf(flags.request.viewport(), flags.effects.max_region_side_px());
-}
-
-bool IsJpeg(const RenderFlags& flags) {
-  return flags.output && IsJpegName(FrameFileName(*flags.output, 0));
-}
-
-// UsageError if the output's format does not fit what is asked for beside it.
-absl::Status CheckFormat(const RenderFlags& flags) {
-  if (!flags.output) {
-    return absl::OkStatus();
-  }
-  if (!IsJpeg(flags)) {
-    return CheckPicturePath(*flags.output, flags.request.image_size());
-  }
-  if (flags.annotations.any()) {
-    return UsageError(
-        "annotations are drawn on pictures without loss: --output must not be a JPEG");
-  }
-  return absl::OkStatus();
-}
-
-// UsageError for what a picture can't have that is drawn region by region.
-absl::Status CheckPoster(const RenderFlags& flags) {
-  if (!IsPoster(flags)) {
-    return absl::OkStatus();
-  }
-  const std::string size = absl::StrCat(flags.request.viewport().width_px, " x ",
-                                        flags.request.viewport().height_px, " pixels");
-  if (!flags.output) {
-    return UsageError(absl::StrCat("--output FILE.png is missing: a picture of ", size,
-                                   " is written while it is drawn"));
-  }
-  if (IsJpeg(flags) || flags.planes.files.any_plane()) {
-    return UsageError(absl::StrCat(
-        "a picture of ", size, " is drawn in regions into a PNG: ",
-        IsJpeg(flags) ? "--output must end in .png" : "planes are written of a --region of it"));
-  }
-  if (flags.sweep.frame_count() > 1) {
-    return UsageError(
-        absl::StrCat("a picture of ", size, " is drawn in regions, one picture at a time: leave ",
-                     flags.sweep.is_isovalue_sweep() ? "the sweep of --isovalue" : "--repeat",
-                     " out, or ask for at most ", client::kMaxSinglePixels, " pixels"));
-  }
-  if (flags.view.save_camera_file) {
-    return UsageError(absl::StrCat(
-        "a picture of ", size, " is drawn in regions: --save-camera is for pictures of at most ",
-        client::kMaxSinglePixels, " pixels"));
-  }
-  if (flags.trace) {
-    return UsageError(absl::StrCat("a picture of ", size,
-                                   " is drawn in regions: --trace is for one frame, as a --region "
-                                   "of it is"));
-  }
-  if (flags.allow_partial) {
-    return UsageError(absl::StrCat("a picture of ", size,
-                                   " is drawn in regions, of which each could lack other shards: "
-                                   "leave --allow-partial out"));
-  }
-  if (flags.annotations.any()) {
-    return UsageError(absl::StrCat("a picture of ", size,
-                                   " is drawn in regions: annotations are drawn on pictures of at "
-                                   "most ",
-                                   client::kMaxSinglePixels, " pixels"));
-  }
-  return absl::OkStatus();
-}
-
-// Standard output has room for one: the statistics, or the picture.
-ShowMode ShowModeOf(const RenderFlags& flags) {
-  return flags.show.value_or(flags.stats == "-" ? ShowMode::kNever : ShowMode::kAuto);
-}
-
-absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
-  const ShowMode mode = ShowModeOf(flags);
-  if (flags.stats == "-" && mode != ShowMode::kNever) {
-    return UsageError("--show and --stats - both write to standard output: leave one out");
-  }
-  const bool may_show = IsFormat(mode) || (mode == ShowMode::kAuto && context.out_columns > 0);
-  if (!flags.output && (flags.like || (!flags.planes.files.any_plane() && !may_show))) {
-    return UsageError("--output FILE.png is missing: the picture to write");
-  }
-  return absl::OkStatus();
-}
-
-absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  if (!flags.like) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(CheckShow(flags, context));
-  ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
-  if (!flags.like) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.isovalues().size()));
-    if (flags.planes.files.any_plane() && flags.sweep.frame_count() > 1) {
-      return UsageError("planes are written of one picture: leave --repeat and sweeps out");
-    }
-    if (flags.trace && flags.sweep.frame_count() > 1) {
-      return UsageError("--trace is for one frame: leave --repeat and sweeps out");
-    }
-    if (flags.annotations.has_legend && flags.look.color_by.empty()) {
-      return UsageError("--legend shows what the colours of --color-by mean: give that too");
-    }
-    ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
-    return CheckUsage(flags.sweep, flags.output.value_or(""));
-  }
-  if (flags.request.culling == frame::Culling::kMask) {
-    return UsageError("--culling mask can't be used with --like: it is approximate");
-  }
-  if (client::IsAnimationName(*flags.output) || IsJpeg(flags)) {
-    return UsageError("--like makes one picture again: --output must end in .png");
-  }
-  return client::CheckOnlyFlagsBesideLike(set);
-}
-
-// Finds out before any work whether its result can be kept.
-absl::Status CheckOutputs(const RenderFlags& flags) {
-  if (flags.output) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(FrameFileName(*flags.output, 0)));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
-  if (flags.view.save_camera_file) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
-  }
-  if (flags.trace) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.trace));
-  }
-  return flags.stats && *flags.stats != "-" ? io::CheckWritable(*flags.stats) : absl::OkStatus();
-}
-
 absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRecord>& frames,
                              const Context& context) {
   if (!flags.stats) {
@@ -237,7 +68,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
 
 // The dataset, and what the record of its pictures says of it.
 struct Subject {
-  isoscope::v1::Dataset dataset;
+  v1::Dataset dataset;
   std::string picture_revision;
 };
 
@@ -246,7 +77,7 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       subject.dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::GetClusterStatusResponse cluster,
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                             session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = client::PictureRevisionOf(cluster, subject.dataset);
   return subject;
@@ -319,7 +150,7 @@ std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
     return *QuietContext(context).out;
   }
   const bool is_taken =
-      flags.stats == "-" || (IsFormat(ShowModeOf(flags)) && context.out_columns == 0);
+      flags.stats == "-" || (IsFormat(flags.show_mode()) && context.out_columns == 0);
   return is_taken ? *context.err : *context.out;
 }
 
@@ -389,7 +220,7 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
   {
     ProgressLine line(context.err, context.err_is_terminal);
     ISOSCOPE_ASSIGN_OR_RETURN(
-        size_bytes, client::WritePoster(viewport, PosterRegionSize(flags), is_opaque, path, render,
+        size_bytes, client::WritePoster(viewport, flags.region_size(), is_opaque, path, render,
                                         [&](absl::string_view text) { line.Update(text); }));
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, regions, context));
@@ -408,7 +239,7 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
 absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
                         const v1::RenderIsosurfaceRequest& request,
                         const v1::RenderIsosurfaceResponse& response, PictureOutput* output) {
-  if (IsJpeg(flags)) {
+  if (flags.is_jpeg()) {
     if (HasFrameNumber(*flags.output) || frame_index + 1 == flags.sweep.frame_count()) {
       ISOSCOPE_RETURN_IF_ERROR(
           io::WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
@@ -425,24 +256,62 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
                                                              const std::string& dataset,
                                                              const v1::Camera& first, int i) {
   ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(of_frame, dataset, first));
+                            client::MakeRequest(of_frame, dataset, first, flags.view.fit));
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
     // All but the eye has the very bits of the first camera.
     ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
     *request.mutable_camera()->mutable_eye() =
         rpc::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
   }
-  if (flags.view.fit) {
-    request.set_camera_fit(*flags.view.fit);
-  }
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
   request.set_allow_partial(flags.allow_partial);
   request.set_dataset_id(flags.dataset_id.value_or(""));
-  if (IsJpeg(flags) || flags.planes.files.any_plane()) {
+  if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
   return request;
+}
+
+// The picture's file, its size, and of an animation the number of frames.
+std::string DescribeResult(const RenderFlags& flags) {
+  const int frame_count = flags.sweep.frame_count();
+  const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
+                           : flags.planes.files.any_plane() ? "planes"
+                                                            : "picture";
+  return absl::StrCat(
+      name, ": ", flags.request.image_size().width_px, " x ", flags.request.image_size().height_px,
+      " pixels", client::IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames") : "");
+}
+
+// Draws all frames and writes their pictures. Returns the last answer.
+absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags,
+                                                        const v1::Dataset& dataset,
+                                                        const v1::Camera& camera, Session* session,
+                                                        std::vector<FrameRecord>* frames,
+                                                        PictureOutput* output,
+                                                        const Context& context) {
+  const int frame_count = flags.sweep.frame_count();
+  v1::RenderIsosurfaceResponse last;
+  FrameProgress progress(frame_count, context.err, context.err_is_terminal);
+  for (int i = 0; i < frame_count; ++i) {
+    const client::RequestFlags of_frame = RequestOfFrame(flags.sweep, flags.request, i);
+    if (i == 0 || flags.sweep.is_isovalue_sweep()) {
+      WarnIfNoSurface(dataset, of_frame.isovalues(), context);
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
+                              MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
+    ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
+                                                /*says_waiting=*/frame_count == 1, context));
+    if (i == 0 && flags.view.save_camera_file) {
+      ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(*flags.view.save_camera_file,
+                                                       client::CameraToJson(last.camera())));
+    }
+    ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, last, output));
+    progress.Update(i + 1);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(output->Finish());
+  return last;
 }
 
 absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, Session* session,
@@ -451,10 +320,8 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
   const v1::Dataset& dataset = subject.dataset;
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
-  if (IsPoster(flags)) {
-    for (const double isovalue : flags.request.isovalues()) {
-      WarnIfNoSurface(dataset, isovalue, context);
-    }
+  if (flags.is_poster()) {
+    WarnIfNoSurface(dataset, flags.request.isovalues(), context);
     ISOSCOPE_ASSIGN_OR_RETURN(
         const v1::RenderIsosurfaceRequest whole,
         MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
@@ -462,48 +329,16 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
   }
   PictureOutput output = MakeOutput(flags, subject);
   std::vector<FrameRecord> frames;
-  v1::RenderIsosurfaceResponse last;
-  const int frame_count = flags.sweep.frame_count();
-  {
-    FrameProgress progress(frame_count, context.err, context.err_is_terminal);
-    for (int i = 0; i < frame_count; ++i) {
-      const client::RequestFlags of_frame = RequestOfFrame(flags.sweep, flags.request, i);
-      if (i == 0 || flags.sweep.is_isovalue_sweep()) {
-        for (const double isovalue : of_frame.isovalues()) {
-          WarnIfNoSurface(dataset, isovalue, context);
-        }
-      }
-      ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
-                                MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
-      ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                                RenderFrame(request, flags.trace, session, &frames,
-                                            /*says_waiting=*/frame_count == 1, context));
-      if (i == 0 && flags.view.save_camera_file) {
-        ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(*flags.view.save_camera_file,
-                                                         client::CameraToJson(response.camera())));
-      }
-      ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
-      progress.Update(i + 1);
-      last = std::move(response);
-    }
-    ISOSCOPE_RETURN_IF_ERROR(output.Finish());
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse last,
+                            DrawFrames(flags, dataset, camera, session, &frames, &output, context));
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, last, context));
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   WarnIfTruncated(frames, flags, context);
   WarnIfPartial(frames, context);
-  const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
-                           : flags.planes.files.any_plane() ? "planes"
-                                                            : "picture";
   if (flags.stats) {
     TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n";
   }
-  TextOut(flags, context) << name << ": " << flags.request.image_size().width_px << " x "
-                          << flags.request.image_size().height_px << " pixels"
-                          << (client::IsAnimationName(name)
-                                  ? absl::StrCat(", ", frame_count, " frames")
-                                  : std::string())
-                          << "\n";
+  TextOut(flags, context) << DescribeResult(flags) << "\n";
   return absl::OkStatus();
 }
 
@@ -512,11 +347,11 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
                      const PictureDisplay& display, Session* session, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
   ISOSCOPE_RETURN_IF_ERROR(client::CheckSameSamples(recorded.record, subject.dataset));
-  isoscope::v1::RenderIsosurfaceRequest request = recorded.record.request;
+  v1::RenderIsosurfaceRequest request = recorded.record.request;
   request.set_dataset(subject.dataset.name());
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   std::vector<FrameRecord> frames;
-  ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
                             RenderFrame(request, flags.trace, session, &frames,
                                         /*says_waiting=*/true, context));
   PictureOutput output = MakeOutput(flags, subject);
@@ -535,16 +370,10 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   return absl::OkStatus();
 }
 
-// The size of the frames that agents will draw.
-view::Viewport ExpectedSize(const RenderFlags& flags) {
-  return flags.effects.drawn_size(IsPoster(flags) ? PosterRegionSize(flags)
-                                                  : flags.request.image_size());
-}
-
 absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, set, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
-  const PictureDisplay display = PictureDisplay::ForStandardOutput(ShowModeOf(flags), context);
+  const PictureDisplay display = PictureDisplay::ForStandardOutput(flags.show_mode(), context);
   if (!flags.output && !flags.planes.files.any_plane() && !display.is_on()) {
     return UsageError("--output FILE.png is missing: this terminal shows no pictures");
   }
@@ -560,44 +389,13 @@ absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& co
     return RunLike(flags, recorded, display, session.get(), context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, ExpectedSize(flags), context));
+                            Session::Open(flags.session, flags.drawn_size(), context));
   return RunFrames(flags, display, session.get(), context);
 }
 
 Action RegisterRenderFlags(FlagSet* set) {
   const auto flags = std::make_shared<RenderFlags>();
-  AddSessionFlags(set, &flags->session);
-  AddRendererFlag(set, &flags->session);
-  AddFlag(
-      set, "-o,--output", "FILE.png", &flags->output, ParseText,
-      "the picture: a PNG, or a JPEG if it ends in .jpg; with %d, %03d or {} in its name one for "
-      "each frame, numbered from 0, else the last one; all "
-      "frames as one animation if it ends in .apng or .webp");
-  client::AddRequestFlags(set, &flags->request);
-  AddSweepFlags(set, &flags->sweep, &flags->request);
-  AddPlaneFlags(set, &flags->planes);
-  client::AddEffectFlags(set, &flags->effects);
-  client::AddViewFlags(set, &flags->view);
-  client::AddLookFlags(set, &flags->look);
-  AddShowFlag(set, &flags->show,
-              "show the picture in the terminal: auto (default) where standard output is one that "
-              "can, or in a format whatever it is; --output may then be left out");
-  AddFlag(set, "--stats", "FILE|-", &flags->stats, ParseText,
-          "write statistics as JSON (- is standard output), and print them as tables");
-  AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
-          "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
-  AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,
-          "make the picture in FILE.png again, from the record that render keeps in its pictures, "
-          "and compare; takes no flag that decides a pixel");
-  set->AddSwitch("--no-metadata", &flags->has_no_metadata,
-                 "write pictures without a record of how they were made");
-  set->AddSwitch("--allow-partial", &flags->allow_partial,
-                 "draw what there is if some shards are not served, and say what is missing; else "
-                 "that is an error");
-  AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
-          "fail if the dataset under that name has another id; `isoscope info` prints it");
-  AddAnnotationFlags(set, &flags->annotations);
-  AddQuietFlag(set, &flags->is_quiet);
+  AddRenderFlags(set, flags.get());
   return [flags, set](const Context& context) {
     Context own = context;
     own.err_is_terminal = context.err_is_terminal && !flags->is_quiet;

@@ -4,6 +4,7 @@
 // and keys come one by one (RawTerminal). Elsewhere one table follows the other as plain text.
 
 #include <poll.h>
+#include <signal.h>  // NOLINT(modernize-deprecated-headers): SIGSTOP is POSIX, not <csignal>
 #include <unistd.h>
 
 #include <algorithm>
@@ -21,7 +22,6 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
-#include <sys/eventfd.h>
 
 #include "client-cli/commands/program.h"
 #include "client-cli/session/connection_flags.h"
@@ -67,57 +67,6 @@ void Show(const std::vector<std::string>& lines, std::ostream* out) {
   *out << text << "\x1b[J" << std::flush;
 }
 
-// Waits for time, a key and an interrupt at once.
-class Waiter {
- public:
-  explicit Waiter(const base::Cancellation& cancellation) : event_(::eventfd(0, EFD_CLOEXEC)) {
-    on_cancel_.emplace(cancellation, [this] {
-      const std::uint64_t one = 1;
-      [[maybe_unused]] const ssize_t written = ::write(event_, &one, sizeof(one));
-    });
-  }
-  ~Waiter() {
-    // The callback may be writing: it ends before the descriptor does.
-    on_cancel_.reset();
-    if (event_ >= 0) {
-      ::close(event_);
-    }
-  }
-  Waiter(const Waiter&) = delete;
-  Waiter& operator=(const Waiter&) = delete;
-
-  // Returns false if the program is to end: after an interrupt, or the key q.
-  bool Wait(absl::Duration duration, bool has_keys) {
-    const absl::Time end = absl::Now() + duration;
-    while (true) {
-      pollfd waited[2] = {{.fd = event_, .events = POLLIN, .revents = 0},
-                          {.fd = has_keys ? STDIN_FILENO : -1, .events = POLLIN, .revents = 0}};
-      const std::int64_t rest = absl::ToInt64Milliseconds(end - absl::Now());
-      const int ready =
-          ::poll(waited, 2, static_cast<int>(std::clamp<std::int64_t>(rest, 0, 60'000)));
-      if ((waited[0].revents & POLLIN) != 0) {
-        return false;
-      }
-      char key = 0;
-      if (ready > 0 && waited[1].revents != 0) {
-        const ssize_t count = ::read(STDIN_FILENO, &key, 1);
-        if (count == 0) {
-          has_keys = false;  // the other side of the terminal is gone
-        } else if (count == 1 && (key == 'q' || key == 'Q')) {
-          return false;
-        }
-      }
-      if (absl::Now() >= end) {
-        return true;
-      }
-    }
-  }
-
- private:
-  const int event_;
-  std::optional<base::Cancellation::Callback> on_cancel_;
-};
-
 class Top {
  public:
   Top(const TopFlags& flags, const Context& context) : flags_(flags), context_(context) {}
@@ -132,21 +81,18 @@ class Top {
       Print();
       return absl::OkStatus();
     }
-    std::unique_ptr<RawTerminal> screen;
     if (SizeOfTerminal(STDOUT_FILENO)) {
-      ISOSCOPE_ASSIGN_OR_RETURN(screen,
+      ISOSCOPE_ASSIGN_OR_RETURN(screen_,
                                 RawTerminal::Enter(STDOUT_FILENO, kEnterScreen, kLeaveScreen));
     }
-    const bool has_keys = screen != nullptr && ::isatty(STDIN_FILENO) == 1;
-    Waiter waiter(context_.interrupt->cancellation());
+    has_keys_ = screen_ != nullptr && ::isatty(STDIN_FILENO) == 1;
+    const TerminalSignals signals;
+    const base::Cancellation::Callback on_interrupt(context_.interrupt->cancellation(),
+                                                    [] { TerminalSignals::Wake(); });
     while (true) {
-      if (screen != nullptr) {
-        Show(Lines(OptionsOfTerminal()), context_.out);
-      } else {
-        Print();
-        *context_.out << std::endl;
-      }
-      if (!waiter.Wait(flags_.interval.value_or(kDefaultInterval), has_keys)) {
+      Draw();
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool goes_on, Wait());
+      if (!goes_on) {
         return absl::OkStatus();
       }
       error_ = Sample();
@@ -191,6 +137,49 @@ class Top {
     return options;
   }
 
+  void Draw() const {
+    if (screen_ != nullptr) {
+      Show(Lines(OptionsOfTerminal()), context_.out);
+    } else {
+      Print();
+      *context_.out << std::endl;
+    }
+  }
+
+  // Waits until it is time for the next look. False if the program is to end: after an interrupt,
+  // or the key q.
+  absl::StatusOr<bool> Wait() {
+    const absl::Time end = absl::Now() + flags_.interval.value_or(kDefaultInterval);
+    for (absl::Time now = absl::Now(); now < end; now = absl::Now()) {
+      pollfd waited[2] = {{.fd = TerminalSignals::wake_fd(), .events = POLLIN, .revents = 0},
+                          {.fd = has_keys_ ? STDIN_FILENO : -1, .events = POLLIN, .revents = 0}};
+      // Rounded up: a wait of 0 ms would be no wait.
+      const std::int64_t rest_ms = absl::ToInt64Milliseconds(end - now) + 1;
+      ::poll(waited, 2, static_cast<int>(std::min<std::int64_t>(rest_ms, 60'000)));
+      if (context_.interrupt->cancellation().is_cancelled()) {
+        return false;
+      }
+      const TerminalSignals::Pending pending = TerminalSignals::Take();
+      if (pending.is_suspended && screen_ == nullptr) {
+        ::raise(SIGSTOP);
+      } else if (pending.is_suspended) {
+        ISOSCOPE_RETURN_IF_ERROR(screen_->Suspend());
+      }
+      if (screen_ != nullptr && (pending.is_suspended || pending.is_resized)) {
+        Draw();
+      }
+      if (waited[1].revents != 0) {
+        const absl::StatusOr<std::string> keys =
+            ReadFromTerminal(STDIN_FILENO, absl::ZeroDuration());
+        has_keys_ = keys.ok();  // else the other side of the terminal is gone
+        if (keys.ok() && keys->find_first_of("qQ") != std::string::npos) {
+          return false;
+        }
+      }
+    }
+    return true;
+  }
+
   void Print() const {
     TopScreenOptions options = OptionsOfTerminal();
     options.height = 0;  // it scrolls
@@ -202,6 +191,8 @@ class Top {
   const TopFlags& flags_;
   const Context& context_;
   std::unique_ptr<Session> session_;
+  std::unique_ptr<RawTerminal> screen_;  // null: the tables go somewhere else
+  bool has_keys_ = false;
   std::deque<ClusterSample> samples_;  // the newest last; the oldest is what rates refer to
   absl::Status error_;
 };

@@ -150,7 +150,7 @@ std::string PageOf(const ViewFlags& flags, const gateway::GatewayOptions& option
 absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
                                       Session* session, const Context& context) {
   if (flags.isovalue) {
-    WarnIfNoSurface(dataset, *flags.isovalue, context);
+    WarnIfNoSurface(dataset, {*flags.isovalue}, context);
     return *flags.isovalue;
   }
   v1::GetHistogramRequest request;

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -18,7 +17,6 @@ namespace {
 
 // Wider numbers are none: "%20d" is the end of a word in an address.
 constexpr int kMaxDigits = 9;
-constexpr absl::string_view kBraces = "{}";
 
 // What begins with a percent sign in a name.
 struct Conversion {
@@ -66,11 +64,7 @@ bool IsNumber(const Conversion& conversion) { return conversion.kind == Conversi
 std::string FrameFileName(absl::string_view pattern, int index) {
   const std::vector<Conversion> conversions = ConversionsOf(pattern);
   if (std::none_of(conversions.begin(), conversions.end(), IsNumber)) {
-    const std::size_t braces = pattern.find(kBraces);
-    return braces == absl::string_view::npos
-               ? std::string(pattern)
-               : absl::StrCat(pattern.substr(0, braces), index,
-                              pattern.substr(braces + kBraces.size()));
+    return std::string(pattern);
   }
   std::string name;
   std::size_t end = 0;  // of what `name` has
@@ -107,8 +101,7 @@ absl::Status CheckFrameName(absl::string_view pattern, int frame_count) {
         return !IsNumber(conversion) &&
                (number_count == 0 || conversion.kind != Conversion::Kind::kPercent);
       });
-  const bool is_literal =
-      number_count == 0 && (frame_count == 1 || absl::StrContains(pattern, kBraces));
+  const bool is_literal = number_count == 0 && frame_count == 1;
   if (wrong == conversions.end() || is_literal) {
     return absl::OkStatus();
   }

@@ -3,7 +3,6 @@
 //   %d           the number of the frame, from 0
 //   %03d, %3d    the same with leading zeros up to three digits, as in ffmpeg
 //   %%           a percent sign, in a name with one of the above
-//   {}           the number, in a name with none of the above
 //
 // A name without a number is taken as it is, whatever percent signs it has.
 

@@ -142,109 +142,6 @@ std::string DescribeApart(const v1::GetHistogramResponse& histogram) {
   return text;
 }
 
-// The plot of an SVG in pixels.
-constexpr double kLeft = 70;
-constexpr double kRight = 830;
-constexpr double kTop = 50;
-constexpr double kBottom = 360;
-
-class SvgPlot {
- public:
-  SvgPlot(const v1::GetHistogramResponse& histogram, bool is_logarithmic)
-      : histogram_(histogram), is_logarithmic_(is_logarithmic) {
-    for (const v1::HistogramBin& bin : histogram.bins()) {
-      most_samples_ = std::max(most_samples_, static_cast<double>(bin.sample_count()));
-      most_triangles_ =
-          std::max(most_triangles_, static_cast<double>(bin.estimated_triangle_count()));
-    }
-    min_ = histogram.bins(0).min();
-    max_ = histogram.bins(histogram.bins_size() - 1).max();
-  }
-
-  [[nodiscard]] std::string ToString() const {
-    return absl::StrCat(Samples(), Triangles(), Axes(), Suggestions());
-  }
-
- private:
-  [[nodiscard]] double X(double value) const {
-    // Halves, because the range of doubles is wider than a double.
-    return kLeft + (value / 2 - min_ / 2) / (max_ / 2 - min_ / 2) * (kRight - kLeft);
-  }
-  [[nodiscard]] double Y(double height, double most) const {
-    return kBottom - ShareOf(height, most, is_logarithmic_) * (kBottom - kTop);
-  }
-
-  [[nodiscard]] std::string Samples() const {
-    std::string path = absl::StrFormat("M%.2f %.2f", kLeft, kBottom);
-    for (const v1::HistogramBin& bin : histogram_.bins()) {
-      absl::StrAppendFormat(&path, "L%.2f %.2fL%.2f %.2f", X(bin.min()),
-                            Y(static_cast<double>(bin.sample_count()), most_samples_), X(bin.max()),
-                            Y(static_cast<double>(bin.sample_count()), most_samples_));
-    }
-    absl::StrAppendFormat(&path, "L%.2f %.2fZ", kRight, kBottom);
-    return absl::StrCat("<path d=\"", path, "\" fill=\"#7a9cc6\"/>\n");
-  }
-
-  [[nodiscard]] std::string Triangles() const {
-    std::string points;
-    for (const v1::HistogramBin& bin : histogram_.bins()) {
-      absl::StrAppendFormat(
-          &points, "%.2f,%.2f ", X(0.5 * bin.min() + 0.5 * bin.max()),
-          Y(static_cast<double>(bin.estimated_triangle_count()), most_triangles_));
-    }
-    return absl::StrCat("<polyline points=\"", points,
-                        "\" fill=\"none\" stroke=\"#b3541e\" stroke-width=\"1.5\"/>\n");
-  }
-
-  [[nodiscard]] std::string Axes() const {
-    std::string text =
-        absl::StrFormat("<path d=\"M%g %gV%gH%gV%g\" fill=\"none\" stroke=\"#333\"/>\n", kLeft,
-                        kTop, kBottom, kRight, kTop);
-    constexpr int kTicks = 8;
-    for (int i = 0; i <= kTicks; ++i) {
-      const double share = static_cast<double>(i) / kTicks;
-      const double value = min_ * (1 - share) + max_ * share;
-      absl::StrAppendFormat(&text, "<text x=\"%.2f\" y=\"%g\" text-anchor=\"middle\">%s</text>\n",
-                            kLeft + share * (kRight - kLeft), kBottom + 18, Number(value));
-    }
-    absl::StrAppendFormat(&text,
-                          "<text x=\"%g\" y=\"%g\" text-anchor=\"end\" fill=\"#4a6a94\">%s</text>\n"
-                          "<text x=\"%g\" y=\"%g\" fill=\"#b3541e\">%s</text>\n"
-                          "<text x=\"%g\" y=\"%g\" fill=\"#4a6a94\">%s%s</text>\n"
-                          "<text x=\"%g\" y=\"%g\" text-anchor=\"end\" fill=\"#b3541e\">triangles, "
-                          "estimated</text>\n",
-                          kLeft - 6, kTop + 5, ShortCount(most_samples_), kRight + 6, kTop + 5,
-                          ShortCount(most_triangles_), kLeft, kBottom + 40,
-                          histogram_.has_sample_counts() ? "samples" : "samples were not counted",
-                          is_logarithmic_ ? " (both logarithmic)" : "", kRight, kBottom + 40);
-    return text;
-  }
-
-  [[nodiscard]] std::string Suggestions() const {
-    std::string text;
-    double y = kTop + 12;
-    for (const v1::IsovalueSuggestion& suggestion : histogram_.suggestions()) {
-      const double x = X(suggestion.isovalue());
-      const bool is_at_the_right = x > (kLeft + kRight) / 2;
-      absl::StrAppendFormat(&text,
-                            "<path d=\"M%.2f %gV%g\" stroke=\"#222\" stroke-dasharray=\"4 3\"/>\n"
-                            "<text x=\"%.2f\" y=\"%g\" text-anchor=\"%s\">%s: %s</text>\n",
-                            x, kTop, kBottom, x + (is_at_the_right ? -5 : 5), y,
-                            is_at_the_right ? "end" : "start", NameOf(suggestion.method()),
-                            Number(suggestion.isovalue()));
-      y += 16;
-    }
-    return text;
-  }
-
-  const v1::GetHistogramResponse& histogram_;
-  const bool is_logarithmic_;
-  double most_samples_ = 0;
-  double most_triangles_ = 0;
-  double min_ = 0;
-  double max_ = 0;
-};
-
 }  // namespace
 
 std::string DrawHistogram(const v1::GetHistogramResponse& histogram, const PlotOptions& options) {
@@ -269,22 +166,6 @@ std::string DrawHistogram(const v1::GetHistogramResponse& histogram, const PlotO
     }
   }
   return text;
-}
-
-std::string HistogramToSvg(const v1::GetHistogramResponse& histogram, const std::string& title,
-                           bool is_logarithmic) {
-  const std::string escaped =
-      absl::StrReplaceAll(title, {{"&", "&amp;"}, {"<", "&lt;"}, {">", "&gt;"}});
-  return absl::StrCat(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"900\" height=\"420\" "
-      "viewBox=\"0 0 900 420\" font-family=\"sans-serif\" font-size=\"12\">\n"
-      "<rect width=\"900\" height=\"420\" fill=\"white\"/>\n"
-      "<text x=\"450\" y=\"28\" text-anchor=\"middle\" font-size=\"16\">",
-      escaped, "</text>\n",
-      histogram.bins().empty()
-          ? "<text x=\"450\" y=\"210\" text-anchor=\"middle\">no sample is finite</text>\n"
-          : SvgPlot(histogram, is_logarithmic).ToString(),
-      "</svg>\n");
 }
 
 Json HistogramToJson(const v1::GetHistogramResponse& histogram) {

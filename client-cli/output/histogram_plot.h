@@ -1,4 +1,4 @@
-// A histogram for people: drawn in a terminal and as SVG; and for programs, as JSON.
+// A histogram for people: drawn in a terminal; and for programs, as JSON.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_
@@ -20,11 +20,6 @@ struct PlotOptions {
 // surfaces cost at some isovalues, and the suggestions. No line is longer than the width, or 72.
 std::string DrawHistogram(const isoscope::v1::GetHistogramResponse& histogram,
                           const PlotOptions& options);
-
-// An SVG of 900 x 420 pixels: samples as an area, estimated triangles as a line, suggestions as
-// vertical lines. `title` is any text.
-std::string HistogramToSvg(const isoscope::v1::GetHistogramResponse& histogram,
-                           const std::string& title, bool is_logarithmic);
 
 // {"has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count",
 // "bins": [{"min", "max", "sample_count", "active_block_count", "active_block_bytes",

@@ -28,11 +28,13 @@ std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isova
                       "], and it must be above the smallest and at most the largest");
 }
 
-void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, double isovalue,
+void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, const std::vector<double>& isovalues,
                      const Context& context) {
-  const std::string line = DescribeNoSurface(dataset, isovalue);
-  if (!line.empty()) {
-    *context.err << "isoscope: " << line << std::endl;
+  for (const double isovalue : isovalues) {
+    const std::string line = DescribeNoSurface(dataset, isovalue);
+    if (!line.empty()) {
+      *context.err << "isoscope: " << line << std::endl;
+    }
   }
 }
 

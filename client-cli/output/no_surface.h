@@ -4,6 +4,7 @@
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_NO_SURFACE_H_
 
 #include <string>
+#include <vector>
 
 #include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -14,8 +15,10 @@ namespace isoscope::cli {
 // names the isovalue and the range of the dataset's values.
 std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isovalue);
 
-// Writes that line to standard error, if there is one. The request is made all the same.
-void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, double isovalue, const Context& context);
+// Writes such a line to standard error for each isovalue that has one. The request is made all the
+// same.
+void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, const std::vector<double>& isovalues,
+                     const Context& context);
 
 }  // namespace isoscope::cli
 

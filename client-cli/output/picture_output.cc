@@ -64,7 +64,7 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
   ISOSCOPE_ASSIGN_OR_RETURN(client::Annotated drawn,
                             client::Annotate(annotations, scene, std::move(picture)));
-  annotated->plain_png_sha256 = client::PictureSha256(*png);
+  annotated->plain_png_sha256 = client::Sha256Hex(*png);
   annotated->boxes = std::move(drawn.boxes);
   *png = image::EncodePng(drawn.picture.width, drawn.picture.height, drawn.picture.pixels);
   return absl::OkStatus();

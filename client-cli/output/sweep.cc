@@ -122,7 +122,7 @@ absl::Status CheckUsage(const SweepFlags& flags, const std::string& output) {
   if (flags.is_isovalue_sweep() && !HasFrameNumber(output)) {
     return UsageError(absl::StrCat("--isovalue has ", flags.isovalues->count,
                                    " values, but --output '", output,
-                                   "' names one picture: put %d or {} into the name, or write an "
+                                   "' names one picture: put %d into the name, or write an "
                                    "animation: .apng or .webp"));
   }
   return absl::OkStatus();

@@ -87,20 +87,20 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   server::CoordinatorServerOptions coordinator_options;
   coordinator_options.mailboxes = mailboxes;
   coordinator_options.arena = arena;
-  for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
-    agent::AgentServerOptions agent_options;
-    agent_options.directories = {dataset.shard_directories[i]};
-    agent_options.renderer = cluster->renderer_;
-    agent_options.arena = arena;
-    agent_options.memory = memory;
-    agent_options.mailboxes = mailboxes;
-    agent_options.frame_executor = frame_executor;
-    agent_options.one_thread_a_step = one_thread_a_step;
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
+  agent::AgentServerOptions agent_options;
+  agent_options.renderer = cluster->renderer_;
+  agent_options.arena = arena;
+  agent_options.memory = memory;
+  agent_options.mailboxes = mailboxes;
+  agent_options.frame_executor = frame_executor;
+  agent_options.one_thread_a_step = one_thread_a_step;
+  for (const std::string& directory : dataset.shard_directories) {
+    agent_options.directories = {directory};
+    ISOSCOPE_ASSIGN_OR_RETURN(cluster->agents_.emplace_back(),
                               agent::AgentServer::Start(agent_options));
     coordinator_options.agents.push_back(
-        {.target = absl::StrCat("in-process:", i), .channel = agent->InProcessChannel()});
-    cluster->agents_.push_back(std::move(agent));
+        {.target = absl::StrCat("in-process:", coordinator_options.agents.size()),
+         .channel = cluster->agents_.back()->InProcessChannel()});
   }
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
   if (options.expected_viewport) {

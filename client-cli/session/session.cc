@@ -192,17 +192,7 @@ absl::Status CheckUsage(const SessionFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
-struct Session::Parts {
-  EntryLock dataset_lock;                    // of a cached dataset; outlives the cluster
-  std::unique_ptr<EmbeddedCluster> cluster;  // null with a server
-  std::unique_ptr<client::ServiceClient> client;
-  std::string token;
-  std::string dataset_name;
-  std::optional<absl::Duration> timeout;
-  absl::Duration frame_timeout = client::kAnswerTimeout;
-};
-
-Session::Session(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+Session::Session() : frame_timeout_(client::kAnswerTimeout) {}
 
 Session::~Session() = default;
 
@@ -210,20 +200,20 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
     const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
     const Context& context) {
   base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
-  auto parts = std::make_unique<Parts>();
-  parts->timeout = flags.timeout;
+  std::unique_ptr<Session> session(new Session());
+  session->timeout_ = flags.timeout;
   if (flags.server) {
-    parts->dataset_name = flags.dataset.value_or("");
-    ISOSCOPE_ASSIGN_OR_RETURN(parts->token, ReadToken(flags.connection, *flags.server));
-    ISOSCOPE_ASSIGN_OR_RETURN(parts->client,
+    session->dataset_name_ = flags.dataset.value_or("");
+    ISOSCOPE_ASSIGN_OR_RETURN(session->token_, ReadToken(flags.connection, *flags.server));
+    ISOSCOPE_ASSIGN_OR_RETURN(session->client_,
                               client::Connect({.address = *flags.server,
                                                .transport = flags.connection.transport,
-                                               .token = parts->token},
+                                               .token = session->token_},
                                               context.interrupt));
-    return std::unique_ptr<Session>(new Session(std::move(parts)));
+    return session;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
-  parts->dataset_lock = std::move(dataset.lock);
+  session->dataset_lock_ = std::move(dataset.lock);
   EmbeddedClusterOptions options;
   options.dataset_directory = dataset.directory;
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
@@ -231,40 +221,26 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
   // Nobody else waits for this process: --timeout alone decides, if it is given.
   options.max_frame_duration = flags.timeout.value_or(options.max_frame_duration);
-  parts->frame_timeout = options.max_frame_duration;
+  session->frame_timeout_ = options.max_frame_duration;
   options.expected_viewport = expected_viewport;
   // Log lines of --verbose would stand in the middle of it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
-  ISOSCOPE_ASSIGN_OR_RETURN(parts->cluster, EmbeddedCluster::Start(options));
-  parts->client =
-      std::make_unique<client::ServiceClient>(parts->cluster->Channel(), "", context.interrupt, "");
-  return std::unique_ptr<Session>(new Session(std::move(parts)));
+  ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
+  session->client_ = std::make_unique<client::ServiceClient>(session->cluster_->Channel(), "",
+                                                             context.interrupt, "");
+  return session;
 }
 
-client::ServiceClient& Session::client() { return *parts_->client; }
-
-const std::shared_ptr<grpc::Channel>& Session::channel() const { return parts_->client->channel(); }
-
-const std::string& Session::token() const { return parts_->token; }
-
-const std::string& Session::dataset_name() const { return parts_->dataset_name; }
+const std::shared_ptr<grpc::Channel>& Session::channel() const { return client_->channel(); }
 
 void Session::SetGatewayAddress(const std::string& address) {
-  if (parts_->cluster != nullptr) {
-    parts_->cluster->SetGatewayAddress(address);
+  if (cluster_ != nullptr) {
+    cluster_->SetGatewayAddress(address);
   }
 }
 
 absl::Duration Session::question_timeout() const {
-  return parts_->timeout.value_or(client::kQuestionTimeout);
-}
-
-absl::Duration Session::frame_timeout() const {
-  return parts_->timeout.value_or(parts_->frame_timeout);
-}
-
-absl::Duration Session::export_timeout() const {
-  return parts_->timeout.value_or(absl::InfiniteDuration());
+  return timeout_.value_or(client::kQuestionTimeout);
 }
 
 }  // namespace isoscope::cli

@@ -30,6 +30,8 @@ class ServiceClient;
 
 namespace isoscope::cli {
 
+class EmbeddedCluster;
+
 struct SessionFlags {
   std::optional<std::string> input;   // source volume or dataset directory
   std::optional<std::string> server;  // HOST:PORT
@@ -79,13 +81,13 @@ class Session {
   Session& operator=(const Session&) = delete;
 
   // Lives as long as the session.
-  client::ServiceClient& client();
+  client::ServiceClient& client() { return *client_; }
   // The channel of the client, for others that speak with the same coordinator.
   [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
   // What the client sends to a server that asks who calls; empty: nothing.
-  [[nodiscard]] const std::string& token() const;
+  [[nodiscard]] const std::string& token() const { return token_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
-  [[nodiscard]] const std::string& dataset_name() const;
+  [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
   // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is
   // its operator's affair.
   void SetGatewayAddress(const std::string& address);
@@ -93,16 +95,22 @@ class Session {
   [[nodiscard]] absl::Duration question_timeout() const;
   // of a frame or a pick the limit of the coordinator in this process, or kAnswerTimeout: then the
   // server's own limit holds, too;
-  [[nodiscard]] absl::Duration frame_timeout() const;
+  [[nodiscard]] absl::Duration frame_timeout() const { return timeout_.value_or(frame_timeout_); }
   // of an export none, because a mesh may take any time. ServiceClient ends it if nothing comes.
-  [[nodiscard]] absl::Duration export_timeout() const;
+  [[nodiscard]] absl::Duration export_timeout() const {
+    return timeout_.value_or(absl::InfiniteDuration());
+  }
 
  private:
-  struct Parts;
+  Session();
 
-  explicit Session(std::unique_ptr<Parts> parts);
-
-  const std::unique_ptr<Parts> parts_;
+  EntryLock dataset_lock_;                    // of a cached dataset; outlives the cluster
+  std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
+  std::unique_ptr<client::ServiceClient> client_;
+  std::string token_;
+  std::string dataset_name_;
+  std::optional<absl::Duration> timeout_;
+  absl::Duration frame_timeout_;
 };
 
 }  // namespace isoscope::cli

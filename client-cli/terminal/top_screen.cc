@@ -12,95 +12,13 @@
 #include "core/base/printable.h"
 #include "core/base/units.h"
 #include "core/cli/format.h"
+#include "core/cli/table.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
 
 namespace v1 = isoscope::v1;
-
-// The least width of a column that gets narrower.
-constexpr std::size_t kLeastFlexibleWidth = 8;
-constexpr char kCut = '~';  // in place of what has no room
-
-std::string Cut(std::string text, std::size_t width) {
-  if (text.size() > width) {
-    text.resize(width);
-    if (width > 0) {
-      text.back() = kCut;
-    }
-  }
-  return text;
-}
-
-// Rows of cells in columns. Flexible columns get narrower where the lines are too long.
-class Columns {
- public:
-  struct Column {
-    std::string title;
-    bool is_left = false;
-    bool is_flexible = false;
-  };
-  explicit Columns(std::vector<Column> columns) : columns_(std::move(columns)) {
-    std::vector<std::string> titles;
-    for (const Column& column : columns_) {
-      titles.push_back(column.title);
-    }
-    rows_.push_back(std::move(titles));
-  }
-
-  void AddRow(std::vector<std::string> cells) { rows_.push_back(std::move(cells)); }
-
-  // The widest flexible column gives way first.
-  [[nodiscard]] std::vector<std::string> Lines(std::size_t width) const {
-    std::vector<std::size_t> widths(columns_.size(), 0);
-    for (const std::vector<std::string>& row : rows_) {
-      for (std::size_t i = 0; i < row.size(); ++i) {
-        widths[i] = std::max(widths[i], row[i].size());
-      }
-    }
-    std::size_t total = 2 * (columns_.size() - 1);
-    for (const std::size_t of_column : widths) {
-      total += of_column;
-    }
-    while (width > 0 && total > width) {
-      std::size_t widest = columns_.size();
-      for (std::size_t i = 0; i < columns_.size(); ++i) {
-        if (columns_[i].is_flexible && widths[i] > kLeastFlexibleWidth &&
-            (widest == columns_.size() || widths[i] > widths[widest])) {
-          widest = i;
-        }
-      }
-      if (widest == columns_.size()) {
-        break;
-      }
-      --widths[widest];
-      --total;
-    }
-    std::vector<std::string> lines;
-    for (const std::vector<std::string>& row : rows_) {
-      lines.push_back(LineOf(row, widths));
-    }
-    return lines;
-  }
-
- private:
-  [[nodiscard]] std::string LineOf(const std::vector<std::string>& row,
-                                   const std::vector<std::size_t>& widths) const {
-    std::string line;
-    for (std::size_t i = 0; i < row.size(); ++i) {
-      const std::string cell = Cut(row[i], widths[i]);
-      const std::string padding(widths[i] - cell.size(), ' ');
-      absl::StrAppend(&line, i > 0 ? "  " : "", columns_[i].is_left ? "" : padding, cell,
-                      columns_[i].is_left ? padding : "");
-    }
-    line.erase(line.find_last_not_of(' ') + 1);
-    return line;
-  }
-
-  const std::vector<Column> columns_;
-  std::vector<std::vector<std::string>> rows_;
-};
 
 // "12.3", "1.2 k", "3.4 M".
 std::string FormatRate(double per_second) {
@@ -264,24 +182,30 @@ void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& be
       FormatRate(rates.Of(load.refused_frame_count(), old.refused_frame_count())), "/s refused"));
 }
 
+// A gap, and the table.
+void AppendTable(const Table& table, const TopScreenOptions& options,
+                 std::vector<std::string>* lines) {
+  lines->push_back("");
+  for (std::string& line : table.CutLines(static_cast<std::size_t>(options.width))) {
+    lines->push_back(std::move(line));
+  }
+}
+
 void AppendAgents(const ClusterSample& now, const std::optional<ClusterSample>& before,
                   const TopScreenOptions& options, std::vector<std::string>* lines) {
-  Columns table({{"AGENT", true, true},
-                 {"STATE", true},
-                 {"SHARDS", true, true},
-                 {"FRAMES"},
-                 {"DONE/s"},
-                 {"BUSY"},
-                 {"TRIANGLES/s"},
-                 {"READ/s"},
-                 {"MEMORY"}});
+  Table table = Table::OfColumns({{"AGENT", true, true},
+                                  {"STATE", true},
+                                  {"SHARDS", true, true},
+                                  {"FRAMES"},
+                                  {"DONE/s"},
+                                  {"BUSY"},
+                                  {"TRIANGLES/s"},
+                                  {"READ/s"},
+                                  {"MEMORY"}});
   for (const v1::AgentStatus& agent : now.status.agents()) {
     table.AddRow(AgentCells(agent, FindAgent(before, agent.address())));
   }
-  lines->push_back("");
-  for (std::string& line : table.Lines(static_cast<std::size_t>(options.width))) {
-    lines->push_back(std::move(line));
-  }
+  AppendTable(table, options, lines);
 }
 
 void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
@@ -294,12 +218,12 @@ void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
   if (options.height > 0 && shown > rest) {
     shown = std::max(rest - 1, 0);  // the last line counts the others
   }
-  Columns table({{"REQUEST", true, true},
-                 {"CLIENT", true, true},
-                 {"DATASET", true, true},
-                 {"PIXELS"},
-                 {"STEP", true},
-                 {"AGE"}});
+  Table table = Table::OfColumns({{"REQUEST", true, true},
+                                  {"CLIENT", true, true},
+                                  {"DATASET", true, true},
+                                  {"PIXELS"},
+                                  {"STEP", true},
+                                  {"AGE"}});
   for (int i = 0; i < shown; ++i) {
     const v1::FrameInWork& frame = now.status.frames(i);
     table.AddRow({base::PrintableAscii(frame.request_id()), base::PrintableAscii(frame.client()),
@@ -309,10 +233,7 @@ void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
                   absl::StrFormat("%.1f s", absl::ToDoubleSeconds(
                                                 rpc::DurationFromProto(frame.age_duration())))});
   }
-  lines->push_back("");
-  for (std::string& line : table.Lines(static_cast<std::size_t>(options.width))) {
-    lines->push_back(std::move(line));
-  }
+  AppendTable(table, options, lines);
   if (shown < now.status.frames_size()) {
     lines->push_back(absl::StrCat("and ", now.status.frames_size() - shown, " more"));
   }
@@ -337,7 +258,7 @@ std::vector<std::string> TopScreen(const ClusterSample& now,
   }
   for (std::string& line : lines) {
     if (options.width > 0) {
-      line = Cut(std::move(line), static_cast<std::size_t>(options.width));
+      line = CutText(std::move(line), static_cast<std::size_t>(options.width));
     }
   }
   return lines;

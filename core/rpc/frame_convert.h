@@ -1,5 +1,5 @@
 // Converts frames between wire and core types. A new parameter of a frame is checked and converted
-// here, and nowhere else.
+// here and in surface_convert.h, and nowhere else.
 
 #ifndef ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
@@ -15,6 +15,7 @@
 #include "core/frame/frame_spec.h"
 #include "core/frame/picture_revision.h"
 #include "core/math/box.h"
+#include "core/rpc/surface_convert.h"  // IWYU pragma: export
 #include "core/view/clip_region.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -42,14 +43,6 @@ struct ExportSpec {
 absl::StatusOr<ExportSpec> ExportSpecFromProto(
     const isoscope::v1::ExportIsosurfaceRequest& request);
 
-// `path` is the field's name in messages. INVALID_ARGUMENT.
-absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& proto,
-                                                absl::string_view path);
-// FrameSpecFromProto gives the same back.
-isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
-isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps);
-isoscope::v1::Light ToProto(const frame::Light& light);
-
 // Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
 // will read from the message, so all have the same bits. With `surface_bounds` (CAMERA_FIT_SURFACE)
 // the camera is then moved from the one box to the other; that done, camera_fit is cleared, because
@@ -57,12 +50,6 @@ isoscope::v1::Light ToProto(const frame::Light& light);
 absl::Status ResolveCamera(const math::Box3d& bounds,
                            isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec,
                            const std::optional<math::Box3d>& surface_bounds = std::nullopt);
-
-// Gives the maps of surfaces that show the gradient's magnitude the range 0 to the dataset's bound,
-// where the request has none. INVALID_ARGUMENT if the dataset does not have the bound.
-absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
-                                isoscope::v1::RenderIsosurfaceRequest* request,
-                                frame::FrameSpec* spec);
 
 // INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.
 absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(

@@ -7,6 +7,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/status_macros.h"
+#include "core/rpc/enum_table.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
 
@@ -110,15 +111,9 @@ void Assign(const std::vector<std::int64_t>& values, Repeated* repeated) {
   repeated->Assign(values.begin(), values.end());
 }
 
-v1::IsovalueSuggestion::Method ToProto(volume::SuggestionMethod method) {
-  switch (method) {
-    case volume::SuggestionMethod::kBetweenClasses:
-      return v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES;
-    case volume::SuggestionMethod::kOnePercent:
-      return v1::IsovalueSuggestion::METHOD_ONE_PERCENT;
-  }
-  return v1::IsovalueSuggestion::METHOD_UNSPECIFIED;
-}
+constexpr EnumRow<volume::SuggestionMethod, v1::IsovalueSuggestion::Method> kMethods[] = {
+    {volume::SuggestionMethod::kBetweenClasses, v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES},
+    {volume::SuggestionMethod::kOnePercent, v1::IsovalueSuggestion::METHOD_ONE_PERCENT}};
 
 }  // namespace
 
@@ -197,7 +192,7 @@ v1::GetHistogramResponse ToProto(const volume::HistogramPart& whole,
   }
   for (const volume::IsovalueSuggestion& suggestion : suggestions) {
     v1::IsovalueSuggestion* proto = response.add_suggestions();
-    proto->set_method(ToProto(suggestion.method));
+    proto->set_method(EnumToProto(kMethods, suggestion.method));
     proto->set_isovalue(suggestion.isovalue);
     proto->set_inside_fraction(suggestion.inside_fraction);
   }

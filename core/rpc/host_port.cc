@@ -38,7 +38,8 @@ absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
 
 std::string WithDefaultPort(absl::string_view text, int port) {
   const bool is_bracketed = text.size() > 2 && text.front() == '[' && text.back() == ']';
-  const bool is_host = !text.empty() && (is_bracketed || !absl::StrContains(text, ':'));
+  const bool is_number = text.find_first_not_of("0123456789") == absl::string_view::npos;
+  const bool is_host = !is_number && (is_bracketed || !absl::StrContains(text, ':'));
   return is_host ? absl::StrCat(text, ":", port) : std::string(text);
 }
 

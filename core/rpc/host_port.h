@@ -19,7 +19,8 @@ constexpr int kCoordinatorPort = 50051;
 constexpr int kAgentPort = 50052;
 constexpr int kGatewayPort = 8080;
 
-// Returns "HOST" and "[IPV6]" with the port, all other texts and gRPC targets as they are.
+// Returns "HOST" and "[IPV6]" with the port, all other texts and gRPC targets as they are. A number
+// alone is no host: somebody meant a port.
 std::string WithDefaultPort(absl::string_view text, int port);
 
 // As ParseHostPort, and takes "HOST" alone, which gets the port.

@@ -88,6 +88,8 @@ class Source final : public prometheus::Collectable {
   const base::CollectMetrics collect_;
 };
 
+constexpr std::size_t kThreads = 2;
+
 struct Endpoint {
   std::string host;
   int port = 0;
@@ -114,39 +116,26 @@ absl::StatusOr<Endpoint> ParseListen(absl::string_view listen) {
 
 }  // namespace
 
-class MetricsServer::Impl {
- public:
-  Impl(const std::string& address, base::CollectMetrics collect)
-      : source_(std::make_shared<Source>(std::move(collect))), exposer_(address, kThreads) {
-    exposer_.RegisterCollectable(source_);
-  }
-
-  [[nodiscard]] int port() const { return exposer_.GetListeningPorts().front(); }
-
- private:
-  static constexpr std::size_t kThreads = 2;
-
-  const std::shared_ptr<Source> source_;
-  prometheus::Exposer exposer_;
-};
-
-MetricsServer::MetricsServer(std::unique_ptr<Impl> impl, std::string address)
-    : impl_(std::move(impl)), address_(std::move(address)) {}
+// The exposer throws if it can't bind.
+MetricsServer::MetricsServer(const std::string& host, int port, base::CollectMetrics collect)
+    : source_(std::make_shared<Source>(std::move(collect))),
+      exposer_(std::make_unique<prometheus::Exposer>(absl::StrCat(host, ":", port), kThreads)),
+      address_(absl::StrCat(host, ":", this->port())) {
+  exposer_->RegisterCollectable(source_);
+}
 MetricsServer::~MetricsServer() = default;
 
-int MetricsServer::port() const { return impl_->port(); }
+int MetricsServer::port() const { return exposer_->GetListeningPorts().front(); }
 
 absl::StatusOr<std::unique_ptr<MetricsServer>> MetricsServer::Start(absl::string_view listen,
                                                                     base::CollectMetrics collect) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Endpoint endpoint, ParseListen(listen));
-  const std::string address = absl::StrCat(endpoint.host, ":", endpoint.port);
   try {
-    auto impl = std::make_unique<Impl>(address, std::move(collect));
-    std::string bound = absl::StrCat(endpoint.host, ":", impl->port());
-    return std::unique_ptr<MetricsServer>(new MetricsServer(std::move(impl), std::move(bound)));
+    return std::unique_ptr<MetricsServer>(
+        new MetricsServer(endpoint.host, endpoint.port, std::move(collect)));
   } catch (const std::exception&) {  // it tells no reason
     return absl::UnavailableError(absl::StrCat(
-        "can't serve metrics at ", address,
+        "can't serve metrics at ", endpoint.host, ":", endpoint.port,
         ": the port is taken, or the host is no address of this machine; it must be a number "
         "(--metrics-listen)"));
   }

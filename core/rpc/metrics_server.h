@@ -16,6 +16,11 @@
 
 #include "core/base/metrics.h"
 
+namespace prometheus {  // NOLINT(readability-identifier-naming): theirs
+class Collectable;
+class Exposer;
+}  // namespace prometheus
+
 namespace isoscope::rpc {
 
 // Thread-safe.
@@ -37,10 +42,10 @@ class MetricsServer {
   [[nodiscard]] const std::string& address() const { return address_; }
 
  private:
-  class Impl;
-  MetricsServer(std::unique_ptr<Impl> impl, std::string address);
+  MetricsServer(const std::string& host, int port, base::CollectMetrics collect);
 
-  const std::unique_ptr<Impl> impl_;
+  const std::shared_ptr<prometheus::Collectable> source_;
+  const std::unique_ptr<prometheus::Exposer> exposer_;
   const std::string address_;
 };
 

@@ -10,15 +10,34 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/rpc/enum_table.h"
 #include "core/store/shard_format.h"
 #include "core/volume/patient_frame.h"
 
 namespace isoscope::rpc {
+
+namespace v1 = isoscope::v1;
+
 namespace {
 
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 constexpr double kMaxByte = 255;
 constexpr std::int64_t kMaxDurationSeconds = 315'576'000'000;  // google.protobuf.Duration's limit
+
+constexpr EnumRow<frame::Culling, v1::Culling> kCullings[] = {
+    {frame::Culling::kDepth, v1::CULLING_DEPTH},
+    {frame::Culling::kDepth, v1::CULLING_UNSPECIFIED},
+    {frame::Culling::kMask, v1::CULLING_MASK},
+    {frame::Culling::kNone, v1::CULLING_NONE}};
+constexpr EnumRow<volume::ScalarType, v1::SampleType> kSampleTypes[] = {
+    {volume::ScalarType::kUint8, v1::SAMPLE_TYPE_UINT8},
+    {volume::ScalarType::kInt8, v1::SAMPLE_TYPE_INT8},
+    {volume::ScalarType::kUint16, v1::SAMPLE_TYPE_UINT16},
+    {volume::ScalarType::kInt16, v1::SAMPLE_TYPE_INT16},
+    {volume::ScalarType::kUint32, v1::SAMPLE_TYPE_UINT32},
+    {volume::ScalarType::kInt32, v1::SAMPLE_TYPE_INT32},
+    {volume::ScalarType::kFloat32, v1::SAMPLE_TYPE_FLOAT32},
+    {volume::ScalarType::kFloat64, v1::SAMPLE_TYPE_FLOAT64}};
 
 absl::Status Invalid(absl::string_view path, const absl::AlphaNum& value,
                      absl::string_view allowed) {
@@ -45,8 +64,8 @@ absl::Status WithPath(const absl::Status& status, absl::string_view path) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": ", status.message()));
 }
 
-absl::StatusOr<math::Index3> DimensionsFromProto(const isoscope::v1::Dimensions& proto,
-                                                 std::int64_t min, absl::string_view path) {
+absl::StatusOr<math::Index3> DimensionsFromProto(const v1::Dimensions& proto, std::int64_t min,
+                                                 absl::string_view path) {
   const math::Index3 dims{proto.x(), proto.y(), proto.z()};
   if (dims.x < min || dims.y < min || dims.z < min) {
     return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d x %d: each must be >= %d",
@@ -64,8 +83,8 @@ absl::StatusOr<std::uint8_t> ChannelFromProto(float value, absl::string_view pat
 
 }  // namespace
 
-isoscope::v1::Dimensions ToProto(const math::Index3& dims) {
-  isoscope::v1::Dimensions proto;
+v1::Dimensions ToProto(const math::Index3& dims) {
+  v1::Dimensions proto;
   proto.set_x(dims.x);
   proto.set_y(dims.y);
   proto.set_z(dims.z);
@@ -79,24 +98,22 @@ absl::Status CheckFinite(double value, absl::string_view path) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<math::Vec3d> VectorFromProto(const isoscope::v1::Vec3& proto,
-                                            absl::string_view path) {
+absl::StatusOr<math::Vec3d> VectorFromProto(const v1::Vec3& proto, absl::string_view path) {
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.x(), Join(path, "x")));
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.y(), Join(path, "y")));
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.z(), Join(path, "z")));
   return math::Vec3d{proto.x(), proto.y(), proto.z()};
 }
 
-isoscope::v1::Vec3 ToProto(const math::Vec3d& vector) {
-  isoscope::v1::Vec3 proto;
+v1::Vec3 ToProto(const math::Vec3d& vector) {
+  v1::Vec3 proto;
   proto.set_x(vector.x);
   proto.set_y(vector.y);
   proto.set_z(vector.z);
   return proto;
 }
 
-absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
-                                             absl::string_view path) {
+absl::StatusOr<view::Camera> CameraFromProto(const v1::Camera& proto, absl::string_view path) {
   if (!proto.has_eye() || !proto.has_target()) {
     return Invalid(Join(path, proto.has_eye() ? "target" : "eye"), "not set",
                    "a camera needs eye, target and a projection");
@@ -108,7 +125,7 @@ absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
     ISOSCOPE_ASSIGN_OR_RETURN(camera.up, VectorFromProto(proto.up(), Join(path, "up")));
   }
   switch (proto.projection_case()) {
-    case isoscope::v1::Camera::kPerspective: {
+    case v1::Camera::kPerspective: {
       const double degrees = proto.perspective().fov_y_degrees();
       if (!(degrees > 0 && degrees < 180)) {
         return Invalid(Join(path, "perspective.fov_y_degrees"), degrees,
@@ -118,7 +135,7 @@ absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
       camera.fov_y_radians = degrees * kRadiansPerDegree;
       break;
     }
-    case isoscope::v1::Camera::kOrthographic: {
+    case v1::Camera::kOrthographic: {
       const double height = proto.orthographic().height();
       if (!(std::isfinite(height) && height > 0)) {
         return Invalid(Join(path, "orthographic.height"), height,
@@ -128,15 +145,15 @@ absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
       camera.view_height = height;
       break;
     }
-    case isoscope::v1::Camera::PROJECTION_NOT_SET:
+    case v1::Camera::PROJECTION_NOT_SET:
       return Invalid(Join(path, "projection"), "not set", "set perspective or orthographic");
   }
   ISOSCOPE_RETURN_IF_ERROR(WithPath(view::Validate(camera), path));
   return camera;
 }
 
-isoscope::v1::Camera ToProto(const view::Camera& camera) {
-  isoscope::v1::Camera proto;
+v1::Camera ToProto(const view::Camera& camera) {
+  v1::Camera proto;
   *proto.mutable_eye() = ToProto(camera.eye);
   *proto.mutable_target() = ToProto(camera.target);
   *proto.mutable_up() = ToProto(camera.up);
@@ -148,8 +165,8 @@ isoscope::v1::Camera ToProto(const view::Camera& camera) {
   return proto;
 }
 
-absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& proto,
-                                                 absl::string_view path, int max_side_px) {
+absl::StatusOr<view::Viewport> ViewportFromProto(const v1::Viewport& proto, absl::string_view path,
+                                                 int max_side_px) {
   const auto check = [&](absl::string_view field, std::int32_t value) {
     if (value < 1 || value > max_side_px) {
       return Invalid(
@@ -166,7 +183,7 @@ absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& p
   return view::Viewport{proto.width_px(), proto.height_px()};
 }
 
-absl::StatusOr<view::Region> RegionFromProto(const isoscope::v1::Region& proto,
+absl::StatusOr<view::Region> RegionFromProto(const v1::Region& proto,
                                              const view::Viewport& viewport,
                                              absl::string_view path) {
   const auto check = [&](absl::string_view field, std::int32_t value, int least, int most) {
@@ -184,8 +201,8 @@ absl::StatusOr<view::Region> RegionFromProto(const isoscope::v1::Region& proto,
   return view::Region{proto.x(), proto.y(), proto.width_px(), proto.height_px()};
 }
 
-isoscope::v1::Region ToProto(const view::Region& region) {
-  isoscope::v1::Region proto;
+v1::Region ToProto(const view::Region& region) {
+  v1::Region proto;
   proto.set_x(region.x);
   proto.set_y(region.y);
   proto.set_width_px(region.width_px);
@@ -193,43 +210,21 @@ isoscope::v1::Region ToProto(const view::Region& region) {
   return proto;
 }
 
-isoscope::v1::Viewport ToProto(const view::Viewport& viewport) {
-  isoscope::v1::Viewport proto;
+v1::Viewport ToProto(const view::Viewport& viewport) {
+  v1::Viewport proto;
   proto.set_width_px(viewport.width_px);
   proto.set_height_px(viewport.height_px);
   return proto;
 }
 
-absl::StatusOr<frame::Culling> CullingFromProto(isoscope::v1::Culling proto,
-                                                absl::string_view path) {
-  switch (proto) {
-    case isoscope::v1::CULLING_UNSPECIFIED:
-    case isoscope::v1::CULLING_DEPTH:
-      return frame::Culling::kDepth;
-    case isoscope::v1::CULLING_MASK:
-      return frame::Culling::kMask;
-    case isoscope::v1::CULLING_NONE:
-      return frame::Culling::kNone;
-    default:
-      return Invalid(path, static_cast<int>(proto),
-                     "must be CULLING_DEPTH (1), CULLING_MASK (2) or CULLING_NONE (3)");
-  }
+absl::StatusOr<frame::Culling> CullingFromProto(v1::Culling proto, absl::string_view path) {
+  return EnumFromProto(kCullings, proto, path,
+                       "must be CULLING_DEPTH (1), CULLING_MASK (2) or CULLING_NONE (3)");
 }
 
-isoscope::v1::Culling ToProto(frame::Culling culling) {
-  switch (culling) {
-    case frame::Culling::kDepth:
-      return isoscope::v1::CULLING_DEPTH;
-    case frame::Culling::kMask:
-      return isoscope::v1::CULLING_MASK;
-    case frame::Culling::kNone:
-      return isoscope::v1::CULLING_NONE;
-  }
-  return isoscope::v1::CULLING_UNSPECIFIED;
-}
+v1::Culling ToProto(frame::Culling culling) { return EnumToProto(kCullings, culling); }
 
-absl::StatusOr<image::Rgba8> ColorFromProto(const isoscope::v1::Color& proto,
-                                            absl::string_view path) {
+absl::StatusOr<image::Rgba8> ColorFromProto(const v1::Color& proto, absl::string_view path) {
   image::Rgba8 color;
   ISOSCOPE_ASSIGN_OR_RETURN(color.r, ChannelFromProto(proto.red(), Join(path, "red")));
   ISOSCOPE_ASSIGN_OR_RETURN(color.g, ChannelFromProto(proto.green(), Join(path, "green")));
@@ -238,9 +233,9 @@ absl::StatusOr<image::Rgba8> ColorFromProto(const isoscope::v1::Color& proto,
   return color;
 }
 
-isoscope::v1::Color ToProto(image::Rgba8 color) {
+v1::Color ToProto(image::Rgba8 color) {
   constexpr float kScale = 255.0F;
-  isoscope::v1::Color proto;
+  v1::Color proto;
   proto.set_red(static_cast<float>(color.r) / kScale);
   proto.set_green(static_cast<float>(color.g) / kScale);
   proto.set_blue(static_cast<float>(color.b) / kScale);
@@ -248,7 +243,7 @@ isoscope::v1::Color ToProto(image::Rgba8 color) {
   return proto;
 }
 
-absl::StatusOr<volume::GridGeometry> GeometryFromProto(const isoscope::v1::GridGeometry& proto,
+absl::StatusOr<volume::GridGeometry> GeometryFromProto(const v1::GridGeometry& proto,
                                                        absl::string_view path) {
   volume::GridGeometry geometry;
   ISOSCOPE_ASSIGN_OR_RETURN(geometry.sample_dims,
@@ -271,8 +266,8 @@ absl::StatusOr<volume::GridGeometry> GeometryFromProto(const isoscope::v1::GridG
   return geometry;
 }
 
-isoscope::v1::GridGeometry ToProto(const volume::GridGeometry& geometry) {
-  isoscope::v1::GridGeometry proto;
+v1::GridGeometry ToProto(const volume::GridGeometry& geometry) {
+  v1::GridGeometry proto;
   *proto.mutable_sample_dims() = ToProto(geometry.sample_dims);
   *proto.mutable_spacing() = ToProto(geometry.spacing);
   *proto.mutable_origin() = ToProto(geometry.origin);
@@ -282,42 +277,15 @@ isoscope::v1::GridGeometry ToProto(const volume::GridGeometry& geometry) {
   return proto;
 }
 
-isoscope::v1::SampleType ToProto(volume::ScalarType type) {
-  switch (type) {
-    case volume::ScalarType::kUint8:
-      return isoscope::v1::SAMPLE_TYPE_UINT8;
-    case volume::ScalarType::kInt8:
-      return isoscope::v1::SAMPLE_TYPE_INT8;
-    case volume::ScalarType::kUint16:
-      return isoscope::v1::SAMPLE_TYPE_UINT16;
-    case volume::ScalarType::kInt16:
-      return isoscope::v1::SAMPLE_TYPE_INT16;
-    case volume::ScalarType::kUint32:
-      return isoscope::v1::SAMPLE_TYPE_UINT32;
-    case volume::ScalarType::kInt32:
-      return isoscope::v1::SAMPLE_TYPE_INT32;
-    case volume::ScalarType::kFloat32:
-      return isoscope::v1::SAMPLE_TYPE_FLOAT32;
-    case volume::ScalarType::kFloat64:
-      return isoscope::v1::SAMPLE_TYPE_FLOAT64;
-  }
-  return isoscope::v1::SAMPLE_TYPE_UNSPECIFIED;
-}
+v1::SampleType ToProto(volume::ScalarType type) { return EnumToProto(kSampleTypes, type); }
 
-absl::StatusOr<volume::ScalarType> ScalarTypeFromProto(isoscope::v1::SampleType proto,
+absl::StatusOr<volume::ScalarType> ScalarTypeFromProto(v1::SampleType proto,
                                                        absl::string_view path) {
-  for (int i = static_cast<int>(volume::ScalarType::kUint8);
-       i <= static_cast<int>(volume::ScalarType::kFloat64); ++i) {
-    const auto type = static_cast<volume::ScalarType>(i);
-    if (ToProto(type) == proto) {
-      return type;
-    }
-  }
-  return Invalid(path, static_cast<int>(proto), "must be 1 (uint8) to 8 (float64)");
+  return EnumFromProto(kSampleTypes, proto, path, "must be 1 (uint8) to 8 (float64)");
 }
 
-isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
-  isoscope::v1::Dataset proto;
+v1::Dataset ToProto(const store::Manifest& manifest) {
+  v1::Dataset proto;
   proto.set_name(manifest.name);
   proto.set_dataset_id(manifest.dataset_id);
   proto.set_samples_digest(manifest.samples_digest);
@@ -342,7 +310,7 @@ isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
   return proto;
 }
 
-absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view path) {
+absl::Status Validate(const v1::Dataset& dataset, absl::string_view path) {
   if (dataset.name().empty()) {
     return Invalid(Join(path, "name"), "empty", "must be set");
   }
@@ -385,7 +353,7 @@ absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view pa
       !(bound >= 0 && std::isfinite(bound))) {
     return Invalid(Join(path, "max_gradient_magnitude"), bound, "must be finite and >= 0");
   }
-  const isoscope::v1::ValueRange& range = dataset.value_range();
+  const v1::ValueRange& range = dataset.value_range();
   // Infinite samples count, NaN does not.
   if (dataset.has_value_range() && !(range.min() <= range.max())) {
     return Invalid(Join(path, "value_range"), absl::StrCat(range.min(), " to ", range.max()),
@@ -445,8 +413,8 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
   return indices;
 }
 
-isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics) {
-  isoscope::v1::AgentStatistics proto;
+v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics) {
+  v1::AgentStatistics proto;
   proto.set_agent_address(statistics.agent_address);
   for (const int index : statistics.shard_indices) {
     proto.add_shard_indices(index);
@@ -467,16 +435,16 @@ isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics) 
   return proto;
 }
 
-isoscope::v1::SurfaceStatistics ToProto(const frame::SurfaceStatistics& statistics) {
-  isoscope::v1::SurfaceStatistics proto;
+v1::SurfaceStatistics ToProto(const frame::SurfaceStatistics& statistics) {
+  v1::SurfaceStatistics proto;
   proto.set_triangle_count(statistics.triangle_count);
   proto.set_unique_vertex_count(statistics.unique_vertex_count);
   return proto;
 }
 
-frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
+frame::AgentStatistics AgentStatisticsFromProto(const v1::AgentStatistics& proto) {
   std::vector<frame::SurfaceStatistics> surfaces;
-  for (const isoscope::v1::SurfaceStatistics& surface : proto.surfaces()) {
+  for (const v1::SurfaceStatistics& surface : proto.surfaces()) {
     surfaces.push_back({.triangle_count = surface.triangle_count(),
                         .unique_vertex_count = surface.unique_vertex_count()});
   }

@@ -487,7 +487,8 @@ TEST_F(BadInputTest, CamerasThatAreNone) {
   ExpectFailure({"info", GoodDataset(), "--bins", "9"}, kWrongUsage, {"--histogram"});
   ExpectFailure({"info", GoodDataset(), "--histogram", "--range", "2,1"}, kWrongUsage, {"2,1"});
   ExpectFailure({"info", GoodDataset(), "--histogram", "--bins", "4097"}, kWrongUsage, {"4096"});
-  ExpectFailure({"info", GoodDataset(), "--histogram-svg", Path("h.png")}, kWrongUsage, {".svg"});
+  ExpectFailure({"info", GoodDataset(), "--histogram-svg", Path("h.svg")}, kWrongUsage,
+                {"--histogram-svg"});
   ExpectFailure({"info", GoodDataset(), "--histogram", "--range", "5000,6000"}, kFailed,
                 {"INVALID_ARGUMENT", "no sample is in it"});
 }

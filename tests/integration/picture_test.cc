@@ -291,7 +291,7 @@ TEST_F(PictureTest, SweepThatCannotBeKeptIsWrongUsageBeforeAnyWork) {
   const CommandResult one_name =
       Render({Path("absent"), "--isovalue", "1:3:1", "--output", Path("a.png")});
   EXPECT_EQ(one_name.exit_code, 2) << one_name.err;
-  EXPECT_TRUE(absl::StrContains(one_name.err, "%d or {}")) << one_name.err;
+  EXPECT_TRUE(absl::StrContains(one_name.err, "put %d into")) << one_name.err;
   const CommandResult too_large = Render(
       {Path("absent"), "--isovalue", "1:3:1", "--width", "16384", "--output", Path("a.webp")});
   EXPECT_EQ(too_large.exit_code, 2) << too_large.err;

@@ -123,7 +123,7 @@ absl::StatusOr<PictureComparison> ComparePictures(const RecordedPng& recorded,
   }
   PictureComparison comparison;
   const auto& annotated = recorded.record.annotated;
-  comparison.has_same_bytes = annotated ? annotated->plain_png_sha256 == PictureSha256(plain_png)
+  comparison.has_same_bytes = annotated ? annotated->plain_png_sha256 == Sha256Hex(plain_png)
                                         : recorded.plain_png == plain_png;
   const std::vector<bool> is_plain = PlainPixels(recorded, now.width, now.height);
   for (std::size_t i = 0; i < is_plain.size(); ++i) {

@@ -262,7 +262,7 @@ absl::StatusOr<RecordedPng> SplitRecordedPng(absl::string_view png) {
   return split;
 }
 
-std::string PictureSha256(absl::string_view bytes) {
+std::string Sha256Hex(absl::string_view bytes) {
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
   unsigned int size = 0;
   ISOSCOPE_CHECK_EQ(

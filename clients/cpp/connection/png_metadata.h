@@ -57,7 +57,7 @@ struct RecordedPng {
 absl::StatusOr<RecordedPng> SplitRecordedPng(absl::string_view png);
 
 // SHA-256: 64 lower-case hex digits.
-std::string PictureSha256(absl::string_view bytes);
+std::string Sha256Hex(absl::string_view bytes);
 
 }  // namespace isoscope::client
 

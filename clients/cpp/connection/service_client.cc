@@ -125,58 +125,52 @@ absl::Status ServiceClient::Call(absl::Duration timeout,
   return IsForOperator(status) ? WithRequestId(status, request_id) : status;
 }
 
+template <typename Response, typename Stub, typename Request>
+absl::StatusOr<Response> ServiceClient::CallUnary(
+    Stub* stub, grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+    const Request& request, absl::Duration timeout) const {
+  Response response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return (stub->*method)(context, request, &response);
+  }));
+  return response;
+}
+
 absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,
                                                       absl::Duration timeout) {
   v1::GetDatasetRequest request;
   request.set_name(name);
-  v1::GetDatasetResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->dataset()->GetDataset(context, request, &response);
-  }));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      v1::GetDatasetResponse response,
+      CallUnary(channel_->dataset(), &v1::DatasetService::Stub::GetDataset, request, timeout));
   return std::move(*response.mutable_dataset());
 }
 
 absl::StatusOr<v1::GetHistogramResponse> ServiceClient::GetHistogram(
     const v1::GetHistogramRequest& request, absl::Duration timeout) {
-  v1::GetHistogramResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->dataset()->GetHistogram(context, request, &response);
-  }));
-  return response;
+  return CallUnary(channel_->dataset(), &v1::DatasetService::Stub::GetHistogram, request, timeout);
 }
 
 absl::StatusOr<v1::ListDatasetsResponse> ServiceClient::ListDatasets(absl::Duration timeout) {
-  v1::ListDatasetsResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->dataset()->ListDatasets(context, v1::ListDatasetsRequest(), &response);
-  }));
-  return response;
+  return CallUnary(channel_->dataset(), &v1::DatasetService::Stub::ListDatasets,
+                   v1::ListDatasetsRequest(), timeout);
 }
 
 absl::StatusOr<v1::GetCapabilitiesResponse> ServiceClient::GetCapabilities(absl::Duration timeout) {
-  v1::GetCapabilitiesResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->cluster()->GetCapabilities(context, v1::GetCapabilitiesRequest(), &response);
-  }));
-  return response;
+  return CallUnary(channel_->cluster(), &v1::ClusterService::Stub::GetCapabilities,
+                   v1::GetCapabilitiesRequest(), timeout);
 }
 
 absl::StatusOr<v1::GetClusterStatusResponse> ServiceClient::GetClusterStatus(
     absl::Duration timeout) {
-  v1::GetClusterStatusResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->cluster()->GetClusterStatus(context, v1::GetClusterStatusRequest(), &response);
-  }));
-  return response;
+  return CallUnary(channel_->cluster(), &v1::ClusterService::Stub::GetClusterStatus,
+                   v1::GetClusterStatusRequest(), timeout);
 }
 
 absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurface(
     const v1::RenderIsosurfaceRequest& request, absl::Duration timeout) {
-  v1::RenderIsosurfaceResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->isosurface()->RenderIsosurface(context, request, &response);
-  }));
-  return response;
+  return CallUnary(channel_->isosurface(), &v1::IsosurfaceService::Stub::RenderIsosurface, request,
+                   timeout);
 }
 
 absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStream(
@@ -199,11 +193,8 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStre
 
 absl::StatusOr<v1::PickSurfaceResponse> ServiceClient::PickSurface(
     const v1::PickSurfaceRequest& request, absl::Duration timeout) {
-  v1::PickSurfaceResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return channel_->isosurface()->PickSurface(context, request, &response);
-  }));
-  return response;
+  return CallUnary(channel_->isosurface(), &v1::IsosurfaceService::Stub::PickSurface, request,
+                   timeout);
 }
 
 absl::Status ServiceClient::ExportIsosurface(

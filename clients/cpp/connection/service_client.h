@@ -119,6 +119,12 @@ class ServiceClient {
   // Makes one call: deadline, interrupt, errors.
   absl::Status Call(absl::Duration timeout,
                     absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;
+  // The answer of a stub's method, tried as Call does.
+  template <typename Response, typename Stub, typename Request>
+  absl::StatusOr<Response> CallUnary(Stub* stub,
+                                     grpc::Status (Stub::*method)(grpc::ClientContext*,
+                                                                  const Request&, Response*),
+                                     const Request& request, absl::Duration timeout) const;
 
   const std::unique_ptr<CoordinatorChannel> channel_;
   const base::Cancellation never_;  // stands in for an interrupt that is null

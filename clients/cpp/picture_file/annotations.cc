@@ -335,11 +335,11 @@ std::string TickLabel(double value, double step) {
   return absl::StrFormat("%.9g", std::abs(value) < 1e-9 * step ? 0.0 : value);
 }
 
-// Light and dark grey squares in rows [begin_y, end_y) of a bar that begins at (x, y), two in a
+// Light and dark grey squares in rows [begin_row, end_row) of a bar that begins at (x, y), two in a
 // row: what is translucent shows them.
-void DrawSquares(cairo_t* cr, double x, double begin_y, double end_y, double y, double width) {
+void DrawSquares(cairo_t* cr, double x, int begin_row, int end_row, double y, double width) {
   const double side = std::max(1.0, std::round(width / 2));
-  for (double row = begin_y; row < end_y; ++row) {
+  for (int row = begin_row; row < end_row; ++row) {
     const bool is_odd = static_cast<std::int64_t>((row - y) / side) % 2 != 0;
     for (const bool is_right : {false, true}) {
       const double grey = is_odd == is_right ? 0.85 : 0.45;
@@ -363,7 +363,7 @@ void DrawBar(const Sheet& sheet, double x, double y, double width, double height
     };
     const double opacity = static_cast<double>(picture::OpacityOf(color_by, i));
     if (opacity < 1) {
-      DrawSquares(cr, x, edge(i + 1), edge(i), y, width);
+      DrawSquares(cr, x, static_cast<int>(edge(i + 1)), static_cast<int>(edge(i)), y, width);
     }
     cairo_set_source_rgba(cr, table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0, opacity);
     cairo_rectangle(cr, x, edge(i + 1), width, edge(i) - edge(i + 1));

@@ -156,12 +156,6 @@ absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text) {
   return caps;
 }
 
-bool LookFlags::colors_by_position() const {
-  return std::any_of(color_by.begin(), color_by.end(), [](const ColorByValue& value) {
-    return value.color_by && value.color_by->quantity != ColorBy::Quantity::kNormal;
-  });
-}
-
 void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
   const std::string group = "Lights and colours";
   cli::AddRepeatableFlag(set, "--light", "X,Y,Z[:INTENSITY[:COLOR]]", &flags->lights, ParseLight,

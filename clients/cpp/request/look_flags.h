@@ -38,8 +38,6 @@ struct LookFlags {
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
   // One for all surfaces, or one for each.
   std::vector<ColorByValue> color_by = {};
-
-  [[nodiscard]] bool colors_by_position() const;
 };
 
 // `flags` must outlive the parsing.

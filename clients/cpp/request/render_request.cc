@@ -85,21 +85,28 @@ std::vector<double> RequestFlags::isovalues() const {
   return values;
 }
 
-absl::Status CheckUsage(const RequestFlags& flags) {
-  if (!flags.isovalue && flags.surfaces.empty()) {
+absl::Status CheckSurfaces(const std::optional<double>& isovalue,
+                           const std::vector<SurfaceValue>& surfaces,
+                           const std::optional<frame::Color>& color) {
+  if (!isovalue && surfaces.empty()) {
     return cli::UsageError(
         "--isovalue V is missing: the level of the surface, in field units; "
         "`isoscope info INPUT --histogram` suggests some");
   }
-  if (!flags.surfaces.empty() && (flags.isovalue || flags.base_color)) {
+  if (!surfaces.empty() && (isovalue || color)) {
     return cli::UsageError(
-        absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
+        absl::StrCat("--surface and ", isovalue ? "--isovalue" : "--color",
                      " exclude each other: write --surface V:COLOR for each surface"));
   }
-  if (flags.surfaces.size() > frame::kMaxSurfaces) {
-    return cli::UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(),
-                                        " times: at most ", frame::kMaxSurfaces, " are allowed"));
+  if (surfaces.size() > frame::kMaxSurfaces) {
+    return cli::UsageError(absl::StrCat("--surface is given ", surfaces.size(), " times: at most ",
+                                        frame::kMaxSurfaces, " are allowed"));
   }
+  return absl::OkStatus();
+}
+
+absl::Status CheckUsage(const RequestFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckSurfaces(flags.isovalue, flags.surfaces, flags.base_color));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.clip));
   if (flags.region) {
     if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
@@ -150,10 +157,30 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
 }
 
 absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
-    const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera) {
+    const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera,
+    const std::optional<isoscope::v1::CameraFit>& fit) {
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera checked, rpc::CameraFromProto(camera, "camera"));
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, dataset, checked);
   *request.mutable_camera() = camera;
+  if (fit) {
+    request.set_camera_fit(*fit);
+  }
+  return request;
+}
+
+isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<double>& isovalue,
+                                                        const std::vector<SurfaceValue>& surfaces,
+                                                        const ClipFlags& clip,
+                                                        const std::string& dataset) {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_dataset(dataset);
+  request.set_isovalue(isovalue.value_or(0));
+  for (const SurfaceValue& surface : surfaces) {
+    request.add_surfaces()->set_isovalue(surface.isovalue);
+  }
+  if (!clip.empty()) {
+    *request.mutable_clip() = ToProto(clip);
+  }
   return request;
 }
 

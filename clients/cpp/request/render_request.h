@@ -53,15 +53,26 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags);
 
 // UsageError.
 absl::Status CheckUsage(const RequestFlags& flags);
+// UsageError unless --isovalue is given, or --surface up to 16 times without --isovalue and
+// --color.
+absl::Status CheckSurfaces(const std::optional<double>& isovalue,
+                           const std::vector<SurfaceValue>& surfaces,
+                           const std::optional<frame::Color>& color);
 
 // REQUIRES: CheckUsage(flags) is OK.
 isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
-// The same with the very bits of a camera, such as ResolveView gives, which may come from a file.
-// INVALID_ARGUMENT if it can't see.
+// The same with the very bits of a camera, such as ResolveView gives, which may come from a file,
+// and with what it is to frame. INVALID_ARGUMENT if it can't see.
 absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
-    const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera);
+    const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera,
+    const std::optional<isoscope::v1::CameraFit>& fit = std::nullopt);
+// The request of a mesh. REQUIRES: CheckSurfaces is OK.
+isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<double>& isovalue,
+                                                        const std::vector<SurfaceValue>& surfaces,
+                                                        const ClipFlags& clip,
+                                                        const std::string& dataset);
 
 isoscope::v1::Color ToProto(const frame::Color& color);
 

@@ -22,7 +22,7 @@ using ::testing::HasSubstr;
 
 TEST(CancelBenchReportTest, ColdAndFollowingFramesAreApart) {
   CancelBenchResult result;
-  result.agent_count = 4;
+  result.drawers.agent_count = 4;
   for (int i = 1; i <= 200; ++i) {
     result.frames.push_back({.is_cold = i % 2 == 0,
                              .moment_ms = 1,
@@ -37,8 +37,7 @@ TEST(CancelBenchReportTest, ColdAndFollowingFramesAreApart) {
               ::testing::MatchesRegex("all +200 +100.50 +198.00 +200.00 +0.50 +0.50 +0.50"));
   CancelBenchPlan plan;
   plan.request.isovalue = 60;
-  const auto json = nlohmann::json::parse(
-      CancelBenchJson("head", plan, result, Machine{}, "2026-11-20 19:49 UTC"));
+  const auto json = nlohmann::json::parse(CancelBenchJson({.volume = "head"}, plan, result));
   EXPECT_EQ(json["isovalue"], 60.0);
   EXPECT_EQ(json["agents"], 4);
   EXPECT_EQ(json["idle_ms"]["median"], 100.5);

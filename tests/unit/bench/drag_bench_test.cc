@@ -11,8 +11,7 @@ using ::testing::HasSubstr;
 
 DragBenchResult Result() {
   DragBenchResult result;
-  result.agent_count = 2;
-  result.renderer = "cpu";
+  result.drawers = {2, "cpu"};
   result.drag_seconds = 2;
   result.frame_count = 3;
   result.latencies_ms = {10, 30, 20};
@@ -37,8 +36,7 @@ TEST(DragBenchTest, TheTextSaysRateLatencySizeAndWhetherTheExactFrameIsExact) {
 TEST(DragBenchTest, TheJsonHasTheSameFigures) {
   DragBenchPlan plan;
   plan.request.isovalue = 60;
-  const auto json =
-      nlohmann::json::parse(DragBenchJson("head", plan, Result(), Machine(), "today"));
+  const auto json = nlohmann::json::parse(DragBenchJson({.volume = "head"}, plan, Result()));
   EXPECT_EQ(json["frames_per_second"], 1.5);
   EXPECT_EQ(json["latency_ms"]["median"], 20);
   EXPECT_EQ(json["latency_ms"]["p95"], 30);

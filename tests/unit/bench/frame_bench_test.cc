@@ -260,7 +260,7 @@ TEST(FrameBenchReportTest, RatiosAndGrowthAreOfTheRightRows) {
   EXPECT_THAT(lines[2], HasSubstr("4.00")) << "400 bytes over 100";
 
   const auto json = nlohmann::json::parse(
-      FrameBenchJson("head", plan, result, Machine{}, "2026-11-20 19:49 UTC"));
+      FrameBenchJson({.date = "2026-11-20 19:49 UTC", .volume = "head"}, plan, result));
   EXPECT_EQ(json["cases"][0]["network_growth"], 1.0);
   EXPECT_EQ(json["cases"][1]["network_growth"], 4.0);
   EXPECT_EQ(json["cases"][1]["first"]["busy_sum_ms"], 10.0);

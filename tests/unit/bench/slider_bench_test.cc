@@ -12,8 +12,7 @@ using ::testing::Not;
 
 SliderBenchResult Result() {
   SliderBenchResult result;
-  result.agent_count = 1;
-  result.renderer = "cpu";
+  result.drawers = {1, "cpu"};
   result.is_in_process = true;
   result.first = {{60, 40, 4, 2}, {61, 20, 2, 0}, {62, 30, 3, 1}};
   result.second = {{60, 10, 1, 0}, {61, 12, 1, 0}, {62, 14, 1, 0}};
@@ -44,8 +43,7 @@ TEST(SliderBenchTest, TheJsonHasTheSameFigures) {
   SliderBenchPlan plan;
   plan.request.isovalue = 60;
   plan.last_isovalue = 62;
-  const auto json =
-      nlohmann::json::parse(SliderBenchJson("head", plan, Result(), Machine(), "today"));
+  const auto json = nlohmann::json::parse(SliderBenchJson({.volume = "head"}, plan, Result()));
   EXPECT_EQ(json["new"]["median_ms"], 30);
   EXPECT_EQ(json["new"]["median_grown_mib"], 1);
   EXPECT_EQ(json["again"]["p95_ms"], 14);

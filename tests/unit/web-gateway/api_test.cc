@@ -19,6 +19,7 @@
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/status_matchers.h"
+#include "tests/unit/web-gateway/header_of.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -135,7 +136,7 @@ TEST_F(ApiTest, ACachedPictureIsGoodUntilItsRequestItsDataOrTheAgentsPixelsChang
   const HttpResponse first = Get(target);
   ASSERT_EQ(first.status, 200) << first.body;
   EXPECT_EQ(first.body, "a picture");
-  const std::string etag = first.Header("ETag");
+  const std::string etag = HeaderOf(first, "ETag");
   EXPECT_EQ(Get(target, etag).status, 304);
   EXPECT_EQ(surfaces_.picture_count, 1);
   EXPECT_EQ(Get("/v1/datasets/head/render?isovalue=2&width=8&height=8", etag).status, 200);
@@ -143,7 +144,7 @@ TEST_F(ApiTest, ACachedPictureIsGoodUntilItsRequestItsDataOrTheAgentsPixelsChang
   cluster_.status.mutable_agents(0)->set_picture_revision("cpu 2");
   const HttpResponse other = Get(target, etag);
   EXPECT_EQ(other.status, 200);
-  EXPECT_NE(other.Header("ETag"), etag);
+  EXPECT_NE(HeaderOf(other, "ETag"), etag);
   cluster_.status.mutable_agents(0)->set_picture_revision("cpu 1");
   EXPECT_EQ(Get(target, etag).status, 304);
   datasets_.dataset_id = "4567";
@@ -154,7 +155,7 @@ TEST_F(ApiTest, ACachedPictureIsGoodUntilItsRequestItsDataOrTheAgentsPixelsChang
 // An agent that is gone, or that serves another dataset, draws none of its pixels.
 TEST_F(ApiTest, ThePictureRevisionIsOfAnAgentThatAnswersAndHasTheDataset) {
   const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
-  const std::string etag = Get(target).Header("ETag");
+  const std::string etag = HeaderOf(Get(target), "ETag");
   v1::AgentStatus gone = cluster_.status.agents(0);
   gone.set_state(v1::AgentStatus::STATE_UNREACHABLE);
   gone.set_picture_revision("egl of long ago");
@@ -166,14 +167,14 @@ TEST_F(ApiTest, ThePictureRevisionIsOfAnAgentThatAnswersAndHasTheDataset) {
   for (const v1::AgentStatus& one : {gone, other, agent}) {
     *cluster_.status.add_agents() = one;
   }
-  EXPECT_EQ(Get(target).Header("ETag"), etag);
+  EXPECT_EQ(HeaderOf(Get(target), "ETag"), etag);
 }
 
 TEST_F(ApiTest, NoSharedCacheKeepsWhatATokenWasShownFor) {
   const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
-  EXPECT_EQ(Get(target).Header("Cache-Control"), "public, no-cache");
-  EXPECT_EQ(Get(target, "", "secret").Header("Cache-Control"), "private, no-cache");
-  EXPECT_EQ(Get("/v1/datasets/0123/render?isovalue=1&width=8&height=8").Header("Cache-Control"),
+  EXPECT_EQ(HeaderOf(Get(target), "Cache-Control"), "public, no-cache");
+  EXPECT_EQ(HeaderOf(Get(target, "", "secret"), "Cache-Control"), "private, no-cache");
+  EXPECT_EQ(HeaderOf(Get("/v1/datasets/0123/render?isovalue=1&width=8&height=8"), "Cache-Control"),
             "public, max-age=31536000, immutable");
 }
 

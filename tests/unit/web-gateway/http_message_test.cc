@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/retry_delay.h"
+#include "tests/unit/web-gateway/header_of.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -32,7 +33,7 @@ TEST(HttpMessageTest, ErrorsAreJsonWhateverTheirMessageHas) {
   const HttpResponse response =
       ErrorResponse(absl::NotFoundError(std::string("a \"b\"\n\xff\x01 c")));
   EXPECT_EQ(response.status, 404);
-  EXPECT_EQ(response.Header("cache-control"), "no-store");
+  EXPECT_EQ(HeaderOf(response, "cache-control"), "no-store");
   const nlohmann::json json = nlohmann::json::parse(response.body, nullptr, false);
   ASSERT_FALSE(json.is_discarded()) << response.body;
   EXPECT_EQ(json["code"], "NOT_FOUND");
@@ -40,22 +41,23 @@ TEST(HttpMessageTest, ErrorsAreJsonWhateverTheirMessageHas) {
 }
 
 TEST(HttpMessageTest, AMissingTokenSaysHowToGiveIt) {
-  EXPECT_EQ(ErrorResponse(absl::UnauthenticatedError("no")).Header("WWW-Authenticate"), "Bearer");
-  EXPECT_EQ(ErrorResponse(absl::NotFoundError("no")).Header("WWW-Authenticate"), "");
+  EXPECT_EQ(HeaderOf(ErrorResponse(absl::UnauthenticatedError("no")), "WWW-Authenticate"),
+            "Bearer");
+  EXPECT_EQ(HeaderOf(ErrorResponse(absl::NotFoundError("no")), "WWW-Authenticate"), "");
 }
 
 TEST(HttpMessageTest, ARefusalThatTellsATimeHasItInHeaderAndBody) {
   const HttpResponse refused = ErrorResponse(
       base::WithRetryDelay(absl::ResourceExhaustedError("full"), absl::Milliseconds(1200)));
   EXPECT_EQ(refused.status, 429);
-  EXPECT_EQ(refused.Header("Retry-After"), "2");
+  EXPECT_EQ(HeaderOf(refused, "Retry-After"), "2");
   EXPECT_EQ(refused.body,
             "{\"code\":\"RESOURCE_EXHAUSTED\",\"message\":\"full\",\"retry_delay_ms\":1200}\n");
   const HttpResponse soon =
       ErrorResponse(base::WithRetryDelay(absl::UnavailableError("moving"), absl::ZeroDuration()));
   EXPECT_EQ(soon.status, 503);
-  EXPECT_EQ(soon.Header("Retry-After"), "1");
-  EXPECT_EQ(ErrorResponse(absl::ResourceExhaustedError("too large")).Header("Retry-After"), "");
+  EXPECT_EQ(HeaderOf(soon, "Retry-After"), "1");
+  EXPECT_EQ(HeaderOf(ErrorResponse(absl::ResourceExhaustedError("too large")), "Retry-After"), "");
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "tests/unit/web-gateway/header_of.h"
+
 namespace isoscope::gateway {
 namespace {
 
@@ -24,7 +26,7 @@ TEST(StaticFilesTest, TheRootIsThePage) {
 }
 
 TEST(StaticFilesTest, NothingInlineMayRun) {
-  const std::string policy = Get({}).Header("Content-Security-Policy");
+  const std::string policy = HeaderOf(Get({}), "Content-Security-Policy");
   EXPECT_THAT(policy, HasSubstr("default-src 'none'"));
   EXPECT_THAT(policy, HasSubstr("script-src 'self';"));
   EXPECT_THAT(policy, HasSubstr("worker-src 'self' blob:"));
@@ -32,11 +34,11 @@ TEST(StaticFilesTest, NothingInlineMayRun) {
 }
 
 TEST(StaticFilesTest, AFileThatTheBrowserHasIsNotSentAgain) {
-  const std::string etag = Get({}).Header("ETag");
+  const std::string etag = HeaderOf(Get({}), "ETag");
   const HttpResponse again = Get({}, etag);
   EXPECT_EQ(again.status, 304);
   EXPECT_EQ(again.body, "");
-  EXPECT_EQ(again.Header("ETag"), etag);
+  EXPECT_EQ(HeaderOf(again, "ETag"), etag);
 }
 
 TEST(StaticFilesTest, OtherPathsAreNotFound) {

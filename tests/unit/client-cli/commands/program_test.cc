@@ -208,7 +208,7 @@ std::vector<WrongUsage> RenderRows() {
        {"'o.fbx'", "the suffix '.fbx'", ".ply, .stl, .obj, .glb, .vtp"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.stl", "--format", "ply"},
        {"'o.stl'", "--format ply"}},
-      {{"render", "v.nrrd", "--isovalue", "1:3:1", "--output", "o.png"}, {"put %d or {}"}},
+      {{"render", "v.nrrd", "--isovalue", "1:3:1", "--output", "o.png"}, {"put %d into the name"}},
       {{"render", "v.nrrd", "--isovalue", "1:3", "--output", "o.png"}, {"START:STOP:STEP"}},
       {{"render", "v.nrrd", "--like", "p.png", "--output", "o.png", "--isovalue", "1"},
        {"--isovalue can't be used with --like"}},

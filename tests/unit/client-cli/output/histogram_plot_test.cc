@@ -88,22 +88,10 @@ TEST(HistogramPlotTest, WithoutCountsItDrawsActiveBlocksAndSaysSo) {
   EXPECT_THAT(text, HasSubstr("active blocks by isovalue"));
   EXPECT_THAT(text, HasSubstr("not counted"));
   EXPECT_THAT(text, Not(HasSubstr("suggested")));
-  EXPECT_THAT(HistogramToSvg(histogram, "t", false), HasSubstr("samples were not counted"));
 }
 
 TEST(HistogramPlotTest, NoBinsAreASentence) {
   EXPECT_THAT(DrawHistogram({}, {}), HasSubstr("no sample is finite"));
-  EXPECT_THAT(HistogramToSvg({}, "t", true), HasSubstr("no sample is finite"));
-}
-
-TEST(HistogramPlotTest, TheSvgIsOneElementThatCloses) {
-  const std::string svg = HistogramToSvg(Example(), "a <b> & \"c\"", false);
-  EXPECT_EQ(svg.rfind("<svg ", 0), 0u);
-  EXPECT_EQ(svg.substr(svg.size() - 7), "</svg>\n");
-  EXPECT_THAT(svg, HasSubstr("a &lt;b&gt; &amp; "));
-  EXPECT_THAT(svg, HasSubstr("between_classes: 59.5"));
-  EXPECT_THAT(svg, Not(HasSubstr("nan")));
-  EXPECT_THAT(svg, Not(HasSubstr("inf")));
 }
 
 TEST(HistogramPlotTest, TheJsonHasEveryNumber) {

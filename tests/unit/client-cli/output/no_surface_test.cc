@@ -41,9 +41,9 @@ TEST(NoSurfaceTest, TheLineGoesToStandardErrorAlone) {
   std::ostringstream out;
   std::ostringstream err;
   const Context context{.out = &out, .err = &err};
-  WarnIfNoSurface(DatasetInRange(0, 9), 5, context);
+  WarnIfNoSurface(DatasetInRange(0, 9), {5}, context);
   EXPECT_EQ(err.str(), "");
-  WarnIfNoSurface(DatasetInRange(0, 9), 10, context);
+  WarnIfNoSurface(DatasetInRange(0, 9), {10}, context);
   EXPECT_EQ(out.str(), "");
   EXPECT_EQ(err.str(),
             "isoscope: isovalue 10 has no surface: the values of the volume are in [0, 9], and it "

@@ -103,7 +103,7 @@ TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
     std::string message;
   };
   for (const Case& c : std::vector<Case>{
-           {{"--isovalue", "1:3:1"}, "a.png", "put %d or {} into the name"},
+           {{"--isovalue", "1:3:1"}, "a.png", "put %d into the name"},
            {{"--isovalue", "1:3:1"}, "a-%3x.png", "3 frames would overwrite each other"},
            {{"--isovalue", "1", "--repeat", "36"}, "a-%i.png", "36 frames would overwrite"},
            {{"--isovalue", "1"}, "a-%d-%s.png", "'%s' is no number of a frame"},

@@ -62,6 +62,22 @@ TEST(TableTest, NoLineIsWiderThanTheWindow) {
   }
 }
 
+TEST(TableTest, CutLinesMakeFlexibleColumnsNarrowerAndNoOthers) {
+  Table table = Table::OfColumns({{"AGENT", true, true}, {"STATE", true}, {"FRAMES"}});
+  table.AddRow({"a-long-name-of-a-host", "ok", "12"});
+  using Lines = std::vector<std::string>;
+  EXPECT_EQ(table.CutLines(0), Lines({"AGENT                  STATE  FRAMES",
+                                      "a-long-name-of-a-host  ok         12"}));
+  EXPECT_EQ(table.CutLines(25), Lines({"AGENT       STATE  FRAMES", "a-long-na~  ok         12"}));
+  EXPECT_EQ(table.CutLines(1), Lines({"AGENT     STATE  FRAMES", "a-long-~  ok         12"}));
+}
+
+TEST(CutTextTest, TheLastCharacterSaysThatMoreFollowed) {
+  EXPECT_EQ(CutText("abc", 3), "abc");
+  EXPECT_EQ(CutText("abcd", 3), "ab~");
+  EXPECT_EQ(CutText("abcd", 0), "");
+}
+
 TEST(WrapTextTest, BreaksAtSpacesAndBehindCommasAndSlashes) {
   using Lines = std::vector<std::string>;
   EXPECT_EQ(WrapText("", 5), Lines({""}));

@@ -29,8 +29,8 @@ TEST(HostPortTest, AddressesHaveHostAndPort) {
 TEST(HostPortTest, OnlyHostsGetADefaultPort) {
   EXPECT_EQ(WithDefaultPort("node3", 50052), "node3:50052");
   EXPECT_EQ(WithDefaultPort("[::1]", 50052), "[::1]:50052");
-  for (const char* text :
-       {"", "node3:1", "[::1]:1", "unix:/run/agent", "file:agents.txt", "dns:///agents", "::1"}) {
+  for (const char* text : {"", "70000", "node3:1", "[::1]:1", "unix:/run/agent", "file:agents.txt",
+                           "dns:///agents", "::1"}) {
     EXPECT_EQ(WithDefaultPort(text, 50052), text);
   }
 }

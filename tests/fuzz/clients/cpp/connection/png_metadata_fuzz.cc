@@ -98,7 +98,7 @@ std::vector<std::string> Seeds() {
   std::vector<std::string> seeds{std::string(1, '\0') + plain, "\1" + plain};
   for (const bool is_annotated : {false, true}) {
     if (is_annotated) {
-      record.annotated = client::AnnotatedPicture{.plain_png_sha256 = client::PictureSha256("x"),
+      record.annotated = client::AnnotatedPicture{.plain_png_sha256 = client::Sha256Hex("x"),
                                                   .boxes = {{1, 1, 2, 2}}};
     }
     const auto png = client::AddPictureRecord(plain, record);

@@ -54,7 +54,7 @@ TEST(PngMetadataTest, RecordComesBackBitForBitAndThePictureWithoutIt) {
   for (const bool is_annotated : {false, true}) {
     if (is_annotated) {
       record.annotated =
-          AnnotatedPicture{.plain_png_sha256 = PictureSha256("x"),
+          AnnotatedPicture{.plain_png_sha256 = Sha256Hex("x"),
                            .boxes = {{.begin_x = 1, .begin_y = 2, .end_x = 3, .end_y = 4}}};
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string png, AddPictureRecord(SmallPng(), record));
@@ -167,7 +167,7 @@ TEST(PngMetadataTest, TextOfOtherProgramsIsLeftAloneAndCopiesOfTheRecordAreRead)
 }
 
 TEST(PngMetadataTest, Sha256OfTheEmptyTextIsTheKnownOne) {
-  EXPECT_EQ(PictureSha256(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(Sha256Hex(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
 }
 
 }  // namespace

@@ -154,7 +154,6 @@ TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
 TEST(LookFlagsTest, ASurfaceMayKeepItsColor) {
   LookFlags flags;
   flags.color_by = {{}, {ColorBy{.quantity = ColorBy::Quantity::kNormal}}};
-  EXPECT_FALSE(flags.colors_by_position());
   isoscope::v1::RenderIsosurfaceRequest request;
   request.add_surfaces();
   request.add_surfaces();

@@ -1,0 +1,192 @@
+#include "client-cli/commands/render_flags.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+
+#include "client-cli/output/annotation_flags.h"
+#include "client-cli/output/frame_name.h"
+#include "client-cli/output/picture_output.h"
+#include "clients/cpp/connection/like_picture.h"
+#include "clients/cpp/picture_file/animation_writer.h"
+#include "clients/cpp/picture_file/poster.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "core/image/jpeg_codec.h"
+#include "core/io/atomic_file.h"
+
+namespace isoscope::cli {
+namespace {
+
+// UsageError if the output's format does not fit what is asked for beside it.
+absl::Status CheckFormat(const RenderFlags& flags) {
+  if (!flags.output) {
+    return absl::OkStatus();
+  }
+  if (!flags.is_jpeg()) {
+    return CheckPicturePath(*flags.output, flags.request.image_size());
+  }
+  if (flags.annotations.any()) {
+    return UsageError(
+        "annotations are drawn on pictures without loss: --output must not be a JPEG");
+  }
+  return absl::OkStatus();
+}
+
+// UsageError for what a picture can't have that is drawn region by region.
+absl::Status CheckPoster(const RenderFlags& flags) {
+  if (!flags.is_poster()) {
+    return absl::OkStatus();
+  }
+  const std::string picture = absl::StrCat("a picture of ", flags.request.viewport().width_px,
+                                           " x ", flags.request.viewport().height_px, " pixels");
+  const std::string in_regions = absl::StrCat(picture, " is drawn in regions");
+  const std::string limit = absl::StrCat(client::kMaxSinglePixels, " pixels");
+  const struct {
+    bool is_broken;
+    std::string message;
+  } rules[] = {
+      {!flags.output,
+       absl::StrCat("--output FILE.png is missing: ", picture, " is written while it is drawn")},
+      {flags.is_jpeg(), absl::StrCat(in_regions, " into a PNG: --output must end in .png")},
+      {flags.planes.files.any_plane(),
+       absl::StrCat(in_regions, " into a PNG: planes are written of a --region of it")},
+      {flags.sweep.frame_count() > 1,
+       absl::StrCat(in_regions, ", one picture at a time: leave ",
+                    flags.sweep.is_isovalue_sweep() ? "the sweep of --isovalue" : "--repeat",
+                    " out, or ask for at most ", limit)},
+      {flags.view.save_camera_file.has_value(),
+       absl::StrCat(in_regions, ": --save-camera is for pictures of at most ", limit)},
+      {flags.trace.has_value(),
+       absl::StrCat(in_regions, ": --trace is for one frame, as a --region of it is")},
+      {flags.allow_partial, absl::StrCat(in_regions,
+                                         ", of which each could lack other shards: leave "
+                                         "--allow-partial out")},
+      {flags.annotations.any(),
+       absl::StrCat(in_regions, ": annotations are drawn on pictures of at most ", limit)},
+  };
+  for (const auto& rule : rules) {
+    if (rule.is_broken) {
+      return UsageError(rule.message);
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
+  const ShowMode mode = flags.show_mode();
+  if (flags.stats == "-" && mode != ShowMode::kNever) {
+    return UsageError("--show and --stats - both write to standard output: leave one out");
+  }
+  const bool may_show = IsFormat(mode) || (mode == ShowMode::kAuto && context.out_columns > 0);
+  if (!flags.output && (flags.like || (!flags.planes.files.any_plane() && !may_show))) {
+    return UsageError("--output FILE.png is missing: the picture to write");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+bool RenderFlags::is_poster() const {
+  const view::Viewport viewport = request.viewport();
+  const view::Viewport drawn = effects.drawn_size(viewport);
+  return !request.region && (client::NeedsRegions(viewport) ||
+                             std::max(drawn.width_px, drawn.height_px) > view::kMaxViewportPx);
+}
+
+view::Viewport RenderFlags::region_size() const {
+  return client::RegionSizeOf(request.viewport(), effects.max_region_side_px());
+}
+
+view::Viewport RenderFlags::drawn_size() const {
+  return effects.drawn_size(is_poster() ? region_size() : request.image_size());
+}
+
+bool RenderFlags::is_jpeg() const { return output && IsJpegName(FrameFileName(*output, 0)); }
+
+ShowMode RenderFlags::show_mode() const {
+  return show.value_or(stats == "-" ? ShowMode::kNever : ShowMode::kAuto);
+}
+
+void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
+  AddSessionFlags(set, &flags->session);
+  AddRendererFlag(set, &flags->session);
+  AddFlag(set, "-o,--output", "FILE.png", &flags->output, ParseText,
+          "the picture: a PNG, or a JPEG if it ends in .jpg; with %d or %03d in its name one for "
+          "each frame, numbered from 0, else the last one; all "
+          "frames as one animation if it ends in .apng or .webp");
+  client::AddRequestFlags(set, &flags->request);
+  AddSweepFlags(set, &flags->sweep, &flags->request);
+  AddPlaneFlags(set, &flags->planes);
+  client::AddEffectFlags(set, &flags->effects);
+  client::AddViewFlags(set, &flags->view);
+  client::AddLookFlags(set, &flags->look);
+  AddShowFlag(set, &flags->show,
+              "show the picture in the terminal: auto (default) where standard output is one that "
+              "can, or in a format whatever it is; --output may then be left out");
+  AddFlag(set, "--stats", "FILE|-", &flags->stats, ParseText,
+          "write statistics as JSON (- is standard output), and print them as tables");
+  AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
+          "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
+  AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,
+          "make the picture in FILE.png again, from the record that render keeps in its pictures, "
+          "and compare; takes no flag that decides a pixel");
+  set->AddSwitch("--no-metadata", &flags->has_no_metadata,
+                 "write pictures without a record of how they were made");
+  set->AddSwitch("--allow-partial", &flags->allow_partial,
+                 "draw what there is if some shards are not served, and say what is missing; else "
+                 "that is an error");
+  AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
+          "fail if the dataset under that name has another id; `isoscope info` prints it");
+  AddAnnotationFlags(set, &flags->annotations);
+  AddQuietFlag(set, &flags->is_quiet);
+}
+
+absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  if (!flags.like) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckShow(flags, context));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
+  if (!flags.like) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.isovalues().size()));
+    if (flags.planes.files.any_plane() && flags.sweep.frame_count() > 1) {
+      return UsageError("planes are written of one picture: leave --repeat and sweeps out");
+    }
+    if (flags.trace && flags.sweep.frame_count() > 1) {
+      return UsageError("--trace is for one frame: leave --repeat and sweeps out");
+    }
+    if (flags.annotations.has_legend && flags.look.color_by.empty()) {
+      return UsageError("--legend shows what the colours of --color-by mean: give that too");
+    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
+    return CheckUsage(flags.sweep, flags.output.value_or(""));
+  }
+  if (flags.request.culling == frame::Culling::kMask) {
+    return UsageError("--culling mask can't be used with --like: it is approximate");
+  }
+  if (client::IsAnimationName(*flags.output) || flags.is_jpeg()) {
+    return UsageError("--like makes one picture again: --output must end in .png");
+  }
+  return client::CheckOnlyFlagsBesideLike(set);
+}
+
+absl::Status CheckOutputs(const RenderFlags& flags) {
+  if (flags.output) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(FrameFileName(*flags.output, 0)));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
+  }
+  if (flags.trace) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.trace));
+  }
+  return flags.stats && *flags.stats != "-" ? io::CheckWritable(*flags.stats) : absl::OkStatus();
+}
+
+}  // namespace isoscope::cli

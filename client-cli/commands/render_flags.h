@@ -1,0 +1,67 @@
+// The flags of `isoscope render`, and what may be asked for together.
+
+#ifndef ISOSCOPE_CLIENT_CLI_COMMANDS_RENDER_FLAGS_H_
+#define ISOSCOPE_CLIENT_CLI_COMMANDS_RENDER_FLAGS_H_
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+
+#include "client-cli/output/plane_flags.h"
+#include "client-cli/output/sweep.h"
+#include "client-cli/session/session.h"
+#include "client-cli/terminal/show_picture.h"
+#include "clients/cpp/picture_file/annotations.h"
+#include "clients/cpp/request/effect_flags.h"
+#include "clients/cpp/request/look_flags.h"
+#include "clients/cpp/request/render_request.h"
+#include "clients/cpp/request/view_flags.h"
+#include "core/cli/command.h"
+#include "core/cli/flag_set.h"
+#include "core/view/camera.h"
+
+namespace isoscope::cli {
+
+struct RenderFlags {
+  SessionFlags session;
+  client::RequestFlags request;
+  SweepFlags sweep;
+  PlaneFlags planes;
+  client::EffectFlags effects;
+  client::ViewFlags view;
+  client::LookFlags look;
+  std::optional<std::string> output;
+  std::optional<std::string> stats;
+  std::optional<std::string> like;
+  std::optional<ShowMode> show;
+  std::optional<std::string> trace;
+  bool has_no_metadata = false;
+  bool allow_partial = false;
+  bool is_quiet = false;
+  std::optional<std::string> dataset_id;
+  client::Annotations annotations;
+
+  // Whether the picture is drawn region by region.
+  [[nodiscard]] bool is_poster() const;
+  // Of a poster.
+  [[nodiscard]] view::Viewport region_size() const;
+  // The size of the frames that agents will draw.
+  [[nodiscard]] view::Viewport drawn_size() const;
+  [[nodiscard]] bool is_jpeg() const;
+  // Standard output has room for one: the statistics, or the picture.
+  [[nodiscard]] ShowMode show_mode() const;
+};
+
+// `flags` must outlive the parsing.
+void AddRenderFlags(FlagSet* set, RenderFlags* flags);
+
+// UsageError for flags, of those that `set` was given, that do not fit each other.
+absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context);
+
+// Finds out before any work whether its result can be kept.
+absl::Status CheckOutputs(const RenderFlags& flags);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_COMMANDS_RENDER_FLAGS_H_

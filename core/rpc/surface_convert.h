@@ -1,0 +1,49 @@
+// Converts the surfaces of a frame between wire and core types: their levels, colours, materials
+// and maps, the caps of their cuts, and the lights on them. All errors are INVALID_ARGUMENT; they
+// name the field, its value and the allowed values. `path` is the field's name in messages.
+
+#ifndef ISOSCOPE_CORE_RPC_SURFACE_CONVERT_H_
+#define ISOSCOPE_CORE_RPC_SURFACE_CONVERT_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/frame/frame_spec.h"
+#include "core/math/vec.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::rpc {
+
+// `value`, which must lie in [min, max]; NaN does not.
+absl::StatusOr<float> InRange(float value, float min, float max, absl::string_view path);
+// The length must be neither 0 nor infinite.
+absl::Status CheckLength(const math::Vec3d& v, const std::string& path);
+
+// The surfaces that a request lists, or the one that its isovalue and base_color make.
+absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request);
+absl::StatusOr<std::vector<frame::Light>> LightsFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request);
+absl::StatusOr<frame::ClipCaps> ClipCapsFromProto(const isoscope::v1::ClipCaps& proto,
+                                                  const std::string& path);
+absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& proto,
+                                                absl::string_view path);
+// FrameSpecFromProto gives the same back.
+isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
+isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps);
+isoscope::v1::Light ToProto(const frame::Light& light);
+
+// Gives the maps of surfaces that show the gradient's magnitude the range 0 to the dataset's bound,
+// where the request has none. INVALID_ARGUMENT if the dataset does not have the bound.
+absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
+                                isoscope::v1::RenderIsosurfaceRequest* request,
+                                frame::FrameSpec* spec);
+
+}  // namespace isoscope::rpc
+
+#endif  // ISOSCOPE_CORE_RPC_SURFACE_CONVERT_H_

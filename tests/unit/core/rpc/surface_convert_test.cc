@@ -1,0 +1,244 @@
+#include "core/rpc/surface_convert.h"
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "core/view/camera.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/core/rpc/wrong_fields.h"
+
+namespace isoscope::rpc {
+namespace {
+
+using isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
+
+TEST(SurfaceConvertTest, SurfacesArriveInTheirOrderWithTheirLook) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  request.add_surfaces()->set_isovalue(75);
+  isoscope::v1::Surface* const second = request.add_surfaces();
+  second->set_isovalue(-30);
+  *second->mutable_color() = ToProto(image::Rgba8{9, 8, 7, 255});
+  second->mutable_material()->set_ambient(0);
+  second->mutable_material()->set_diffuse(0.5F);
+  second->mutable_material()->set_specular(0.25F);
+  second->mutable_material()->set_shininess(7);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  ASSERT_EQ(spec.surfaces.size(), 2U);
+  EXPECT_EQ(spec.surfaces[0], (frame::Surface{.isovalue = 75, .appearance = {}}));
+  EXPECT_EQ(spec.surfaces[1], (frame::Surface{.isovalue = -30,
+                                              .appearance = {.base_color = {9, 8, 7, 255},
+                                                             .ambient = 0,
+                                                             .diffuse = 0.5F,
+                                                             .specular = 0.25F,
+                                                             .shininess = 7}}));
+}
+
+TEST(SurfaceConvertTest, CapsArriveAndGoBack) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_y(-2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_FALSE(spec.caps.has_value());
+  for (const frame::ClipCaps& caps :
+       {frame::ClipCaps{}, frame::ClipCaps{.map = frame::ColorMap::kGrey},
+        frame::ClipCaps{.map = frame::ColorMap::kViridis, .range = frame::ColorRange{-1, 2}}}) {
+    *request.mutable_caps() = ToProto(caps);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+    EXPECT_EQ(spec.caps, caps);
+  }
+  // A box is a cut, too.
+  request.clear_clip();
+  *request.mutable_clip()->mutable_box()->mutable_min() = ToProto(math::Vec3d{1, 2, 3});
+  *request.mutable_clip()->mutable_box()->mutable_max() = ToProto(math::Vec3d{1, 5, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_TRUE(spec.caps.has_value());
+}
+
+TEST(SurfaceConvertTest, HostileCapsAreNamed) {
+  const auto expect = [](const isoscope::v1::RenderIsosurfaceRequest& request, const char* what) {
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_caps();
+  expect(request, "caps is set without clip: must be unset");
+  request.mutable_clip();
+  expect(request, "caps is set without clip");
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  ISOSCOPE_EXPECT_OK(FrameSpecFromProto(request));
+  request.mutable_caps()->mutable_range()->set_max(1);
+  expect(request, "caps.range is set without caps.color_map");
+  for (const int map : {-1, 7, 1000}) {
+    request.mutable_caps()->set_color_map(static_cast<isoscope::v1::ColorMap>(map));
+    expect(request, "caps.color_map is ");
+  }
+  request.mutable_caps()->set_color_map(isoscope::v1::COLOR_MAP_GREY);
+  ISOSCOPE_EXPECT_OK(FrameSpecFromProto(request));
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double bad : {-kInfinity, kInfinity, std::nan("")}) {
+    request.mutable_caps()->mutable_range()->set_min(bad);
+    expect(request, "caps.range.min is ");
+    request.mutable_caps()->mutable_range()->set_min(0);
+    request.mutable_caps()->mutable_range()->set_max(bad);
+    expect(request, "caps.range.max is ");
+  }
+  request.mutable_caps()->mutable_range()->set_max(0);
+  expect(request, "caps.range.max is 0: must be greater than caps.range.min");
+  request.mutable_caps()->mutable_range()->set_max(std::numeric_limits<double>::max());
+  request.mutable_caps()->mutable_range()->set_min(-std::numeric_limits<double>::max());
+  expect(request, "by a number that is finite");
+}
+
+TEST(SurfaceConvertTest, AlphaIsTheOpacityOfASurface) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_FALSE(frame::HasLayers(spec));
+  EXPECT_EQ(spec.max_layers, 8);
+  request.mutable_base_color()->set_green(1);
+  request.mutable_base_color()->set_alpha(0.25F);
+  request.set_max_layers(3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_TRUE(frame::HasLayers(spec));
+  EXPECT_EQ(spec.surfaces[0].opacity, 0.25F);
+  EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{0, 255, 0, 255}));
+  EXPECT_EQ(spec.max_layers, 3);
+}
+
+TEST(SurfaceConvertTest, LightsAndColorByArriveAndGoBack) {
+  const frame::Light light{.direction = {1, -2, 3},
+                           .space = frame::Light::Space::kWorld,
+                           .intensity = 2.5F,
+                           .color = {255, 0, 128, 255}};
+  const frame::ColorBy by_z{.quantity = frame::ColorBy::Quantity::kPositionZ,
+                            .map = frame::ColorMap::kCoolWarm,
+                            .range = frame::ColorRange{-1, 4},
+                            .opacity_at_min = 0,
+                            .opacity_at_max = 0.75F};
+  const frame::ColorBy by_normal{.quantity = frame::ColorBy::Quantity::kNormal};
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  *request.add_lights() = ToProto(light);
+  request.add_lights()->mutable_direction()->set_z(1);
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_z);
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_normal);
+  request.add_surfaces()->mutable_color_by()->set_quantity(
+      isoscope::v1::ColorBy::QUANTITY_POSITION_X);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.lights, (std::vector<frame::Light>{light, frame::Light()}));
+  EXPECT_EQ(spec.surfaces[0].color_by, by_z);
+  EXPECT_EQ(spec.surfaces[1].color_by, by_normal);
+  EXPECT_EQ(spec.surfaces[2].color_by, frame::ColorBy());
+  EXPECT_TRUE(spec.surfaces[0].is_translucent()) << "by the opacities of its map alone";
+  EXPECT_FALSE(spec.surfaces[2].is_translucent());
+  EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
+}
+
+TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  const frame::ColorBy by_gradient{.quantity = frame::ColorBy::Quantity::kGradientMagnitude,
+                                   .map = frame::ColorMap::kTurbo};
+  frame::ColorBy with_range = by_gradient;
+  with_range.range = frame::ColorRange{3, 4};
+  request.add_surfaces();
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_gradient);
+  *request.add_surfaces()->mutable_color_by() = ToProto(with_range);
+  *request.add_surfaces()->mutable_color_by() = ToProto(frame::ColorBy());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("ct");
+  for (const double bound : {12.5, 0.0}) {
+    dataset.set_max_gradient_magnitude(bound);
+    isoscope::v1::RenderIsosurfaceRequest resolved = request;
+    frame::FrameSpec resolved_spec = spec;
+    ISOSCOPE_ASSERT_OK(ResolveColorRanges(dataset, &resolved, &resolved_spec));
+    EXPECT_EQ(resolved_spec.surfaces[1].color_by->range,
+              (frame::ColorRange{0, bound > 0 ? bound : 1}));
+    EXPECT_EQ(resolved_spec.surfaces[2].color_by, with_range);
+    EXPECT_FALSE(resolved_spec.surfaces[3].color_by->range.has_value());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec again, FrameSpecFromProto(resolved));
+    EXPECT_EQ(again, resolved_spec) << "agents read the same from the message";
+  }
+}
+
+TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  request.add_surfaces()->mutable_color_by()->set_quantity(
+      isoscope::v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("ct");
+  EXPECT_THAT(ResolveColorRanges(dataset, &request, &spec),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("surfaces[0].color_by.range is not set: required, because dataset "
+                                 "'ct'")));
+  request.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_max(2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  ISOSCOPE_EXPECT_OK(ResolveColorRanges(dataset, &request, &spec));
+}
+
+TEST(SurfaceConvertTest, EveryColorMapIsKnown) {
+  for (int map = isoscope::v1::ColorMap_MIN + 1; map <= isoscope::v1::ColorMap_MAX; ++map) {
+    isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+    request.set_isovalue(0);
+    isoscope::v1::ColorBy* const color_by = request.add_surfaces()->mutable_color_by();
+    color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_POSITION_X);
+    color_by->set_color_map(static_cast<isoscope::v1::ColorMap>(map));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+    EXPECT_EQ(ToProto(*spec.surfaces[0].color_by).color_map(), color_by->color_map());
+  }
+}
+
+TEST(SurfaceConvertTest, HostileLightsAndColorByAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  using Request = isoscope::v1::RenderIsosurfaceRequest;
+  Request good = MakeRequest();
+  good.set_isovalue(0);
+  isoscope::v1::ColorBy* const color_by = good.add_surfaces()->mutable_color_by();
+  color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_POSITION_Y);
+  color_by->mutable_range()->set_max(1);
+  good.add_lights()->mutable_direction()->set_z(1);
+  good.mutable_lights(0)->mutable_color()->set_alpha(1);
+  ExpectNamed(
+      good, {{"lights[0].direction.z", {kNan, 0, kInfinity, 1e300, 1e-300}, "lights[0].direction"},
+             {"lights[0].intensity", {kNan, -0.1, 10.1, kInfinity}},
+             {"lights[0].space", {-1, 3, 1e9}},
+             {"lights[0].color.green", {kNan, -0.01, 1.01}},
+             {"lights[0].color.alpha", {kNan, 0, 0.5}},
+             {"surfaces[0].color_by.quantity", {0, -1, 6}},
+             {"surfaces[0].color_by.color_map", {-1, 7, 1e9}},
+             {"surfaces[0].color_by.range.min", {kNan, kInfinity, 1, 2}},
+             {"surfaces[0].color_by.range.max", {kNan, -kInfinity, 0, -1}},
+             {"surfaces[0].color_by.opacity.at_min", {kNan, -0.01, 1.01, kInfinity}},
+             {"surfaces[0].color_by.opacity.at_max", {kNan, -1, 2, -kInfinity}},
+             {"surfaces[0].color_by.quantity",
+              {isoscope::v1::ColorBy::QUANTITY_NORMAL},
+              "surfaces[0].color_by.range is set beside"}});
+  color_by->clear_range();
+  color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
+  const std::string beside = " is set beside surfaces[0].color_by.quantity 4";
+  ExpectNamed(
+      good, {{"surfaces[0].color_by.opacity.at_max", {0}, "surfaces[0].color_by.opacity" + beside},
+             {"surfaces[0].color_by.color_map",
+              {isoscope::v1::COLOR_MAP_GREY},
+              "surfaces[0].color_by.color_map" + beside}});
+  while (good.lights_size() < 5) {
+    *good.add_lights() = good.lights(0);
+  }
+  EXPECT_THAT(FrameSpecFromProto(good),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("lights has 5 elements: must have at most 4")));
+}
+
+}  // namespace
+}  // namespace isoscope::rpc
