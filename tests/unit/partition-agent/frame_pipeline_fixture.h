@@ -40,7 +40,7 @@ namespace isoscope::agent {
 inline constexpr image::FragmentOrder kOrder{.block_count = 1 << 20,
                                              .ties = image::TieRule::kColor};
 
-using Shards = std::vector<std::shared_ptr<const Shard>>;
+
 
 // One whole frame of one agent: both images composited, and what it took.
 struct Frame {
