@@ -1,7 +1,6 @@
 #include "partition-agent/block_reads.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "core/base/status_macros.h"
 

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "absl/functional/function_ref.h"
@@ -25,7 +26,10 @@ struct BlockToRead {
   std::uint32_t shard_index = 0;
   std::uint32_t ordinal = 0;
 
-  friend auto operator<=>(const BlockToRead&, const BlockToRead&) = default;
+  friend bool operator==(const BlockToRead&, const BlockToRead&) = default;
+  friend bool operator<(const BlockToRead& a, const BlockToRead& b) {
+    return std::pair(a.shard_index, a.ordinal) < std::pair(b.shard_index, b.ordinal);
+  }
 };
 
 // The disk runs of some blocks. For one use, by one thread.
