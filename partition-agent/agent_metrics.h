@@ -38,6 +38,12 @@ struct AgentGauges {
   std::int64_t certificate_failures = 0;  // could not be read
 };
 
+// Looks into a cache, by result.
+struct CacheLookups {
+  base::Counter hits;
+  base::Counter misses;
+};
+
 // Updated while the agent works, by atomics alone. Thread-safe.
 struct AgentMetrics {
   AgentMetrics();
@@ -61,12 +67,9 @@ struct AgentMetrics {
   base::Counter reads;       // disk runs of blocks
   base::Counter read_bytes;  // of blocks and index pages, for frames
   base::Counter read_wait;   // a duration: steps that could do nothing but wait for reads
-  base::Counter mesh_hits;
-  base::Counter mesh_misses;
-  base::Counter sample_hits;
-  base::Counter sample_misses;
-  base::Counter active_hits;
-  base::Counter active_misses;
+  CacheLookups mesh_lookups;
+  CacheLookups sample_lookups;
+  CacheLookups active_lookups;  // lists of active blocks
 
   // Returns all of the above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const AgentGauges& gauges) const;

@@ -2,7 +2,6 @@
 
 #include <map>
 #include <set>
-#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -57,7 +56,7 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
 }
 
 // INVALID_ARGUMENT if a shard comes twice, or if two datasets share a name.
-absl::Status CheckConsistent(const std::vector<std::shared_ptr<const Shard>>& shards) {
+absl::Status CheckConsistent(const Shards& shards) {
   std::map<std::string, const store::ShardReader*> by_name;
   std::map<std::pair<std::string, int>, const store::ShardReader*> by_index;
   for (const std::shared_ptr<const Shard>& shard : shards) {
@@ -82,7 +81,7 @@ absl::Status CheckConsistent(const std::vector<std::shared_ptr<const Shard>>& sh
   return absl::OkStatus();
 }
 
-std::string Summarize(const std::vector<std::shared_ptr<const Shard>>& shards) {
+std::string Summarize(const Shards& shards) {
   std::map<std::string, std::set<int>> indices;
   std::map<std::string, std::size_t> counts;
   for (const std::shared_ptr<const Shard>& shard : shards) {
@@ -100,10 +99,10 @@ std::string Summarize(const std::vector<std::shared_ptr<const Shard>>& shards) {
 
 class AgentServerImpl final : public AgentServer {
  public:
-  AgentServerImpl(const PartitionAgentServiceOptions& options, std::string certificate_file)
-      : certificate_(std::move(certificate_file)),
-        service_(options),
-        summary_(Summarize(options.shards)) {}
+  AgentServerImpl(const AgentServerOptions& options, const Shards& shards)
+      : certificate_(options.transport.certificate_file),
+        service_(options, shards),
+        summary_(Summarize(shards)) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
   absl::Status Listen(const AgentServerOptions& options) {
@@ -179,26 +178,17 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
         "max_concurrent_frames is ", options.max_concurrent_frames, " and max_queued_frames ",
         options.max_queued_frames, ": must be at least 1 and at least 0"));
   }
-  PartitionAgentServiceOptions service_options;
+  Shards shards;
   for (const std::string& directory : options.directories) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
                               ShardDirectoriesOf(directory));
     for (const std::string& shard_directory : shard_directories) {
       ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, OpenShard(shard_directory));
-      service_options.shards.push_back(std::move(shard));
+      shards.push_back(std::move(shard));
     }
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(service_options.shards));
-  service_options.renderer = options.renderer;
-  service_options.arena = options.arena;
-  service_options.memory = options.memory;
-  service_options.mailboxes = options.mailboxes;
-  service_options.max_concurrent_frames = options.max_concurrent_frames;
-  service_options.max_queued_frames = options.max_queued_frames;
-  service_options.frame_executor = options.frame_executor;
-  service_options.one_thread_a_step = options.one_thread_a_step;
-  auto server =
-      std::make_unique<AgentServerImpl>(service_options, options.transport.certificate_file);
+  ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(shards));
+  auto server = std::make_unique<AgentServerImpl>(options, shards);
   ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }

@@ -20,6 +20,7 @@
 #include "core/base/lru_cache.h"
 #include "core/base/memory_pool.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/block_samples.h"
 #include "partition-agent/mesh_cache.h"
 #include "partition-agent/shard.h"
 
@@ -93,6 +94,13 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
          slider_bytes_.fetch_add(samples.size(), std::memory_order_relaxed) < kMaxSliderBytes)) {
       samples_.Insert(key, std::make_shared<const std::string>(samples), samples.size());
     }
+  }
+
+  void OfferSamples(const Shard& shard, std::uint32_t ordinal,
+                    const volume::BlockSamples& samples) {
+    OfferSamples(shard, ordinal,
+                 {samples.bytes,
+                  volume::StoredSizeBytes(shard.reader->layout(), samples.block_id, samples.type)});
   }
 
   // Returns the active blocks of a shard, ascending by block id; null if they are not kept.

@@ -1,13 +1,9 @@
-// For each shard:
-//
-// 1. CapPainter::NeedOf tells of each block whether it has no caps, is inside as a whole, or must
-// be
-//    looked at sample by sample.
+// 1. CapPainter::NeedOf says whether a block has no caps, is inside as a whole, or must be seen
+//    sample by sample.
 // 2. Blocks inside as a whole are painted from their span, and blocks with samples in the cache
-// from
-//    there, in parallel.
+//    from there, in parallel.
 // 3. The others are read in disk runs and painted as they arrive; the cache is offered their
-// samples.
+//    samples.
 //
 // Each block's fragments go into the image in batches under one lock, by the order of fragments, so
 // that the order of blocks cannot show.
@@ -31,7 +27,7 @@
 #include "core/picture/color_map.h"
 #include "core/render/clip_caps.h"
 #include "core/store/shard_reader.h"
-#include "partition-agent/queued_reads.h"
+#include "partition-agent/block_reads.h"
 
 namespace isoscope::agent {
 namespace {
@@ -103,67 +99,70 @@ class CapSink {
   base::Mutex mutex_;
 };
 
-// The blocks of a shard that have caps.
-struct CapBlocks {
-  std::vector<std::uint32_t> of_span;       // ordinals
-  std::vector<std::uint32_t> with_samples;  // ascending
-};
-
 class Drawing {
  public:
-  Drawing(const CapPainter& painter, const AgentResources& resources,
+  Drawing(const Shards& shards, const CapPainter& painter, const AgentResources& resources,
           const base::Cancellation& cancellation, CapSink* sink)
-      : painter_(painter), resources_(resources), cancellation_(cancellation), sink_(*sink) {}
+      : shards_(shards),
+        painter_(painter),
+        resources_(resources),
+        cancellation_(cancellation),
+        sink_(*sink) {}
 
   // Returns the bytes read.
-  absl::StatusOr<std::int64_t> Draw(const Shard& shard) {
-    CapBlocks blocks = BlocksOf(shard);
-    std::vector<char> is_kept(blocks.with_samples.size(), 0);
+  absl::StatusOr<std::int64_t> Draw() {
+    ChooseBlocks();
+    std::vector<char> is_painted(with_samples_.size(), 0);
     base::RunIn(resources_.arena, [&] {
-      tbb::parallel_for(std::size_t{0}, blocks.of_span.size(), [&](std::size_t i) {
-        Paint(*shard.reader, shard.reader->block_id(blocks.of_span[i]), nullptr);
-      });
-      tbb::parallel_for(std::size_t{0}, blocks.with_samples.size(), [&](std::size_t i) {
-        is_kept[i] = PaintKept(shard, blocks.with_samples[i]) ? 1 : 0;
+      tbb::parallel_for(std::size_t{0}, of_span_.size(),
+                        [&](std::size_t i) { Paint(of_span_[i], nullptr); });
+      tbb::parallel_for(std::size_t{0}, with_samples_.size(), [&](std::size_t i) {
+        is_painted[i] = PaintCached(with_samples_[i]) ? 1 : 0;
       });
     });
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    std::vector<std::uint32_t> to_read;
-    for (std::size_t i = 0; i < is_kept.size(); ++i) {
-      if (is_kept[i] == 0) {
-        to_read.push_back(blocks.with_samples[i]);
+    std::vector<BlockToRead> to_read;
+    for (std::size_t i = 0; i < is_painted.size(); ++i) {
+      if (is_painted[i] == 0) {
+        to_read.push_back(with_samples_[i]);
       }
     }
-    return Read(shard, to_read);
+    BlockReads reads(shards_, to_read);
+    ISOSCOPE_RETURN_IF_ERROR(reads.ForEach(
+        resources_, cancellation_, [&](std::size_t i, const volume::BlockSamples& samples) {
+          Paint(to_read[i], &samples);
+          resources_.cache->OfferSamples(ShardOf(to_read[i]), to_read[i].ordinal, samples);
+          return cancellation_.Check();
+        }));
+    return reads.read_bytes();
   }
 
  private:
-  [[nodiscard]] CapBlocks BlocksOf(const Shard& shard) const {
-    const store::ShardReader& reader = *shard.reader;
-    CapBlocks blocks;
-    for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-      switch (painter_.NeedOf(reader.block_id(ordinal), reader.ranges())) {
-        case CapPainter::Need::kNothing:
-          break;
-        case CapPainter::Need::kSpan:
-          blocks.of_span.push_back(ordinal);
-          break;
-        case CapPainter::Need::kSamples:
-          blocks.with_samples.push_back(ordinal);
-          break;
-      }
-    }
-    return blocks;
+  [[nodiscard]] const Shard& ShardOf(const BlockToRead& block) const {
+    return *shards_[block.shard_index];
   }
 
-  void Paint(const store::ShardReader& reader, volume::BlockId id,
-             const volume::BlockSamples* samples) {
+  void ChooseBlocks() {
+    for (std::uint32_t shard = 0; shard < shards_.size(); ++shard) {
+      const store::ShardReader& reader = *shards_[shard]->reader;
+      for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+        const CapPainter::Need need = painter_.NeedOf(reader.block_id(ordinal), reader.ranges());
+        if (need != CapPainter::Need::kNothing) {
+          (need == CapPainter::Need::kSpan ? of_span_ : with_samples_).push_back({shard, ordinal});
+        }
+      }
+    }
+  }
+
+  // `samples`: null if the block is inside as a whole
+  void Paint(const BlockToRead& block, const volume::BlockSamples* samples) {
     if (cancellation_.is_cancelled()) {
       return;
     }
+    const store::ShardReader& reader = *ShardOf(block).reader;
     std::vector<CapFragment> fragments;
     painter_.Paint(
-        id, reader.ranges(), samples,
+        reader.block_id(block.ordinal), reader.ranges(), samples,
         [this](int x, int y, float depth) { return sink_.IsHidden(x, y, depth); },
         [&](const CapFragment& fragment) {
           fragments.push_back(fragment);
@@ -174,61 +173,33 @@ class Drawing {
     sink_.Insert(&fragments);
   }
 
-  bool PaintKept(const Shard& shard, std::uint32_t ordinal) {
-    const std::shared_ptr<const std::string> kept = resources_.cache->FindSamples(shard, ordinal);
-    if (kept == nullptr) {
+  bool PaintCached(const BlockToRead& block) {
+    const Shard& shard = ShardOf(block);
+    const std::shared_ptr<const std::string> cached =
+        resources_.cache->FindSamples(shard, block.ordinal);
+    if (cached == nullptr) {
       return false;
     }
-    const volume::BlockSamples samples{shard.reader->block_id(ordinal),
-                                       shard.reader->manifest().scalar_type, kept->data()};
-    Paint(*shard.reader, samples.block_id, &samples);
+    const volume::BlockSamples samples{shard.reader->block_id(block.ordinal),
+                                       shard.reader->manifest().scalar_type, cached->data()};
+    Paint(block, &samples);
     return true;
   }
 
-  absl::StatusOr<std::int64_t> Read(const Shard& shard,
-                                    const std::vector<std::uint32_t>& ordinals) {
-    const store::ShardReader& reader = *shard.reader;
-    const std::vector<store::ShardReader::DiskRun> runs = reader.PlanDiskRuns(ordinals);
-    std::int64_t read_bytes = 0;
-    std::vector<io::ReadQueue::Read> reads;
-    for (const store::ShardReader::DiskRun& run : runs) {
-      read_bytes += run.size;
-      reads.push_back(reader.RequestFor(run));
-    }
-    io::ReadQueue queue(std::move(reads), {.max_bytes = resources_.max_read_bytes});
-    ISOSCOPE_RETURN_IF_ERROR(ForEachArrival(
-        &queue, resources_.arena, cancellation_, [&](const io::ReadQueue::Arrival& arrival) {
-          const store::ShardReader::DiskRun& run = runs[arrival.index()];
-          std::size_t next = run.first;
-          return reader.VisitDiskRun(run, ordinals, arrival.status(), arrival.data(),
-                                     [&](const volume::BlockSamples& samples) {
-                                       return PaintRead(shard, ordinals[next++], samples);
-                                     });
-        }));
-    return read_bytes;
-  }
-
-  absl::Status PaintRead(const Shard& shard, std::uint32_t ordinal,
-                         const volume::BlockSamples& samples) {
-    Paint(*shard.reader, samples.block_id, &samples);
-    resources_.cache->OfferSamples(
-        shard, ordinal,
-        {samples.bytes,
-         volume::StoredSizeBytes(shard.reader->layout(), samples.block_id, samples.type)});
-    return cancellation_.Check();
-  }
-
+  const Shards& shards_;
   const CapPainter& painter_;
   const AgentResources& resources_;
   const base::Cancellation& cancellation_;
   CapSink& sink_;
+  std::vector<BlockToRead> of_span_;       // blocks that are inside as a whole
+  std::vector<BlockToRead> with_samples_;  // ascending
 };
 
 }  // namespace
 
-absl::StatusOr<std::int64_t> DrawCaps(const std::vector<std::shared_ptr<const Shard>>& shards,
-                                      const view::View& view, const frame::FrameSpec& spec,
-                                      frame::BackEnd drawn_by, const AgentResources& resources,
+absl::StatusOr<std::int64_t> DrawCaps(const Shards& shards, const view::View& view,
+                                      const frame::FrameSpec& spec, frame::BackEnd drawn_by,
+                                      const AgentResources& resources,
                                       const base::Cancellation& cancellation,
                                       image::FrameImage* image) {
   const store::ShardReader& first = *shards.front()->reader;
@@ -237,13 +208,10 @@ absl::StatusOr<std::int64_t> DrawCaps(const std::vector<std::shared_ptr<const Sh
   CapSink sink({.block_count = static_cast<std::uint32_t>(first.layout().block_count()),
                 .ties = frame::TieRuleOf(drawn_by)},
                image);
-  Drawing drawing(painter, resources, cancellation, &sink);
-  std::int64_t read_bytes = 0;
-  for (const std::shared_ptr<const Shard>& shard : shards) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t of_shard, drawing.Draw(*shard));
-    read_bytes += of_shard;
-  }
-  return read_bytes;
+  AgentResources untold = resources;  // the caller counts the bytes
+  untold.metrics = nullptr;
+  untold.trace = nullptr;
+  return Drawing(shards, painter, untold, cancellation, &sink).Draw();
 }
 
 }  // namespace isoscope::agent

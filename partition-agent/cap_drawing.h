@@ -27,9 +27,9 @@ namespace isoscope::agent {
 //
 // spec:     has caps
 // drawn_by: the back end that drew the image; decides the tie rule and the margin of caps
-absl::StatusOr<std::int64_t> DrawCaps(const std::vector<std::shared_ptr<const Shard>>& shards,
-                                      const view::View& view, const frame::FrameSpec& spec,
-                                      frame::BackEnd drawn_by, const AgentResources& resources,
+absl::StatusOr<std::int64_t> DrawCaps(const Shards& shards, const view::View& view,
+                                      const frame::FrameSpec& spec, frame::BackEnd drawn_by,
+                                      const AgentResources& resources,
                                       const base::Cancellation& cancellation,
                                       image::FrameImage* image);
 

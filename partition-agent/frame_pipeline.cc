@@ -19,16 +19,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cstddef>
-#include <functional>
 #include <iterator>
 #include <optional>
 #include <span>
-#include <utility>
 
 #include "absl/types/span.h"
 #include <oneapi/tbb/blocked_range.h>
-#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
 #include <oneapi/tbb/task_group.h>
@@ -39,25 +35,17 @@
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
-#include "core/view/clip_region.h"
-#include "core/view/view.h"
-#include "core/visibility/occluder_selection.h"
 #include "core/visibility/open_pixels.h"
-#include "core/volume/block_set.h"
-#include "core/volume/range_table.h"
 #include "partition-agent/cap_drawing.h"
-#include "partition-agent/mesh_supply.h"
-#include "partition-agent/surface_blocks.h"
+#include "partition-agent/occluder_rays.h"
 
 namespace isoscope::agent {
 namespace {
 
-// One task casts this many rays, in some hundred microseconds.
-constexpr std::int64_t kRaysPerTask = 1024;
 // One task computes the footprints of this many blocks.
 constexpr std::size_t kFootprintsPerTask = 128;
 
-// Draws what is delivered: opaque meshes into `pass`, translucent ones into `layer_pass`, which is
+// Draws what is added: opaque meshes into `pass`, translucent ones into `layer_pass`, which is
 // null if there are none.
 class PassSink final : public MeshSink {
  public:
@@ -65,7 +53,7 @@ class PassSink final : public MeshSink {
            const base::Cancellation& cancellation)
       : spec_(spec), pass_(*pass), layer_pass_(layer_pass), cancellation_(cancellation) {}
 
-  absl::Status Take(std::span<const render::MeshToDraw> meshes) override {
+  absl::Status Add(std::span<const render::MeshToDraw> meshes) override {
     if (layer_pass_ == nullptr) {
       return pass_.Add(meshes);
     }
@@ -90,52 +78,61 @@ class PassSink final : public MeshSink {
 
 }  // namespace
 
-class FramePipeline::Impl {
- public:
-  Impl(std::vector<std::shared_ptr<const Shard>> shards, const FrameTask& task,
-       const view::View& view, const AgentResources& resources,
-       const base::Cancellation* cancellation)
-      : shards_(std::move(shards)),
-        task_(task),
-        view_(view),
-        layout_(shards_.front()->reader->layout()),
-        clipper_(task.spec.clip, view.geometry()),
-        has_layers_(frame::HasLayers(task.spec)),
-        resources_(resources),
-        cancellation_(*cancellation),
-        cache_round_(resources.cache->BeginRound(task.frame_number)) {}
+FramePipeline::FramePipeline(Shards shards, const FrameTask& task, const view::View& view,
+                             const AgentResources& resources,
+                             const base::Cancellation* cancellation)
+    : shards_(std::move(shards)),
+      task_(task),
+      view_(view),
+      layout_(shards_.front()->reader->layout()),
+      clipper_(task.spec.clip, view.geometry()),
+      resources_(resources),
+      cancellation_(*cancellation),
+      cache_round_(resources.cache->BeginRound(task.frame_number)) {}
 
-  absl::StatusOr<RaySelection> SelectOccluders() {
-    const base::TraceScope trace(resources_.trace, "select occluders");
+// Runs a step. Its parallel loops pass std::bad_alloc on to here.
+template <typename Work>
+std::invoke_result_t<Work> FramePipeline::RunStep(const char* name, Step step, Step next,
+                                                  const Work& work) {
+  return base::OrNoMemory("a step of the frame", [&] {
+    const base::TraceScope trace(resources_.trace, name);
     const base::ScopedTimer timer(&statistics_.busy_duration);
-    Take(Step::kFirst, Step::kRenderOccluders);
+    ISOSCOPE_CHECK(next_step_ == step);
+    next_step_ = next;
+    return work();
+  });
+}
+
+absl::StatusOr<RaySelection> FramePipeline::SelectOccluders() {
+  const auto select = [this]() -> absl::StatusOr<RaySelection> {
     absl::StatusOr<std::vector<volume::BlockId>> hits;
-    ISOSCOPE_RETURN_IF_ERROR(FindBlocksWhile([&] { hits = CastRays(); }));
+    ISOSCOPE_RETURN_IF_ERROR(FindBlocksWhile([&] {
+      hits = CastRays(*shards_.front()->reader, view_, clipper_, task_, cancellation_,
+                      resources_.trace);
+    }));
     ISOSCOPE_RETURN_IF_ERROR(hits.status());
-    RaySelection selection;
-    selection.hits = *std::move(hits);
-    selection.active = std::move(reported_);
-    return selection;
-  }
+    return RaySelection{*std::move(hits), std::move(reported_)};
+  };
+  return RunStep("select occluders", Step::kFirst, Step::kRenderOccluders, select);
+}
 
-  absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks) {
-    const base::TraceScope trace(resources_.trace, "render occluders");
-    const base::ScopedTimer timer(&statistics_.busy_duration);
-    Take(Step::kRenderOccluders, Step::kRenderVisible);
+absl::StatusOr<image::FrameImage> FramePipeline::RenderOccluders(
+    const std::vector<volume::BlockId>& blocks) {
+  const auto draw = [&]() -> absl::StatusOr<image::FrameImage> {
     statistics_.occluding_block_count = static_cast<std::int64_t>(blocks.size());
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
-    if (has_layers_) {
+    if (frame::HasLayers(task_.spec)) {
       occluding_ = blocks;
       std::erase_if(chosen, [this](const ChosenMesh& mesh) { return IsTranslucent(mesh); });
     }
     return DrawWithCaps(chosen, blocks.size(), frame::Culling::kDepth);
-  }
+  };
+  return RunStep("render occluders", Step::kRenderOccluders, Step::kRenderVisible, draw);
+}
 
-  absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
-                                                  absl::string_view open_pixels) {
-    const base::TraceScope trace(resources_.trace, "render visible");
-    const base::ScopedTimer timer(&statistics_.busy_duration);
-    Take(Step::kRenderVisible, Step::kNone);
+absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
+    const std::vector<volume::BlockId>& blocks, absl::string_view open_pixels) {
+  const auto draw = [&]() -> absl::StatusOr<image::FrameImage> {
     std::vector<image::PixelMask> masks;
     if (!open_pixels.empty()) {
       const std::vector<view::PixelRect> rects = RectsOf(blocks);
@@ -143,267 +140,185 @@ class FramePipeline::Impl {
                                   return visibility::DecodeOpenPixels(open_pixels, rects);
                                 }));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
-    std::size_t drawn_before = 0;
-    if (has_layers_) {
-      const auto was_drawn = [this](volume::BlockId id) {
-        return std::binary_search(occluding_.begin(), occluding_.end(), id);
-      };
-      std::erase_if(chosen, [&](const ChosenMesh& mesh) {
-        return !IsTranslucent(mesh) && was_drawn(mesh.block_id);
-      });
-      drawn_before =
-          static_cast<std::size_t>(std::count_if(blocks.begin(), blocks.end(), was_drawn));
-    }
-    if (!masks.empty()) {
-      for (ChosenMesh& mesh : chosen) {
-        const auto found = std::lower_bound(blocks.begin(), blocks.end(), mesh.block_id);
-        mesh.open = &masks[static_cast<std::size_t>(found - blocks.begin())];
-      }
-    }
-    return DrawWithCaps(chosen, blocks.size() - drawn_before, frame::Culling::kMask);
-  }
+    std::size_t new_count = 0;
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<ChosenMesh> chosen,
+                              ChooseVisible(blocks, masks, &new_count));
+    return DrawWithCaps(chosen, new_count, frame::Culling::kMask);
+  };
+  return RunStep("render visible", Step::kRenderVisible, Step::kNone, draw);
+}
 
-  absl::StatusOr<image::FrameImage> RenderAll() {
-    const base::TraceScope trace(resources_.trace, "render all");
-    const base::ScopedTimer timer(&statistics_.busy_duration);
-    Take(Step::kFirst, Step::kNone);
+absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() {
+  const auto draw = [this]() -> absl::StatusOr<image::FrameImage> {
     ISOSCOPE_RETURN_IF_ERROR(FindBlocks());
     return DrawWithCaps(blocks_->ChooseAll(),
                         static_cast<std::size_t>(statistics_.active_block_count),
                         frame::Culling::kNone);
-  }
+  };
+  return RunStep("render all", Step::kFirst, Step::kNone, draw);
+}
 
-  std::vector<std::string> Encode(const image::FrameImage& image) {
-    const base::TraceScope trace(resources_.trace, "encode");
-    const base::ScopedTimer timer(&statistics_.busy_duration);
-    return base::RunIn(resources_.arena, [&] {
-      std::vector<std::string> bands = composite::EncodePixels(image);
-      std::vector<std::string> of_layers = composite::EncodeLayers(layers_);
-      std::move(of_layers.begin(), of_layers.end(), std::back_inserter(bands));
-      return bands;
-    });
-  }
+std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
+  const base::TraceScope trace(resources_.trace, "encode");
+  const base::ScopedTimer timer(&statistics_.busy_duration);
+  return base::RunIn(resources_.arena, [&] {
+    std::vector<std::string> bands = composite::EncodePixels(image);
+    std::vector<std::string> of_layers = composite::EncodeLayers(layers_);
+    std::move(of_layers.begin(), of_layers.end(), std::back_inserter(bands));
+    return bands;
+  });
+}
 
-  image::LayerStack TakeLayers() { return std::exchange(layers_, {}); }
-
-  [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
-
- private:
-  // The call that may come next. kFirst: SelectOccluders or RenderAll.
-  enum class Step { kFirst, kRenderOccluders, kRenderVisible, kNone };
-
-  void Take(Step step, Step next) {
-    ISOSCOPE_CHECK(next_step_ == step);
-    next_step_ = next;
-  }
-
-  // Step 0, on this thread, which may wait for a disk, while the arena works.
-  absl::Status FindBlocksWhile(const std::function<void()>& work) {
-    tbb::task_group working;
-    base::RunIn(resources_.arena, [&] { working.run(work); });
-    const auto wait = [&] { base::RunIn(resources_.arena, [&] { working.wait(); }); };
-    absl::Status found;
-    try {
-      found = FindBlocks();
-    } catch (...) {
-      wait();
-      throw;
-    }
+// Step 0, on this thread, which may wait for a disk, while the arena works.
+absl::Status FramePipeline::FindBlocksWhile(const std::function<void()>& work) {
+  tbb::task_group working;
+  base::RunIn(resources_.arena, [&] { working.run(work); });
+  const auto wait = [&] { base::RunIn(resources_.arena, [&] { working.wait(); }); };
+  absl::Status found;
+  try {
+    found = FindBlocks();
+  } catch (...) {
     wait();
-    return found;
+    throw;
   }
+  wait();
+  return found;
+}
 
-  // Step 0.
-  absl::Status FindBlocks() {
-    const base::TraceScope trace(resources_.trace, "index");
-    IndexCost cost;
-    ISOSCOPE_ASSIGN_OR_RETURN(SurfaceBlocks found,
-                              SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
-                                                  resources_.cache, cancellation_, &cost));
-    if (task_.report_active_blocks) {
-      reported_ = found.Ids();  // whatever is clipped: the coordinator keeps them for other frames
-    }
-    found.EraseOutside(clipper_);
-    blocks_ = std::make_unique<const SurfaceBlocks>(std::move(found));
-    supply_ = std::make_unique<MeshSupply>(blocks_.get(), cache_round_, resources_, &cancellation_,
-                                           SurfacesWithMagnitudes());
-    statistics_.active_block_count = blocks_->block_count();
-    statistics_.index_page_read_count += cost.page_read_count;
-    statistics_.read_bytes += cost.read_bytes;
-    if (resources_.metrics != nullptr) {
-      resources_.metrics->active_hits.Add(cost.kept_list_count);
-      resources_.metrics->active_misses.Add(cost.queried_list_count);
-      resources_.metrics->read_bytes.Add(cost.read_bytes);
-    }
-    return absl::OkStatus();
+// Step 0.
+absl::Status FramePipeline::FindBlocks() {
+  const base::TraceScope trace(resources_.trace, "index");
+  IndexCost cost;
+  ISOSCOPE_ASSIGN_OR_RETURN(SurfaceBlocks found,
+                            SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
+                                                resources_.cache, cancellation_, &cost));
+  if (task_.report_active_blocks) {
+    reported_ = found.Ids();  // whatever is clipped: the coordinator keeps them for other frames
   }
-
-  // Returns, by surface, whether its fragments show the length of the gradient.
-  [[nodiscard]] std::vector<bool> SurfacesWithMagnitudes() const {
-    std::vector<bool> wanted;
-    for (const frame::Surface& surface : task_.spec.surfaces) {
-      wanted.push_back(task_.spec.sends_map_steps && surface.shows_gradient());
-    }
-    return wanted;
+  found.EraseOutside(clipper_);
+  blocks_ = std::make_unique<const SurfaceBlocks>(std::move(found));
+  // By surface, whether its fragments show the length of the gradient.
+  std::vector<bool> with_magnitudes;
+  for (const frame::Surface& surface : task_.spec.surfaces) {
+    with_magnitudes.push_back(task_.spec.sends_map_steps && surface.shows_gradient());
   }
-
-  [[nodiscard]] render::Renderer& RendererOfFrame() const {
-    const bool only_cpu = frame::ShowsGradient(task_.spec) && resources_.cpu_renderer != nullptr;
-    return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;
+  supply_ = std::make_unique<MeshSupply>(blocks_.get(), cache_round_, resources_, &cancellation_,
+                                         std::move(with_magnitudes));
+  statistics_.active_block_count = blocks_->block_count();
+  statistics_.index_page_read_count += cost.page_read_count;
+  statistics_.read_bytes += cost.read_bytes;
+  if (resources_.metrics != nullptr) {
+    resources_.metrics->active_lookups.hits.Add(cost.kept_list_count);
+    resources_.metrics->active_lookups.misses.Add(cost.queried_list_count);
+    resources_.metrics->read_bytes.Add(cost.read_bytes);
   }
+  return absl::OkStatus();
+}
 
-  // Returns the active blocks of the opaque surfaces, of the whole volume, that are not clipped.
-  [[nodiscard]] std::shared_ptr<const volume::BlockSet> BlocksThatStopRays() const {
-    std::shared_ptr<const volume::BlockSet>
-        active;                              // of the first surface, while it is the only one
-    std::optional<volume::BlockSet> blocks;  // else
-    for (const frame::Surface& surface : task_.spec.surfaces) {
-      if (surface.is_translucent()) {
-        continue;
-      }
-      const auto of_surface = shards_.front()->reader->ActiveBlocks(surface.isovalue);
-      if (active == nullptr) {
-        active = of_surface;
-        continue;
-      }
-      if (!blocks.has_value()) {
-        blocks = *active;
-      }
-      blocks->UnionWith(*of_surface);
-    }
-    if (active == nullptr) {
-      return std::make_shared<const volume::BlockSet>(layout_.block_count());
-    }
-    if (!clipper_.empty()) {
-      if (!blocks.has_value()) {
-        blocks = *active;
-      }
-      clipper_.EraseOutside(layout_, &*blocks);
-    }
-    return blocks.has_value() ? std::make_shared<const volume::BlockSet>(*std::move(blocks))
-                              : active;
-  }
+render::Renderer& FramePipeline::RendererOfFrame() const {
+  const bool only_cpu = frame::ShowsGradient(task_.spec) && resources_.cpu_renderer != nullptr;
+  return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;
+}
 
-  // Step 1.
-  absl::StatusOr<std::vector<volume::BlockId>> CastRays() const {
-    const std::shared_ptr<const volume::BlockSet> active = BlocksThatStopRays();
-    const visibility::RaySet rays(view_, layout_, task_.spec.ray_seed);
-    const visibility::RayShare share =
-        visibility::ShareOfRays(rays.count(), task_.agent_index, task_.agent_count);
-    const std::int64_t task_count = (share.end - share.begin + kRaysPerTask - 1) / kRaysPerTask;
-    tbb::enumerable_thread_specific<volume::BlockSet> hits_by_thread(layout_.block_count());
-    tbb::parallel_for(std::int64_t{0}, task_count, [&](std::int64_t task) {
-      if (cancellation_.is_cancelled()) {
-        return;
-      }
-      const base::TraceScope trace(resources_.trace, "rays");
-      const std::int64_t begin = share.begin + task * kRaysPerTask;
-      rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), *active, &hits_by_thread.local());
+// Returns the pixels that each block can cover. The shape of its open pixels follows from them.
+std::vector<view::PixelRect> FramePipeline::RectsOf(
+    const std::vector<volume::BlockId>& blocks) const {
+  std::vector<view::PixelRect> rects(blocks.size());
+  base::RunIn(resources_.arena, [&] {
+    tbb::parallel_for(
+        tbb::blocked_range<std::size_t>(0, blocks.size(), kFootprintsPerTask),
+        [&](const tbb::blocked_range<std::size_t>& range) {
+          std::array<view::Footprint, kFootprintsPerTask> footprints;
+          view_.FootprintsOf(layout_, absl::MakeSpan(blocks).subspan(range.begin(), range.size()),
+                             absl::MakeSpan(footprints).first(range.size()));
+          for (std::size_t i = 0; i < range.size(); ++i) {
+            rects[range.begin() + i] = footprints[i].rect;
+          }
+        },
+        tbb::simple_partitioner());
+  });
+  return rects;
+}
+
+// Returns the meshes of step 3 in `blocks`: without the opaque ones that step 2 drew.
+//
+// masks:     open pixels of each block; empty: all are open
+// new_count: set to the number of blocks that step 2 did not draw
+absl::StatusOr<std::vector<ChosenMesh>> FramePipeline::ChooseVisible(
+    const std::vector<volume::BlockId>& blocks, const std::vector<image::PixelMask>& masks,
+    std::size_t* new_count) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
+  *new_count = blocks.size();
+  if (!occluding_.empty()) {
+    const auto was_drawn = [this](volume::BlockId id) {
+      return std::binary_search(occluding_.begin(), occluding_.end(), id);
+    };
+    std::erase_if(chosen, [&](const ChosenMesh& mesh) {
+      return !IsTranslucent(mesh) && was_drawn(mesh.block_id);
     });
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    volume::BlockSet hits(layout_.block_count());
-    for (const volume::BlockSet& thread_hits : hits_by_thread) {
-      hits.UnionWith(thread_hits);
-    }
-    return hits.Ids();
+    *new_count -= static_cast<std::size_t>(std::count_if(blocks.begin(), blocks.end(), was_drawn));
   }
-
-  // Returns the pixels that each block can cover. The shape of its open pixels follows from them.
-  [[nodiscard]] std::vector<view::PixelRect> RectsOf(
-      const std::vector<volume::BlockId>& blocks) const {
-    std::vector<view::PixelRect> rects(blocks.size());
-    base::RunIn(resources_.arena, [&] {
-      tbb::parallel_for(
-          tbb::blocked_range<std::size_t>(0, blocks.size(), kFootprintsPerTask),
-          [&](const tbb::blocked_range<std::size_t>& range) {
-            std::array<view::Footprint, kFootprintsPerTask> footprints;
-            view_.FootprintsOf(layout_, absl::MakeSpan(blocks).subspan(range.begin(), range.size()),
-                               absl::MakeSpan(footprints).first(range.size()));
-            for (std::size_t i = 0; i < range.size(); ++i) {
-              rects[range.begin() + i] = footprints[i].rect;
-            }
-          },
-          tbb::simple_partitioner());
-    });
-    return rects;
+  if (!masks.empty()) {
+    for (ChosenMesh& mesh : chosen) {
+      const auto found = std::lower_bound(blocks.begin(), blocks.end(), mesh.block_id);
+      mesh.open = &masks[static_cast<std::size_t>(found - blocks.begin())];
+    }
   }
+  return chosen;
+}
 
-  // Steps 2 and 3: draws the chosen meshes, of `block_count` blocks, in one pass.
-  absl::StatusOr<image::FrameImage> Draw(const std::vector<ChosenMesh>& chosen,
-                                         std::size_t block_count) {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    statistics_.visible_block_count += static_cast<std::int64_t>(block_count);
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
-                              RendererOfFrame().BeginPass(view_, layout_, task_.spec));
-    std::optional<render::LayerPass> layer_pass;
-    if (has_layers_) {
-      layer_pass.emplace(view_, layout_, task_.spec, resources_.layers);
-    }
-    PassSink sink(task_.spec, pass.get(), layer_pass ? &*layer_pass : nullptr, cancellation_);
-    ISOSCOPE_ASSIGN_OR_RETURN(const SupplyCost cost, supply_->DeliverMeshes(chosen, &sink));
-    frame::AddTo(cost.surfaces, &statistics_.surfaces);
-    for (const frame::SurfaceStatistics& surface : cost.surfaces) {
-      statistics_.triangle_count += surface.triangle_count;
-      statistics_.unique_vertex_count += surface.unique_vertex_count;
-    }
-    statistics_.read_bytes += cost.read_bytes;
-    statistics_.extract_duration += cost.extract_duration;
-    statistics_.render_duration += cost.deliver_duration;
-    const base::TraceScope trace(resources_.trace, "shade");
-    const base::ScopedTimer timer(&statistics_.render_duration);
-    layers_ = layer_pass ? layer_pass->Finish() : image::LayerStack();
-    return pass->Finish(cancellation_);
+// Steps 2 and 3: draws the chosen meshes, of `block_count` blocks, in one pass.
+absl::StatusOr<image::FrameImage> FramePipeline::Draw(const std::vector<ChosenMesh>& chosen,
+                                                      std::size_t block_count) {
+  ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  statistics_.visible_block_count += static_cast<std::int64_t>(block_count);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
+                            RendererOfFrame().BeginPass(view_, layout_, task_.spec));
+  std::optional<render::LayerPass> layer_pass;
+  if (frame::HasLayers(task_.spec)) {
+    layer_pass.emplace(view_, layout_, task_.spec, resources_.layers);
   }
+  PassSink sink(task_.spec, pass.get(), layer_pass ? &*layer_pass : nullptr, cancellation_);
+  ISOSCOPE_ASSIGN_OR_RETURN(const SupplyCost cost, supply_->AddMeshes(chosen, &sink));
+  frame::AddTo(cost.surfaces, &statistics_.surfaces);
+  for (const frame::SurfaceStatistics& surface : cost.surfaces) {
+    statistics_.triangle_count += surface.triangle_count;
+    statistics_.unique_vertex_count += surface.unique_vertex_count;
+  }
+  statistics_.read_bytes += cost.read_bytes;
+  statistics_.extract_duration += cost.extract_duration;
+  statistics_.render_duration += cost.add_duration;
+  const base::TraceScope trace(resources_.trace, "shade");
+  const base::ScopedTimer timer(&statistics_.render_duration);
+  layers_ = layer_pass ? layer_pass->Finish() : image::LayerStack();
+  return pass->Finish(cancellation_);
+}
 
-  // Draws, and adds the caps if they belong to this step: that of frames with the given culling.
-  // Caps occlude what is behind them. The 1-bit mask knows no depth, so there they come last.
-  absl::StatusOr<image::FrameImage> DrawWithCaps(const std::vector<ChosenMesh>& chosen,
-                                                 std::size_t block_count,
-                                                 frame::Culling of_culling) {
-    absl::StatusOr<image::FrameImage> image = Draw(chosen, block_count);
-    if (!image.ok() || !task_.spec.caps.has_value() || task_.spec.culling != of_culling) {
-      return image;
-    }
-    const base::TraceScope trace(resources_.trace, "caps");
-    const base::ScopedTimer timer(&statistics_.render_duration);
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::int64_t read_bytes,
-        DrawCaps(shards_, view_, task_.spec, RendererOfFrame().picture_revision().back_end,
-                 resources_, cancellation_, &*image));
-    statistics_.read_bytes += read_bytes;
-    if (resources_.metrics != nullptr) {
-      resources_.metrics->read_bytes.Add(read_bytes);
-    }
+// Draws, and adds the caps if they belong to this step: that of frames with the given culling.
+// Caps occlude what is behind them. The 1-bit mask knows no depth, so there they come last.
+absl::StatusOr<image::FrameImage> FramePipeline::DrawWithCaps(const std::vector<ChosenMesh>& chosen,
+                                                              std::size_t block_count,
+                                                              frame::Culling of_culling) {
+  absl::StatusOr<image::FrameImage> image = Draw(chosen, block_count);
+  if (!image.ok() || !task_.spec.caps.has_value() || task_.spec.culling != of_culling) {
     return image;
   }
-
-  [[nodiscard]] bool IsTranslucent(const ChosenMesh& mesh) const {
-    return task_.spec.surfaces[mesh.surface_index].is_translucent();
+  const base::TraceScope trace(resources_.trace, "caps");
+  const base::ScopedTimer timer(&statistics_.render_duration);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::int64_t read_bytes,
+      DrawCaps(shards_, view_, task_.spec, RendererOfFrame().picture_revision().back_end,
+               resources_, cancellation_, &*image));
+  statistics_.read_bytes += read_bytes;
+  if (resources_.metrics != nullptr) {
+    resources_.metrics->read_bytes.Add(read_bytes);
   }
-
-  const std::vector<std::shared_ptr<const Shard>> shards_;
-  const FrameTask task_;
-  const view::View view_;
-  const volume::BlockLayout layout_;
-  const view::Clipper clipper_;
-  const bool has_layers_;
-  const AgentResources resources_;
-  const base::Cancellation& cancellation_;
-  const std::uint64_t cache_round_;
-  Step next_step_ = Step::kFirst;
-
-  std::unique_ptr<const SurfaceBlocks> blocks_;  // from step 0 on
-  std::unique_ptr<MeshSupply> supply_;
-  std::vector<volume::BlockId> reported_;   // active blocks, if they were asked for
-  std::vector<volume::BlockId> occluding_;  // the blocks of step 2, if the frame has layers
-  image::LayerStack layers_;                // of the last step
-  frame::AgentStatistics statistics_;
-};
+  return image;
+}
 
 absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
-    std::vector<std::shared_ptr<const Shard>> shards, const FrameTask& task,
-    const AgentResources& resources, const base::Cancellation* cancellation) {
+    Shards shards, const FrameTask& task, const AgentResources& resources,
+    const base::Cancellation* cancellation) {
   ISOSCOPE_CHECK(!shards.empty());
   const store::ShardReader& first = *shards.front()->reader;
   for (const std::shared_ptr<const Shard>& shard : shards) {
@@ -417,42 +332,8 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                             view::View::Make(*task.spec.camera, task.spec.viewport,
                                              first.manifest().geometry, task.spec.region));
-  return std::unique_ptr<FramePipeline>(new FramePipeline(
-      std::make_unique<Impl>(std::move(shards), task, view, resources, cancellation)));
+  return std::unique_ptr<FramePipeline>(
+      new FramePipeline(std::move(shards), task, view, resources, cancellation));
 }
-
-FramePipeline::FramePipeline(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-FramePipeline::~FramePipeline() = default;
-
-namespace {
-
-// Runs a step. Its parallel loops pass std::bad_alloc on to here.
-template <typename Step>
-auto RunStep(const Step& step) {
-  return base::OrNoMemory("a step of the frame", step);
-}
-
-}  // namespace
-
-absl::StatusOr<RaySelection> FramePipeline::SelectOccluders() {
-  return RunStep([&] { return impl_->SelectOccluders(); });
-}
-absl::StatusOr<image::FrameImage> FramePipeline::RenderOccluders(
-    const std::vector<volume::BlockId>& blocks) {
-  return RunStep([&] { return impl_->RenderOccluders(blocks); });
-}
-absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
-    const std::vector<volume::BlockId>& blocks, absl::string_view open_pixels) {
-  return RunStep([&] { return impl_->RenderVisible(blocks, open_pixels); });
-}
-absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() {
-  return RunStep([&] { return impl_->RenderAll(); });
-}
-image::LayerStack FramePipeline::TakeLayers() { return impl_->TakeLayers(); }
-
-std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
-  return impl_->Encode(image);
-}
-const frame::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 
 }  // namespace isoscope::agent

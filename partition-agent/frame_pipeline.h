@@ -4,8 +4,13 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 #define ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 
+#include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -16,10 +21,15 @@
 #include "core/frame/agent_statistics.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
+#include "core/image/pixel_mask.h"
+#include "core/view/clip_region.h"
+#include "core/view/view.h"
 #include "core/volume/block_layout.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/frame_task.h"
+#include "partition-agent/mesh_supply.h"
 #include "partition-agent/shard.h"
+#include "partition-agent/surface_blocks.h"
 
 namespace isoscope::agent {
 
@@ -40,9 +50,8 @@ class FramePipeline {
   // All shards are of one dataset. INVALID_ARGUMENT if the camera is not set, or camera or viewport
   // do not validate, or surfaces times blocks are too many (frame::CheckOwners).
   static absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
-      std::vector<std::shared_ptr<const Shard>> shards, const FrameTask& task,
-      const AgentResources& resources, const base::Cancellation* cancellation);
-  ~FramePipeline();
+      Shards shards, const FrameTask& task, const AgentResources& resources,
+      const base::Cancellation* cancellation);
 
   // Steps 0 and 1: queries the interval trees and casts the agent's share of the rays.
   absl::StatusOr<RaySelection> SelectOccluders();
@@ -63,14 +72,52 @@ class FramePipeline {
   std::vector<std::string> Encode(const image::FrameImage& image);
   // Returns the translucent fragments that the last step drew; without them nothing is left to
   // Encode.
-  image::LayerStack TakeLayers();
+  image::LayerStack TakeLayers() { return std::exchange(layers_, {}); }
 
-  [[nodiscard]] const frame::AgentStatistics& statistics() const;
+  [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
  private:
-  class Impl;
-  explicit FramePipeline(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  // The call that may come next. kFirst: SelectOccluders or RenderAll.
+  enum class Step { kFirst, kRenderOccluders, kRenderVisible, kNone };
+
+  FramePipeline(Shards shards, const FrameTask& task, const view::View& view,
+                const AgentResources& resources, const base::Cancellation* cancellation);
+
+  template <typename Work>
+  std::invoke_result_t<Work> RunStep(const char* name, Step step, Step next, const Work& work);
+  absl::Status FindBlocksWhile(const std::function<void()>& work);
+  absl::Status FindBlocks();
+  [[nodiscard]] render::Renderer& RendererOfFrame() const;
+  [[nodiscard]] std::vector<view::PixelRect> RectsOf(
+      const std::vector<volume::BlockId>& blocks) const;
+  absl::StatusOr<std::vector<ChosenMesh>> ChooseVisible(const std::vector<volume::BlockId>& blocks,
+                                                        const std::vector<image::PixelMask>& masks,
+                                                        std::size_t* new_count) const;
+  absl::StatusOr<image::FrameImage> Draw(const std::vector<ChosenMesh>& chosen,
+                                         std::size_t block_count);
+  absl::StatusOr<image::FrameImage> DrawWithCaps(const std::vector<ChosenMesh>& chosen,
+                                                 std::size_t block_count,
+                                                 frame::Culling of_culling);
+  [[nodiscard]] bool IsTranslucent(const ChosenMesh& mesh) const {
+    return task_.spec.surfaces[mesh.surface_index].is_translucent();
+  }
+
+  const Shards shards_;
+  const FrameTask task_;
+  const view::View view_;
+  const volume::BlockLayout layout_;
+  const view::Clipper clipper_;
+  const AgentResources resources_;
+  const base::Cancellation& cancellation_;
+  const std::uint64_t cache_round_;
+  Step next_step_ = Step::kFirst;
+
+  std::unique_ptr<const SurfaceBlocks> blocks_;  // from step 0 on
+  std::unique_ptr<MeshSupply> supply_;
+  std::vector<volume::BlockId> reported_;   // active blocks, if they were asked for
+  std::vector<volume::BlockId> occluding_;  // the blocks of step 2, if the frame has layers
+  image::LayerStack layers_;                // of the last step
+  frame::AgentStatistics statistics_;
 };
 
 }  // namespace isoscope::agent

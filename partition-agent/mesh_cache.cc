@@ -10,12 +10,12 @@
 //   its own.
 // * Find locks the weak pointer. If the segment is gone, the mesh is not kept. Otherwise the
 //   segment is marked as used in this round, and the returned pointer keeps all of it alive.
-// * Only TakeSegment forgets. It drops the segment with the lowest round until there is room, but
+// * Only TakeSegment evicts. It drops the segment with the lowest round until there is room, but
 //   no segment that this round or the last one has used. If there is no room then, the new segment
 //   is not kept: it serves its frame, and its meshes do not enter the table.
 // * A slider moves if two rounds on end asked for other isovalues than the rounds before them. Then
-//   a segment is forgotten, too, if the pool has no touched chunk left for a new one. A round that
-//   only comes back to a recent isovalue forgets none: two users at two isovalues take turns, and
+//   a segment is evicted, too, if the pool has no touched chunk left for a new one. A round that
+//   only comes back to a recent isovalue evicts none: two users at two isovalues take turns, and
 //   each wants his meshes again.
 //
 // A round is a frame. Agents of one process that draw the same frame share its round. Tables may
@@ -51,11 +51,6 @@ std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t active_inde
 void MeshTable::Set(std::size_t active_index, Slot slot) {
   base::MutexLock lock(&LockOf(active_index));
   slots_[active_index] = std::move(slot);
-}
-
-void MeshCache::SetMaxBytes(std::size_t max_bytes) {
-  base::MutexLock lock(&mutex_);
-  max_bytes_ = max_bytes;
 }
 
 std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
@@ -132,7 +127,7 @@ std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::Bl
 }
 
 std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std::uint64_t round) {
-  std::vector<std::shared_ptr<MeshSegment>> forgotten;
+  std::vector<std::shared_ptr<MeshSegment>> evicted;
   auto segment = std::make_shared<MeshSegment>();
   segment->size_bytes = std::max(size_bytes, base::MemoryPool::kChunkBytes);
   segment->round.store(round, std::memory_order_relaxed);
@@ -151,10 +146,10 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
     const std::size_t max_segment_bytes = max_bytes_ - max_bytes_ / kTableShare;
     while (segment->size_bytes <= max_segment_bytes &&
            segment_bytes_ + segment->size_bytes > max_segment_bytes &&
-           ForgetOldest(round, &forgotten)) {
+           EvictOldest(round, &evicted)) {
     }
-    if (forgotten.empty() && MayRecycle() && pool_->touched_free_bytes() == 0) {
-      ForgetOldest(round, &forgotten);
+    if (evicted.empty() && MayRecycle() && pool_->touched_free_bytes() == 0) {
+      EvictOldest(round, &evicted);
     }
     if (segment_bytes_ + segment->size_bytes <= max_segment_bytes) {
       if (open_.capacity() <= segments_.size()) {
@@ -166,7 +161,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
       segment->is_kept.store(false, std::memory_order_relaxed);
     }
   }
-  forgotten.clear();  // so that their chunks can be taken
+  evicted.clear();  // so that their chunks can be taken
   absl::Cleanup withdraw = [this, &segment] { Withdraw(segment); };
   segment->memory = segment->size_bytes <= base::MemoryPool::kChunkBytes
                         ? pool_->Take()
@@ -182,8 +177,8 @@ void MeshCache::Withdraw(const std::shared_ptr<MeshSegment>& segment) {
   }
 }
 
-bool MeshCache::ForgetOldest(std::uint64_t round,
-                             std::vector<std::shared_ptr<MeshSegment>>* forgotten) {
+bool MeshCache::EvictOldest(std::uint64_t round,
+                            std::vector<std::shared_ptr<MeshSegment>>* evicted) {
   const auto oldest =
       std::min_element(segments_.begin(), segments_.end(), [](const auto& a, const auto& b) {
         return a->round.load(std::memory_order_relaxed) < b->round.load(std::memory_order_relaxed);
@@ -191,7 +186,7 @@ bool MeshCache::ForgetOldest(std::uint64_t round,
   if (oldest == segments_.end() || (*oldest)->round.load(std::memory_order_relaxed) + 1 >= round) {
     return false;
   }
-  forgotten->push_back(*oldest);
+  evicted->push_back(*oldest);
   (*oldest)->is_kept.store(false, std::memory_order_relaxed);
   std::erase(open_, *oldest);
   segment_bytes_ -= (*oldest)->size_bytes;
@@ -205,16 +200,6 @@ void MeshCache::GiveBack(std::shared_ptr<MeshSegment> segment) {
   if (segment->is_kept.load(std::memory_order_relaxed)) {
     open_.push_back(std::move(segment));
   }
-}
-
-std::size_t MeshCache::max_bytes() const {
-  base::MutexLock lock(&mutex_);
-  return max_bytes_;
-}
-
-std::size_t MeshCache::size_bytes() const {
-  base::MutexLock lock(&mutex_);
-  return segment_bytes_ + table_bytes_;
 }
 
 }  // namespace isoscope::agent

@@ -1,6 +1,6 @@
 // Extracted meshes, kept between frames, bounded in bytes.
 //
-// Meshes lie one after the other in segments of memory. The cache forgets whole segments, the least
+// Meshes lie one after the other in segments of memory. The cache evicts whole segments, the least
 // recently used first. So the bound counts the real memory, no mesh needs an allocation, and
 // finding one needs neither a hash nor a list. While a slider moves through isovalues, the cache
 // recycles segments rather than touch fresh memory, which costs more than to extract a mesh again.
@@ -68,13 +68,16 @@ class MeshCache {
   explicit MeshCache(std::shared_ptr<base::MemoryPool> pool) : pool_(std::move(pool)) {}
 
   // Sets the bound, which holds from the next segment on. 0: nothing is kept beyond the frame.
-  void SetMaxBytes(std::size_t max_bytes);
+  void SetMaxBytes(std::size_t max_bytes) {
+    const base::MutexLock lock(&mutex_);
+    max_bytes_ = max_bytes;
+  }
 
   // Begins a frame and returns its round. Agents of one process may call it for the same frame.
   std::uint64_t BeginRound(std::int64_t frame_number);
 
   // Returns the table of a shard (by Shard::number) at an isovalue, and makes it if there is none.
-  // Meshes with gradient magnitudes have tables of their own. Forgets the least recently used
+  // Meshes with gradient magnitudes have tables of their own. Evicts the least recently used
   // tables if all take more than 1 / kTableShare of the bytes.
   std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
                                      std::size_t block_count, bool has_gradient_magnitudes = false);
@@ -104,8 +107,14 @@ class MeshCache {
   [[nodiscard]] bool is_slider_moving() const {
     return is_slider_moving_.load(std::memory_order_relaxed);
   }
-  [[nodiscard]] std::size_t size_bytes() const;
-  [[nodiscard]] std::size_t max_bytes() const;
+  [[nodiscard]] std::size_t size_bytes() const {
+    const base::MutexLock lock(&mutex_);
+    return segment_bytes_ + table_bytes_;
+  }
+  [[nodiscard]] std::size_t max_bytes() const {
+    const base::MutexLock lock(&mutex_);
+    return max_bytes_;
+  }
 
  private:
   struct KeyedTable {
@@ -131,9 +140,9 @@ class MeshCache {
   bool MayRecycle() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     return last_motion_.has_moved && motion_.has_new;
   }
-  // Moves the segment with the lowest round to `forgotten`. False if this round or the last one
+  // Moves the segment with the lowest round to `evicted`. False if this round or the last one
   // has used all of them.
-  bool ForgetOldest(std::uint64_t round, std::vector<std::shared_ptr<MeshSegment>>* forgotten)
+  bool EvictOldest(std::uint64_t round, std::vector<std::shared_ptr<MeshSegment>>* evicted)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // Drops a segment that got no memory.

@@ -39,9 +39,9 @@ PlacesByBlock PlacesOf(const volume::GridGeometry& geometry, const volume::Block
 
 }  // namespace
 
-absl::StatusOr<std::vector<PointGradient>> GradientsAt(
-    const std::vector<std::shared_ptr<const Shard>>& shards, const std::vector<math::Vec3d>& points,
-    const base::Cancellation& cancellation) {
+absl::StatusOr<std::vector<PointGradient>> GradientsAt(const Shards& shards,
+                                                       const std::vector<math::Vec3d>& points,
+                                                       const base::Cancellation& cancellation) {
   const volume::GridGeometry& geometry = shards.front()->reader->manifest().geometry;
   const volume::BlockLayout& layout = shards.front()->reader->layout();
   const PlacesByBlock places = PlacesOf(geometry, layout, points);
@@ -75,7 +75,7 @@ absl::StatusOr<std::vector<PointGradient>> GradientsAt(
   return gradients;
 }
 
-std::vector<PointShard> ShardsOf(const std::vector<std::shared_ptr<const Shard>>& shards,
+std::vector<PointShard> ShardsOf(const Shards& shards,
                                  const std::vector<std::optional<volume::BlockId>>& block_ids) {
   std::map<volume::BlockId, std::vector<std::size_t>> points_of;
   for (std::size_t i = 0; i < block_ids.size(); ++i) {

@@ -34,9 +34,9 @@ struct PointGradient {
 // points: in world space, finite
 //
 // DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED, DEADLINE_EXCEEDED.
-absl::StatusOr<std::vector<PointGradient>> GradientsAt(
-    const std::vector<std::shared_ptr<const Shard>>& shards, const std::vector<math::Vec3d>& points,
-    const base::Cancellation& cancellation);
+absl::StatusOr<std::vector<PointGradient>> GradientsAt(const Shards& shards,
+                                                       const std::vector<math::Vec3d>& points,
+                                                       const base::Cancellation& cancellation);
 
 // The shard of the block that shows one of the points asked for.
 struct PointShard {
@@ -52,7 +52,7 @@ struct PointShard {
 //
 // shards:    of one dataset
 // block_ids: of each point; not set: no block
-std::vector<PointShard> ShardsOf(const std::vector<std::shared_ptr<const Shard>>& shards,
+std::vector<PointShard> ShardsOf(const Shards& shards,
                                  const std::vector<std::optional<volume::BlockId>>& block_ids);
 
 }  // namespace isoscope::agent

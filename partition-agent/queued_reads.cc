@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/status/statusor.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/parallel_for.h>
@@ -99,19 +98,6 @@ absl::Status ForEachArrival(
       ISOSCOPE_RETURN_IF_ERROR(pauses.pause());
     }
   }
-}
-
-absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
-                            const base::Cancellation& cancellation,
-                            absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work,
-                            const ReadWatch& watch) {
-  return ForEachArrival(
-      queue, arena, cancellation,
-      [&](const io::ReadQueue::Arrival& arrival) -> absl::StatusOr<ArrivalWork> {
-        ISOSCOPE_RETURN_IF_ERROR(work(arrival));
-        return ArrivalWork::kDone;
-      },
-      {.is_due = [] { return false; }, .pause = [] { return absl::OkStatus(); }}, watch);
 }
 
 }  // namespace isoscope::agent

@@ -3,6 +3,8 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_QUEUED_READS_H_
 #define ISOSCOPE_PARTITION_AGENT_QUEUED_READS_H_
 
+#include <functional>
+
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -23,14 +25,14 @@ struct ReadWatch {
   base::Counter* wait = nullptr;  // a duration: waits for the disk
 };
 
-// Work that all threads interrupt from time to time.
+// When all threads interrupt their work; by default never.
 struct Pauses {
   // Returns true if a pause is due: threads then begin no work, and return kPaused from that in
   // hand as soon as they can. Thread-safe.
-  absl::FunctionRef<bool()> is_due;
+  std::function<bool()> is_due = [] { return false; };
   // Called while no work runs, on the calling thread, outside of the arena. Afterwards no pause is
   // due.
-  absl::FunctionRef<absl::Status()> pause;
+  std::function<absl::Status()> pause = [] { return absl::OkStatus(); };
 };
 enum class ArrivalWork {
   kDone,
@@ -44,12 +46,7 @@ enum class ArrivalWork {
 absl::Status ForEachArrival(
     io::ReadQueue* queue, tbb::task_arena* arena, const base::Cancellation& cancellation,
     absl::FunctionRef<absl::StatusOr<ArrivalWork>(const io::ReadQueue::Arrival&)> work,
-    const Pauses& pauses, const ReadWatch& watch = {});
-// The same for work without pauses.
-absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
-                            const base::Cancellation& cancellation,
-                            absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work,
-                            const ReadWatch& watch = {});
+    const Pauses& pauses = {}, const ReadWatch& watch = {});
 
 }  // namespace isoscope::agent
 

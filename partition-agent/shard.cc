@@ -2,8 +2,6 @@
 
 #include <atomic>
 #include <cmath>
-#include <cstdint>
-#include <string>
 #include <utility>
 
 #include "absl/strings/str_format.h"

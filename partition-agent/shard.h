@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -22,6 +23,9 @@ struct Shard {
   std::unique_ptr<index::IntervalTree> tree;
   std::shared_ptr<const extract::BlockShapes> shapes;  // for the extraction of its blocks
 };
+
+// Shards of one dataset, unless said otherwise.
+using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 // Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if
 // the index does not belong to the blocks.

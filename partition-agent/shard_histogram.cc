@@ -1,8 +1,10 @@
 #include "partition-agent/shard_histogram.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -17,8 +19,7 @@ namespace isoscope::agent {
 namespace {
 
 // The samples of all shards; not set if one was not counted.
-absl::StatusOr<std::optional<volume::SampleHistogram>> SamplesOf(
-    const std::vector<std::shared_ptr<const Shard>>& shards) {
+absl::StatusOr<std::optional<volume::SampleHistogram>> SamplesOf(const Shards& shards) {
   std::optional<volume::SampleHistogram> sum;
   for (const std::shared_ptr<const Shard>& shard : shards) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::optional<volume::SampleHistogram> samples,
@@ -63,8 +64,8 @@ volume::HistogramBins BinsFromRanges(const store::ShardReader& reader) {
 // follow one another, so differences at both ends are enough.
 class CostSums {
  public:
-  explicit CostSums(const volume::BinGroups& groups)
-      : blocks_(Zeros(groups)), bytes_(Zeros(groups)), triangles_(Zeros(groups)) {
+  explicit CostSums(const volume::BinGroups& groups) {
+    sums_.fill(std::vector<std::int64_t>(static_cast<std::size_t>(groups.count) + 1));
     for (std::int64_t g = 0; g < groups.count; ++g) {
       centers_.push_back(groups.CenterOf(g));
     }
@@ -72,50 +73,39 @@ class CostSums {
 
   void Add(const volume::ScalarSpan& span, std::int64_t bytes, std::int64_t triangles) {
     // IsActive: min < centre <= max.
-    const auto begin = static_cast<std::size_t>(
-        std::upper_bound(centers_.begin(), centers_.end(), span.min) - centers_.begin());
-    const auto end = static_cast<std::size_t>(
-        std::upper_bound(centers_.begin(), centers_.end(), span.max) - centers_.begin());
+    const auto index_after = [this](double value) {
+      return std::upper_bound(centers_.begin(), centers_.end(), value) - centers_.begin();
+    };
+    const auto begin = static_cast<std::size_t>(index_after(span.min));
+    const auto end = static_cast<std::size_t>(index_after(span.max));
     if (begin < end) {
-      AddDifference(begin, end, 1, &blocks_);
-      AddDifference(begin, end, bytes, &bytes_);
-      AddDifference(begin, end, triangles, &triangles_);
+      const std::int64_t costs[] = {1, bytes, triangles};
+      for (std::size_t i = 0; i < sums_.size(); ++i) {
+        sums_[i][begin] += costs[i];
+        sums_[i][end] -= costs[i];
+      }
     }
   }
 
   void MoveTo(volume::HistogramPart* part) {
-    part->active_block_counts = Summed(std::move(blocks_));
-    part->active_block_bytes = Summed(std::move(bytes_));
-    part->estimated_triangle_counts = Summed(std::move(triangles_));
+    for (std::vector<std::int64_t>& sum : sums_) {
+      std::partial_sum(sum.begin(), sum.end(), sum.begin());
+      sum.pop_back();
+    }
+    part->active_block_counts = std::move(sums_[0]);
+    part->active_block_bytes = std::move(sums_[1]);
+    part->estimated_triangle_counts = std::move(sums_[2]);
   }
 
  private:
-  static std::vector<std::int64_t> Zeros(const volume::BinGroups& groups) {
-    return std::vector<std::int64_t>(static_cast<std::size_t>(groups.count) + 1);
-  }
-  static void AddDifference(std::size_t begin, std::size_t end, std::int64_t value,
-                            std::vector<std::int64_t>* differences) {
-    (*differences)[begin] += value;
-    (*differences)[end] -= value;
-  }
-  static std::vector<std::int64_t> Summed(std::vector<std::int64_t> differences) {
-    for (std::size_t i = 1; i < differences.size(); ++i) {
-      differences[i] += differences[i - 1];
-    }
-    differences.pop_back();
-    return differences;
-  }
-
   std::vector<double> centers_;
-  std::vector<std::int64_t> blocks_;
-  std::vector<std::int64_t> bytes_;
-  std::vector<std::int64_t> triangles_;
+  std::array<std::vector<std::int64_t>, 3> sums_;  // differences: blocks, bytes, triangles
 };
 
 }  // namespace
 
 absl::StatusOr<volume::HistogramPart> HistogramOfShards(
-    const std::vector<std::shared_ptr<const Shard>>& shards, std::int64_t max_bin_count,
+    const Shards& shards, std::int64_t max_bin_count,
     const std::optional<volume::ScalarSpan>& range) {
   ISOSCOPE_CHECK(!shards.empty());
   volume::HistogramPart part;

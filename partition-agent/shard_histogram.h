@@ -27,7 +27,7 @@ namespace isoscope::agent {
 //
 // INVALID_ARGUMENT: no sample lies in the range. DATA_LOSS: a histogram is damaged.
 absl::StatusOr<volume::HistogramPart> HistogramOfShards(
-    const std::vector<std::shared_ptr<const Shard>>& shards, std::int64_t max_bin_count,
+    const Shards& shards, std::int64_t max_bin_count,
     const std::optional<volume::ScalarSpan>& range);
 
 // The blocks of the volume that are active for any of some isovalues, and not wholly clipped.

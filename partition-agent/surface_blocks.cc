@@ -9,7 +9,6 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/volume/block_set.h"
 
 namespace isoscope::agent {
 namespace {
@@ -52,8 +51,8 @@ ChosenMesh MeshAt(const std::vector<ActiveBlock>& active, std::size_t active_ind
 
 }  // namespace
 
-absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(std::vector<std::shared_ptr<const Shard>> shards,
-                                                  std::vector<double> isovalues, BlockCache* cache,
+absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards, std::vector<double> isovalues,
+                                                  BlockCache* cache,
                                                   const base::Cancellation& cancellation,
                                                   IndexCost* cost) {
   ISOSCOPE_CHECK(!shards.empty() && !isovalues.empty());

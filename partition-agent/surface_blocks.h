@@ -47,12 +47,12 @@ class SurfaceBlocks {
   // Asks the cache, which may be null, then the interval trees. Adds to `cost`. Errors are those of
   // IntervalTree::Query; also DATA_LOSS if a tree contradicts the block index of its shard.
   // REQUIRES: at least one shard, all of one dataset; at least one isovalue, all finite.
-  static absl::StatusOr<SurfaceBlocks> Find(std::vector<std::shared_ptr<const Shard>> shards,
-                                            std::vector<double> isovalues, BlockCache* cache,
+  static absl::StatusOr<SurfaceBlocks> Find(Shards shards, std::vector<double> isovalues,
+                                            BlockCache* cache,
                                             const base::Cancellation& cancellation,
                                             IndexCost* cost);
 
-  [[nodiscard]] const std::vector<std::shared_ptr<const Shard>>& shards() const { return shards_; }
+  [[nodiscard]] const Shards& shards() const { return shards_; }
   [[nodiscard]] const std::vector<double>& isovalues() const { return isovalues_; }
   // Returns the active blocks of a shard and surface, in ascending order of block ids.
   [[nodiscard]] const std::vector<ActiveBlock>& ActiveOf(std::size_t shard_index,
@@ -79,7 +79,7 @@ class SurfaceBlocks {
 
   [[nodiscard]] bool IsShown(volume::BlockId id) const { return !shown_ || shown_->Contains(id); }
 
-  std::vector<std::shared_ptr<const Shard>> shards_;
+  Shards shards_;
   std::vector<double> isovalues_;
   std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> active_;  // by shard, surface
   std::optional<volume::BlockSet> shown_;  // not set: all active blocks

@@ -6,15 +6,19 @@
 
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include <oneapi/tbb/enumerable_thread_specific.h>
 
 #include "core/base/cancellation.h"
+#include "core/extract/block_extractor.h"
 #include "core/mesh/block_mesh.h"
 #include "core/view/clip_region.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
+#include "partition-agent/surface_blocks.h"
 
 namespace isoscope::agent {
 
@@ -29,10 +33,8 @@ class SurfaceExtraction {
   // Blocks wholly outside of `clip` are left out; triangles are not cut. REQUIRES: isovalue is
   // finite.
   static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
-      std::vector<std::shared_ptr<const Shard>> shards, double isovalue,
-      const view::ClipRegion& clip, const AgentResources& resources,
+      Shards shards, double isovalue, const view::ClipRegion& clip, const AgentResources& resources,
       const base::Cancellation* cancellation);
-  ~SurfaceExtraction();
 
   // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left
   // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED,
@@ -43,9 +45,17 @@ class SurfaceExtraction {
   static constexpr std::size_t kMaxBatchBlocks = 1024;
 
  private:
-  class Impl;
-  explicit SurfaceExtraction(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  SurfaceExtraction(SurfaceBlocks blocks, const AgentResources& resources,
+                    const base::Cancellation* cancellation);
+  absl::StatusOr<std::vector<mesh::BlockMesh>> Extract(std::span<const ChosenMesh> batch);
+  std::span<const ChosenMesh> ChooseBatch();
+
+  const SurfaceBlocks blocks_;
+  const AgentResources resources_;
+  const base::Cancellation& cancellation_;
+  std::vector<ChosenMesh> chosen_;  // ascending by block id
+  std::size_t next_ = 0;
+  tbb::enumerable_thread_specific<extract::BlockExtractor> extractors_;
 };
 
 }  // namespace isoscope::agent

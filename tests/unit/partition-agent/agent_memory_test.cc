@@ -1,12 +1,7 @@
 #include "partition-agent/agent_memory.h"
 
-#include <cstddef>
 #include <cstdint>
-#include <memory>
-#include <string>
 #include <thread>
-#include <utility>
-#include <vector>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/string_view.h"

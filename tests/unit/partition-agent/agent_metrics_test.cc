@@ -3,7 +3,6 @@
 #include <map>
 #include <set>
 #include <string>
-#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -40,12 +39,12 @@ TEST(AgentMetricsTest, OnlyFramesThatEndedWellCountAsBusy) {
 
 TEST(AgentMetricsTest, EachCacheHasItsHitsMissesAndBytes) {
   AgentMetrics metrics;
-  metrics.mesh_hits.Add(10);
-  metrics.mesh_misses.Add(3);
-  metrics.sample_hits.Add(2);
-  metrics.sample_misses.Add(1);
-  metrics.active_hits.Add(7);
-  metrics.active_misses.Add(4);
+  metrics.mesh_lookups.hits.Add(10);
+  metrics.mesh_lookups.misses.Add(3);
+  metrics.sample_lookups.hits.Add(2);
+  metrics.sample_lookups.misses.Add(1);
+  metrics.active_lookups.hits.Add(7);
+  metrics.active_lookups.misses.Add(4);
   auto values = ValuesOf(metrics.Collect(
       {.mesh_cache_bytes = 100, .sample_cache_bytes = 200, .active_cache_bytes = 300}));
   EXPECT_EQ(values["isoscope_cache_lookups_total cache=meshes result=hit"], 10);

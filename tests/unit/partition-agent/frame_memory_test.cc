@@ -5,31 +5,20 @@
 // Only operator new fails: what TBB, Zstandard and the kernel give out does not. Nobody calls gRPC
 // or protobuf here. Both are not made for exceptions.
 
-#include <cstddef>
-#include <cstdint>
-#include <memory>
 #include <optional>
-#include <string>
-#include <utility>
-#include <vector>
 
-#include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/task_arena.h>
 
-#include "core/base/cancellation.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_recorder.h"
 #include "core/mesh/compact_mesh.h"
 #include "core/render/cpu_renderer.h"
 #include "core/render/layer_pass.h"
-#include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
-#include "core/visibility/occlusion_map.h"
-#include "core/visibility/open_pixels.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/frame_pipeline.h"
 #include "tests/support/memory_failure.h"
@@ -41,8 +30,6 @@ namespace {
 
 using testing::IsOk;
 using testing::MemoryFailure;
-
-using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 // What steps 2 and 3 are told.
 struct Plan {
@@ -57,10 +44,7 @@ struct Picture {
   image::LayerStack layers;
   std::size_t band_count = 0;
 
-  friend bool operator==(const Picture& a, const Picture& b) {
-    return a.occluders == b.occluders && a.rest == b.rest && a.layers == b.layers &&
-           a.band_count == b.band_count;
-  }
+  friend bool operator==(const Picture& a, const Picture& b) = default;
 };
 
 // What an agent keeps from frame to frame.
@@ -163,8 +147,7 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, agent.Begin(shards_, task_));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
     const volume::BlockLayout layout = dataset_.layout();
-    const view::View view =
-        *view::View::Make(*task_.spec.camera, task_.spec.viewport, dataset_.geometry());
+    const view::View view = dataset_.ViewOf(task_);
     const volume::BlockSet active(layout.block_count(), selection.active);
     const volume::BlockSet hits(layout.block_count(), selection.hits);
     const volume::BlockSet occluding = visibility::OccludingBlocks(hits, layout, active);

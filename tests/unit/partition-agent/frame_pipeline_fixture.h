@@ -24,10 +24,7 @@
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
 #include "core/render/renderer_factory.h"
-#include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
-#include "core/visibility/occlusion_map.h"
-#include "core/visibility/open_pixels.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/frame_pipeline.h"
 #include "tests/support/draws.h"
@@ -39,8 +36,6 @@ namespace isoscope::agent {
 
 inline constexpr image::FragmentOrder kOrder{.block_count = 1 << 20,
                                              .ties = image::TieRule::kColor};
-
-using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 // One whole frame of one agent: both images composited, and what it took.
 struct Frame {
@@ -73,6 +68,13 @@ class FramePipelineTest : public ::testing::Test {
     Use(testing::DrawLimits(&dice));
   }
 
+  // Makes a dataset for the frames.
+  void Open(int shard_count) {
+    dataset_ = std::make_unique<testing::SmallDataset>(shard_count);
+    shards_ = dataset_->OpenShards();
+    task_ = dataset_->Request();
+  }
+
   // Takes other threads, and a renderer of other limits.
   void Use(const testing::Limits& limits) {
     trace_.emplace(__FILE__, __LINE__, ::testing::Message() << limits);
@@ -103,40 +105,20 @@ class FramePipelineTest : public ::testing::Test {
             .cache = cache_.get(),
             .max_read_bytes = limits_.read_bytes()};
   }
+  [[nodiscard]] static image::FrameImage EmptyImage(const FrameTask& request) {
+    return {request.spec.viewport.width_px, request.spec.viewport.height_px};
+  }
   void ForgetAll() { cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes); }
 
-  // What a coordinator of this agent alone sends for step 3: the blocks, and their open pixels.
-  static std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
-      const Frame& frame, const FrameTask& request, const testing::SmallDataset& dataset) {
-    const view::View view =
-        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
-    const volume::BlockLayout layout = dataset.layout();
-    const auto map =
-        visibility::OcclusionMap::FromImage(frame.occluders, visibility::MapKind::kDepth);
-    std::vector<volume::BlockId> blocks;
-    std::vector<image::PixelMask> masks;
-    for (const volume::BlockId id : frame.selection.active) {
-      const view::Footprint footprint = view.FootprintOf(layout, id);
-      if (!std::binary_search(frame.occluding_blocks.begin(), frame.occluding_blocks.end(), id) &&
-          !footprint.rect.empty() && !map.Hides(footprint)) {
-        blocks.push_back(id);
-        masks.push_back(map.OpenPixels(footprint));
-      }
-    }
-    return {blocks, visibility::EncodeOpenPixels(masks)};
-  }
-
-  void RunAlone(const Shards& shards, const FrameTask& request,
-                const testing::SmallDataset& dataset, Frame* frame) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+  void RunAlone(const FrameTask& request, Frame* frame) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, request));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->selection, pipeline->SelectOccluders());
     frame->after_selection = pipeline->statistics();
-    const volume::BlockLayout layout = dataset.layout();
+    const volume::BlockLayout layout = dataset_->layout();
     const volume::BlockSet active(layout.block_count(), frame->selection.active);
     const volume::BlockSet hits(layout.block_count(), frame->selection.hits);
     // The coordinator sends those that are in the picture.
-    const view::View view =
-        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+    const view::View view = dataset_->ViewOf(request);
     frame->occluding_blocks.clear();
     for (const volume::BlockId id : visibility::OccludingBlocks(hits, layout, active).Ids()) {
       if (!view.FootprintOf(layout, id).rect.empty()) {
@@ -146,11 +128,25 @@ class FramePipelineTest : public ::testing::Test {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->occluders,
                                   pipeline->RenderOccluders(frame->occluding_blocks));
     std::string open_pixels;
-    std::tie(frame->visible_blocks, open_pixels) = VisibleOf(*frame, request, dataset);
+    std::tie(frame->visible_blocks, open_pixels) = dataset_->VisibleOf(
+        request, frame->selection.active, frame->occluding_blocks, frame->occluders);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->image,
                                   pipeline->RenderVisible(frame->visible_blocks, open_pixels));
     composite::CompositeInto(frame->occluders, kOrder, &frame->image);
     frame->statistics = pipeline->statistics();
+  }
+
+  // Returns a frame that expects step 2, or step 3 after no occluders.
+  std::unique_ptr<FramePipeline> MakeSelected() {
+    auto pipeline = Make(shards_, task_);
+    EXPECT_THAT(pipeline, testing::IsOk());
+    EXPECT_THAT((*pipeline)->SelectOccluders(), testing::IsOk());
+    return *std::move(pipeline);
+  }
+  std::unique_ptr<FramePipeline> MakeWithoutOccluders() {
+    std::unique_ptr<FramePipeline> pipeline = MakeSelected();
+    EXPECT_THAT(pipeline->RenderOccluders({}), testing::IsOk());
+    return pipeline;
   }
 
   image::FrameImage RenderAll(const Shards& shards, const FrameTask& request,
@@ -165,6 +161,9 @@ class FramePipelineTest : public ::testing::Test {
     return *std::move(image);
   }
 
+  std::unique_ptr<testing::SmallDataset> dataset_;
+  Shards shards_;
+  FrameTask task_;
   testing::Limits limits_;
   std::shared_ptr<tbb::task_arena> arena_;
   std::unique_ptr<render::Renderer> renderer_;

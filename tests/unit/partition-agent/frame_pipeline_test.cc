@@ -1,35 +1,17 @@
-#include "partition-agent/frame_pipeline.h"
 
-#include <algorithm>
-#include <atomic>
-#include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <iterator>
-#include <memory>
 #include <set>
 #include <span>
-#include <string>
 #include <thread>
-#include <tuple>
-#include <utility>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
-#include "core/composite/depth_composite.h"
-#include "core/render/renderer_factory.h"
-#include "core/view/view.h"
-#include "core/visibility/occluder_selection.h"
-#include "core/visibility/occlusion_map.h"
-#include "core/visibility/open_pixels.h"
 #include "tests/support/reference_extractor.h"
-#include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/frame_pipeline_fixture.h"
-#include "tests/unit/partition-agent/small_dataset.h"
 
 namespace isoscope::agent {
 namespace {
@@ -41,16 +23,16 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 TEST_F(FramePipelineTest, RenderAllDrawsEveryTriangleOfTheReference) {
-  const SmallDataset dataset(3);
+  Open(3);
   const auto reference = isoscope::testing::ReferenceExtractor(
-                             dataset.geometry(), volume::ScalarType::kUint8, dataset.samples())
+                             dataset_->geometry(), volume::ScalarType::kUint8, dataset_->samples())
                              .Extract(SmallDataset::kIsovalue);
   std::int64_t triangles = 0;
   std::int64_t vertices = 0;
   std::int64_t blocks = 0;
-  for (const auto& shard : dataset.OpenShards()) {
+  for (const auto& shard : shards_) {
     frame::AgentStatistics statistics;
-    RenderAll({shard}, dataset.Request(), &statistics);
+    RenderAll({shard}, dataset_->Request(), &statistics);
     triangles += statistics.triangle_count;
     vertices += statistics.unique_vertex_count;
     blocks += statistics.visible_block_count;
@@ -62,22 +44,19 @@ TEST_F(FramePipelineTest, RenderAllDrawsEveryTriangleOfTheReference) {
   }
   EXPECT_EQ(triangles, static_cast<std::int64_t>(reference.triangles.size()));
   EXPECT_EQ(vertices, static_cast<std::int64_t>(reference.vertices.size()));
-  const auto shards = dataset.OpenShards();
-  EXPECT_EQ(blocks, shards.front()->reader->ranges().ActiveBlocks(SmallDataset::kIsovalue).Count());
+  EXPECT_EQ(blocks,
+            shards_.front()->reader->ranges().ActiveBlocks(SmallDataset::kIsovalue).Count());
 }
 
 TEST_F(FramePipelineTest, StatisticsAddUp) {
-  const SmallDataset dataset(1);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
+  Open(1);
   Frame frame;
-  RunAlone(shards, request, dataset, &frame);
+  RunAlone(task_, &frame);
 
   // Counted again from the definitions.
-  const view::View view =
-      *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
-  const store::ShardReader& reader = *shards.front()->reader;
-  const volume::BlockSet active = reader.ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
+  const view::View view = dataset_->ViewOf(task_);
+  const store::ShardReader& reader = *shards_.front()->reader;
+  const volume::BlockSet active = reader.ranges().ActiveBlocks(task_.spec.surfaces[0].isovalue);
   EXPECT_EQ(frame.selection.active, active.Ids());
   const auto drawn = static_cast<std::int64_t>(frame.visible_blocks.size()) +
                      static_cast<std::int64_t>(frame.occluding_blocks.size());
@@ -103,9 +82,8 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
 }
 
 TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
-  const SmallDataset dataset(1);
-  const FrameTask request = dataset.Request();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
+  Open(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, pipeline->RenderAll());
   const absl::Duration before = pipeline->statistics().busy_duration;
   ASSERT_FALSE(pipeline->Encode(image).empty());
@@ -113,32 +91,28 @@ TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
 }
 
 TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
-  const SmallDataset dataset(2);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
+  Open(2);
   Frame frame;
-  RunAlone(shards, request, dataset, &frame);
+  RunAlone(task_, &frame);
   frame::AgentStatistics all;
-  EXPECT_TRUE(frame.image == RenderAll(shards, request, &all));
+  EXPECT_TRUE(frame.image == RenderAll(shards_, task_, &all));
   EXPECT_LT(frame.statistics.triangle_count, all.triangle_count);
 }
 
 TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
-  const SmallDataset dataset(3);
-  const Shards shards = dataset.OpenShards();
-  FrameTask request = dataset.Request();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, Make(shards, request));
+  Open(3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, Make(shards_, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection of_one, alone->SelectOccluders());
   const std::vector<volume::BlockId>& expected = of_one.hits;
   ASSERT_FALSE(expected.empty());
   EXPECT_TRUE(std::is_sorted(expected.begin(), expected.end()));
-  volume::BlockSet hits(dataset.layout().block_count());
+  volume::BlockSet hits(dataset_->layout().block_count());
   std::vector<volume::BlockId> active;
   for (int i = 0; i < 3; ++i) {
-    request.agent_index = i;
-    request.agent_count = 3;
+    task_.agent_index = i;
+    task_.agent_count = 3;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline,
-                                  Make({shards[static_cast<std::size_t>(i)]}, request));
+                                  Make({shards_[static_cast<std::size_t>(i)]}, task_));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection own, pipeline->SelectOccluders());
     EXPECT_LT(own.hits.size(), expected.size()) << "agent " << i << " casts the others' rays too";
     hits.InsertAll(own.hits);
@@ -152,27 +126,25 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
 }
 
 TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
-  const SmallDataset dataset(1);
-  FrameTask request = dataset.Request();
-  request.report_active_blocks = false;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
+  Open(1);
+  task_.report_active_blocks = false;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
   EXPECT_FALSE(selection.hits.empty());
   EXPECT_TRUE(selection.active.empty());
 }
 
 TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
-  const SmallDataset dataset(2);
-  const Shards shards = dataset.OpenShards();
-  FrameTask request = dataset.Request();
-  request.spec.surfaces[0].isovalue = 230;  // near the largest: not all blocks are active
-  const volume::BlockId block_count = static_cast<volume::BlockId>(dataset.layout().block_count());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, Make({shards[0]}, request));
+  Open(2);
+  task_.spec.surfaces[0].isovalue = 230;  // near the largest: not all blocks are active
+  const volume::BlockId block_count =
+      static_cast<volume::BlockId>(dataset_->layout().block_count());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, Make({shards_[0]}, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, own->SelectOccluders());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards[1]}, request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards_[1]}, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection other_selection, others->SelectOccluders());
   const volume::BlockSet active =
-      shards[0]->reader->ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
+      shards_[0]->reader->ranges().ActiveBlocks(task_.spec.surfaces[0].isovalue);
   volume::BlockId inactive = 0;
   while (inactive < block_count && active.Contains(inactive)) {
     ++inactive;
@@ -190,10 +162,10 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
         with(block_count), with(selection.active.front())}) {
     const auto is_refused = StatusIs(absl::StatusCode::kInvalidArgument,
                                      HasSubstr("1 of " + absl::StrCat(blocks.size())));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, Make({shards[0]}, request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, Make({shards_[0]}, task_));
     ISOSCOPE_ASSERT_OK(second->SelectOccluders());
     EXPECT_THAT(second->RenderOccluders(blocks), is_refused);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto third, Make({shards[0]}, request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto third, Make({shards_[0]}, task_));
     ISOSCOPE_ASSERT_OK(third->SelectOccluders());
     ISOSCOPE_ASSERT_OK(third->RenderOccluders({}));
     EXPECT_THAT(third->RenderVisible(blocks, ""), is_refused);
@@ -201,18 +173,15 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
 }
 
 TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
-  const SmallDataset dataset(1);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
-  const view::View view =
-      *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+  Open(1);
+  const view::View view = dataset_->ViewOf(task_);
   // Each cell of each block's mask is open or not, as dice decide.
   std::vector<volume::BlockId> blocks;
   std::vector<image::PixelMask> masks;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, Make(shards, request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, Make(shards_, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, first->SelectOccluders());
   for (const volume::BlockId id : selection.active) {
-    const view::PixelRect rect = view.FootprintOf(dataset.layout(), id).rect;
+    const view::PixelRect rect = view.FootprintOf(dataset_->layout(), id).rect;
     blocks.push_back(id);
     masks.push_back(visibility::ClosedMaskOf(rect));
     const auto bits = static_cast<std::size_t>(masks.back().columns) *
@@ -223,11 +192,10 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
       }
     }
   }
-  image::FrameImage expected(request.spec.viewport.width_px, request.spec.viewport.height_px);
+  image::FrameImage expected = EmptyImage(task_);
   std::int64_t dropped = 0;
   for (std::size_t i = 0; i < blocks.size(); ++i) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, Make(shards, request));
-    ISOSCOPE_ASSERT_OK(one->SelectOccluders());
+    const auto one = MakeSelected();
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, one->RenderOccluders({blocks[i]}));
     image::FrameImage open(image.width, image.height);
     for (int y = 0; y < image.height; ++y) {
@@ -251,21 +219,19 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
                                 first->RenderVisible(blocks, visibility::EncodeOpenPixels(masks)));
   EXPECT_TRUE(image == expected);
   // No masks: nothing is dropped (the paper's culling by mask).
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto unmasked, Make(shards, request));
-  ISOSCOPE_ASSERT_OK(unmasked->SelectOccluders());
-  ISOSCOPE_ASSERT_OK(unmasked->RenderOccluders({}));
+  const auto unmasked = MakeWithoutOccluders();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage all, unmasked->RenderVisible(blocks, ""));
-  EXPECT_TRUE(all == RenderAll(shards, request));
+  EXPECT_TRUE(all == RenderAll(shards_, task_));
 }
 
 TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
-  const SmallDataset dataset(1);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
+  Open(1);
   Frame frame;
-  RunAlone(shards, request, dataset, &frame);
+  RunAlone(task_, &frame);
   ASSERT_GT(frame.visible_blocks.size(), 1U);
-  const std::string open_pixels = VisibleOf(frame, request, dataset).second;
+  const std::string open_pixels =
+      dataset_->VisibleOf(task_, frame.selection.active, frame.occluding_blocks, frame.occluders)
+          .second;
   std::vector<std::string> bad = {"x", std::string(1000, '\xff'), open_pixels + "x"};
   for (std::size_t i = 0; i < open_pixels.size(); i += 1 + open_pixels.size() / 40) {
     bad.push_back(open_pixels);
@@ -278,9 +244,7 @@ TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
   std::vector<volume::BlockId> fewer = frame.visible_blocks;
   fewer.pop_back();
   for (std::size_t i = 0; i <= bad.size(); ++i) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
-    ISOSCOPE_ASSERT_OK(pipeline->SelectOccluders());
-    ISOSCOPE_ASSERT_OK(pipeline->RenderOccluders({}));
+    const auto pipeline = MakeWithoutOccluders();
     EXPECT_THAT(i < bad.size() ? pipeline->RenderVisible(frame.visible_blocks, bad[i])
                                : pipeline->RenderVisible(fewer, open_pixels),
                 StatusIs(absl::StatusCode::kDataLoss, HasSubstr("open pixels")))
@@ -289,16 +253,14 @@ TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
 }
 
 TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
-  const SmallDataset dataset(2);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
+  Open(2);
   frame::AgentStatistics both;
-  const image::FrameImage expected = RenderAll(shards, request, &both);
+  const image::FrameImage expected = RenderAll(shards_, task_, &both);
   frame::AgentStatistics first;
   frame::AgentStatistics second;
-  image::FrameImage image = RenderAll({shards[0]}, request, &first);
+  image::FrameImage image = RenderAll({shards_[0]}, task_, &first);
   EXPECT_FALSE(image == expected) << "the second shard shows nothing";
-  composite::CompositeInto(RenderAll({shards[1]}, request, &second), kOrder, &image);
+  composite::CompositeInto(RenderAll({shards_[1]}, task_, &second), kOrder, &image);
   EXPECT_TRUE(image == expected);
   EXPECT_EQ(both.triangle_count, first.triangle_count + second.triangle_count);
   EXPECT_EQ(both.unique_vertex_count, first.unique_vertex_count + second.unique_vertex_count);
@@ -306,16 +268,14 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
 }
 
 // Symptom: with three threads or more and a memory limit the program aborted, "Resource deadlock
-// avoided". Shading ran a parallel loop under a lock, inside of the loops that deliver meshes.
+// avoided". Shading ran a parallel loop under a lock, inside of the loops that add meshes.
 TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
-  const SmallDataset dataset(2);
-  const Shards shards = dataset.OpenShards();
-  FrameTask request = dataset.Request();
+  Open(2);
   // Many tiles are shaded side by side, while other threads draw.
-  request.spec.viewport = {240, 180};
+  task_.spec.viewport = {240, 180};
   Use({.thread_count = 1});
   Frame expected;
-  RunAlone(shards, request, dataset, &expected);
+  RunAlone(task_, &expected);
   for (const int thread_count : testing::kThreadCounts) {
     // Of these, the first two make the renderer shade early.
     for (const std::size_t memory_limit_bytes :
@@ -325,7 +285,7 @@ TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
       // From kept meshes, threads draw small tasks side by side.
       for (int i = 0; i < 4; ++i) {
         Frame frame;
-        RunAlone(shards, request, dataset, &frame);
+        RunAlone(task_, &frame);
         ExpectSameWork(frame, expected);
       }
     }
@@ -333,18 +293,16 @@ TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
 }
 
 TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
-  const SmallDataset dataset(2);
-  const std::string path = dataset.shard_directory(1) + "/" + store::kBlocksFileName;
+  Open(2);
+  const std::string path = dataset_->shard_directory(1) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
   // Blocks of the gyroid are active almost everywhere; count the places that hit an active one.
   int failures = 0;
   for (int part = 0; part < 8; ++part) {
     const std::int64_t offset = size * part / 8 + 100;
     FlipBit(path, offset);
     ForgetAll();
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_));
     const auto image = pipeline->RenderAll();
     FlipBit(path, offset);
     if (image.ok()) {
@@ -363,53 +321,42 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
     FlipBit(path, offset);
   }
   ForgetAll();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
   EXPECT_THAT(pipeline->RenderOccluders(selection.active),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto visible, Make(shards, request));
-  ISOSCOPE_ASSERT_OK(visible->SelectOccluders());
+  const auto visible = MakeSelected();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage none, visible->RenderOccluders({}));
-  EXPECT_TRUE(none ==
-              image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
+  EXPECT_TRUE(none == EmptyImage(task_));
   EXPECT_THAT(visible->RenderVisible(selection.active, ""),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
 }
 
 TEST_F(FramePipelineTest, CancelledFrameStopsInEachStep) {
-  const SmallDataset dataset(2);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
+  Open(2);
   for (int step = 0; step < 4; ++step) {
     SCOPED_TRACE(step);
     base::Cancellation cancellation;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request, &cancellation));
-    const auto is_cancelled = StatusIs(absl::StatusCode::kCancelled);
-    if (step == 3) {
-      cancellation.Cancel();
-      EXPECT_THAT(pipeline->RenderAll(), is_cancelled);
-      EXPECT_EQ(pipeline->statistics().triangle_count, 0);
-      continue;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_, &cancellation));
+    RaySelection selection;
+    if (step == 1 || step == 2) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(selection, pipeline->SelectOccluders());
     }
-    if (step == 0) {
-      cancellation.Cancel();
-      EXPECT_THAT(pipeline->SelectOccluders(), is_cancelled);
-      continue;
+    if (step == 2) {
+      ISOSCOPE_ASSERT_OK(pipeline->RenderOccluders({}));
     }
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
-    if (step == 1) {
-      cancellation.Cancel();
-      EXPECT_THAT(pipeline->RenderOccluders(selection.active), is_cancelled);
-      continue;
-    }
-    ISOSCOPE_ASSERT_OK(pipeline->RenderOccluders({}));
     cancellation.Cancel();
-    EXPECT_THAT(pipeline->RenderVisible(selection.active, ""), is_cancelled);
+    const absl::Status status = step == 0   ? pipeline->SelectOccluders().status()
+                                : step == 1 ? pipeline->RenderOccluders(selection.active).status()
+                                : step == 2 ? pipeline->RenderVisible(selection.active, "").status()
+                                            : pipeline->RenderAll().status();
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kCancelled));
+    EXPECT_EQ(pipeline->statistics().triangle_count, 0);
   }
   const base::Cancellation late(absl::Now() - absl::Seconds(1));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request, &late));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_, &late));
   EXPECT_THAT(pipeline->SelectOccluders(), StatusIs(absl::StatusCode::kDeadlineExceeded));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, Make(shards, request, &late));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, Make(shards_, task_, &late));
   EXPECT_THAT(all->RenderAll(), StatusIs(absl::StatusCode::kDeadlineExceeded));
 }
 
@@ -460,7 +407,7 @@ class CancellingRenderer final : public render::Renderer {
 };
 
 TEST_F(FramePipelineTest, CancellationInTheMiddleOfDrawingStopsIt) {
-  const SmallDataset dataset(1);
+  Open(1);
   base::Cancellation cancellation;
   CancellingRenderer renderer(renderer_.get(), &cancellation);
   AgentResources resources = Resources();
@@ -469,20 +416,19 @@ TEST_F(FramePipelineTest, CancellationInTheMiddleOfDrawingStopsIt) {
   for (int run = 0; run < 2; ++run) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const auto pipeline,
-        FramePipeline::Make(dataset.OpenShards(), dataset.Request(), resources, &cancellation));
+        FramePipeline::Make(shards_, dataset_->Request(), resources, &cancellation));
     EXPECT_THAT(pipeline->RenderAll(), StatusIs(absl::StatusCode::kCancelled));
   }
 }
 
 TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
-  const SmallDataset dataset(2);
+  Open(2);
   std::vector<image::FrameImage> images;
   for (const std::size_t max_read_bytes : {AgentResources().max_read_bytes, std::size_t{1}}) {
     AgentResources resources = Resources();
     resources.max_read_bytes = max_read_bytes;  // 1: one run at a time
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        auto pipeline,
-        FramePipeline::Make(dataset.OpenShards(), dataset.Request(), resources, &never_));
+        auto pipeline, FramePipeline::Make(shards_, dataset_->Request(), resources, &never_));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(image::FrameImage image, pipeline->RenderAll());
     EXPECT_GT(pipeline->statistics().read_bytes, 0);
     images.push_back(std::move(image));
@@ -493,50 +439,47 @@ TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
 }
 
 TEST_F(FramePipelineTest, BadRequestIsRefused) {
-  const SmallDataset dataset(1);
-  const Shards shards = dataset.OpenShards();
-  FrameTask request = dataset.Request();
-  request.spec.viewport.width_px = 0;
-  EXPECT_THAT(Make(shards, request), StatusIs(absl::StatusCode::kInvalidArgument));
-  request = dataset.Request();
-  request.spec.camera->eye = request.spec.camera->target;
-  EXPECT_THAT(Make(shards, request), StatusIs(absl::StatusCode::kInvalidArgument));
+  Open(1);
+  task_.spec.viewport.width_px = 0;
+  EXPECT_THAT(Make(shards_, task_), StatusIs(absl::StatusCode::kInvalidArgument));
+  task_ = dataset_->Request();
+  task_.spec.camera->eye = task_.spec.camera->target;
+  EXPECT_THAT(Make(shards_, task_), StatusIs(absl::StatusCode::kInvalidArgument));
+  task_.spec.camera.reset();
+  EXPECT_THAT(Make(shards_, task_),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("camera")));
 }
 
 TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
-  const SmallDataset dataset(2);
-  FrameTask request = dataset.Request();
-  request.spec.surfaces[0].isovalue = 1000;
+  Open(2);
+  task_.spec.surfaces[0].isovalue = 1000;
   Frame frame;
-  RunAlone(dataset.OpenShards(), request, dataset, &frame);
+  RunAlone(task_, &frame);
   EXPECT_TRUE(frame.selection.hits.empty());
   EXPECT_EQ(frame.statistics.active_block_count, 0);
-  EXPECT_TRUE(frame.image ==
-              image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
+  EXPECT_TRUE(frame.image == EmptyImage(task_));
 }
 
 // A frame of several surfaces is the composite of frames of each, and reads a block once.
 TEST_F(FramePipelineTest, SeveralSurfacesAreTheCompositeOfEach) {
-  const SmallDataset dataset{2};
-  const Shards shards = dataset.OpenShards();
+  Open(2);
   const std::vector<double> isovalues{SmallDataset::kIsovalue, SmallDataset::kIsovalue + 25,
                                       SmallDataset::kIsovalue - 25};
-  const auto block_count = static_cast<std::uint32_t>(dataset.layout().block_count());
+  const auto block_count = static_cast<std::uint32_t>(dataset_->layout().block_count());
   const image::FragmentOrder order{.block_count = block_count, .ties = image::TieRule::kColor};
-  FrameTask task = dataset.Request();
-  task.spec.surfaces.clear();
-  image::FrameImage expected(task.spec.viewport.width_px, task.spec.viewport.height_px);
+  task_.spec.surfaces.clear();
+  image::FrameImage expected = EmptyImage(task_);
   frame::AgentStatistics sum;
   std::set<volume::BlockId> active;
   for (std::uint32_t i = 0; i < isovalues.size(); ++i) {
-    FrameTask alone = dataset.Request();
+    FrameTask alone = dataset_->Request();
     alone.spec.surfaces[0].isovalue = isovalues[i];
     alone.spec.surfaces[0].appearance.base_color = {static_cast<std::uint8_t>(80 + 60 * i), 90, 70,
                                                     255};
-    task.spec.surfaces.push_back(alone.spec.surfaces[0]);
+    task_.spec.surfaces.push_back(alone.spec.surfaces[0]);
     ForgetAll();
     frame::AgentStatistics statistics;
-    image::FrameImage image = RenderAll(shards, alone, &statistics);
+    image::FrameImage image = RenderAll(shards_, alone, &statistics);
     for (std::uint64_t& key : image.keys) {
       if (key != image::kBackgroundKey) {
         key = image::FragmentKey(image::DepthOf(key), order.OwnerOf(i, image::OwnerOf(key)));
@@ -546,39 +489,37 @@ TEST_F(FramePipelineTest, SeveralSurfacesAreTheCompositeOfEach) {
     sum.triangle_count += statistics.triangle_count;
     sum.unique_vertex_count += statistics.unique_vertex_count;
     sum.read_bytes = std::max(sum.read_bytes, statistics.read_bytes);
-    for (const volume::BlockId id : shards[0]->reader->ranges().ActiveBlocks(isovalues[i]).Ids()) {
+    for (const volume::BlockId id : shards_[0]->reader->ranges().ActiveBlocks(isovalues[i]).Ids()) {
       active.insert(id);
     }
   }
   ForgetAll();
   frame::AgentStatistics statistics;
-  EXPECT_TRUE(RenderAll(shards, task, &statistics) == expected);
+  EXPECT_TRUE(RenderAll(shards_, task_, &statistics) == expected);
   EXPECT_EQ(statistics.triangle_count, sum.triangle_count);
   EXPECT_EQ(statistics.unique_vertex_count, sum.unique_vertex_count);
   EXPECT_EQ(statistics.active_block_count, static_cast<std::int64_t>(active.size()));
   EXPECT_EQ(statistics.visible_block_count, static_cast<std::int64_t>(active.size()));
   // The steps with culling give the same picture.
   Frame frame;
-  task.spec.culling = frame::Culling::kDepth;
-  RunAlone(shards, task, dataset, &frame);
+  task_.spec.culling = frame::Culling::kDepth;
+  RunAlone(task_, &frame);
   EXPECT_TRUE(frame.image == expected);
 }
 
 TEST_F(FramePipelineTest, BlocksThatAreWhollyClippedAreNeitherReadNorDrawn) {
-  const SmallDataset dataset{1};
-  const Shards shards = dataset.OpenShards();
-  FrameTask task = dataset.Request();
-  task.report_active_blocks = true;
+  Open(1);
+  task_.report_active_blocks = true;
   frame::AgentStatistics whole;
-  RenderAll(shards, task, &whole);
-  const math::Box3d bounds = dataset.geometry().Bounds();
-  task.spec.clip.half_spaces = {{{1, 0, 0}, bounds.min.x + 0.75 * (bounds.max.x - bounds.min.x)}};
-  const view::Clipper clipper(task.spec.clip, dataset.geometry());
+  RenderAll(shards_, task_, &whole);
+  const math::Box3d bounds = dataset_->geometry().Bounds();
+  task_.spec.clip.half_spaces = {{{1, 0, 0}, bounds.min.x + 0.75 * (bounds.max.x - bounds.min.x)}};
+  const view::Clipper clipper(task_.spec.clip, dataset_->geometry());
   std::vector<volume::BlockId> shown;
   const std::vector<volume::BlockId> active =
-      shards[0]->reader->ranges().ActiveBlocks(SmallDataset::kIsovalue).Ids();
+      shards_[0]->reader->ranges().ActiveBlocks(SmallDataset::kIsovalue).Ids();
   for (const volume::BlockId id : active) {
-    if (clipper.SideOf(dataset.layout(), id) != view::Clipper::Side::kOutside) {
+    if (clipper.SideOf(dataset_->layout(), id) != view::Clipper::Side::kOutside) {
       shown.push_back(id);
     }
   }
@@ -586,12 +527,12 @@ TEST_F(FramePipelineTest, BlocksThatAreWhollyClippedAreNeitherReadNorDrawn) {
   ASSERT_LT(shown.size(), active.size() / 2);
   ForgetAll();
   frame::AgentStatistics clipped;
-  RenderAll(shards, task, &clipped);
+  RenderAll(shards_, task_, &clipped);
   EXPECT_EQ(clipped.active_block_count, static_cast<std::int64_t>(shown.size()));
   EXPECT_EQ(clipped.visible_block_count, static_cast<std::int64_t>(shown.size()));
   EXPECT_LT(clipped.read_bytes, whole.read_bytes * 3 / 4);
   // The coordinator keeps the active blocks for frames with another region.
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, task));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
   EXPECT_EQ(selection.active, active);
   std::vector<volume::BlockId> outside;
@@ -601,17 +542,9 @@ TEST_F(FramePipelineTest, BlocksThatAreWhollyClippedAreNeitherReadNorDrawn) {
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
-TEST_F(FramePipelineTest, AFrameWithoutACameraIsRefused) {
-  const SmallDataset dataset{1};
-  FrameTask task = dataset.Request();
-  task.spec.camera.reset();
-  EXPECT_THAT(Make(dataset.OpenShards(), task),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("camera")));
-}
-
 TEST_F(FramePipelineTest, AStepOutOfOrderEndsTheProcess) {
-  const SmallDataset dataset{1};
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), dataset.Request()));
+  Open(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, dataset_->Request()));
   EXPECT_DEATH(pipeline->RenderOccluders({}).IgnoreError(), "next_step_");
   EXPECT_DEATH(pipeline->RenderVisible({}, "").IgnoreError(), "next_step_");
 }

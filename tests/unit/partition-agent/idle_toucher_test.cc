@@ -15,17 +15,16 @@ constexpr absl::Duration kNever = absl::Hours(1);
 TEST(IdleToucherTest, TouchesAfterWorkUntilNothingIsMissing) {
   std::atomic<int> missing{3};
   absl::Notification done;
-  IdleToucher toucher({.is_busy = [] { return false; },
-                       .touch_some =
-                           [&] {
-                             if (missing.load() == 0) {
-                               done.Notify();
-                               return false;
-                             }
-                             missing.fetch_sub(1);
-                             return true;
-                           },
-                       .idle_after = kAtOnce});
+  const auto touch = [&] {
+    if (missing.load() == 0) {
+      done.Notify();
+      return false;
+    }
+    missing.fetch_sub(1);
+    return true;
+  };
+  IdleToucher toucher(
+      {.is_busy = [] { return false; }, .touch_some = touch, .idle_after = kAtOnce});
   toucher.NoteWork();
   done.WaitForNotification();
   EXPECT_EQ(missing.load(), 0);
@@ -35,11 +34,7 @@ TEST(IdleToucherTest, TouchesNothingBeforeTheFirstWork) {
   std::atomic<int> calls{0};
   {
     IdleToucher toucher({.is_busy = [] { return false; },
-                         .touch_some =
-                             [&] {
-                               calls.fetch_add(1);
-                               return false;
-                             },
+                         .touch_some = [&] { return calls.fetch_add(1) < 0; },
                          .idle_after = kAtOnce});
     absl::SleepFor(absl::Milliseconds(20));
   }
@@ -51,18 +46,16 @@ TEST(IdleToucherTest, WaitsWhileSomebodyIsBusy) {
   std::atomic<int> asked{0};
   std::atomic<int> touched_while_busy{0};
   absl::Notification done;
-  IdleToucher toucher({.is_busy =
-                           [&] {
-                             asked.fetch_add(1);
-                             return is_busy.load();
-                           },
-                       .touch_some =
-                           [&] {
-                             touched_while_busy.fetch_add(is_busy.load() ? 1 : 0);
-                             done.Notify();
-                             return false;
-                           },
-                       .idle_after = kAtOnce});
+  const auto ask = [&] {
+    asked.fetch_add(1);
+    return is_busy.load();
+  };
+  const auto touch = [&] {
+    touched_while_busy.fetch_add(is_busy.load() ? 1 : 0);
+    done.Notify();
+    return false;
+  };
+  IdleToucher toucher({.is_busy = ask, .touch_some = touch, .idle_after = kAtOnce});
   toucher.NoteWork();
   while (asked.load() < 3) {
     absl::SleepFor(kAtOnce);

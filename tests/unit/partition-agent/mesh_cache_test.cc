@@ -1,16 +1,10 @@
 #include "partition-agent/mesh_cache.h"
 
 #include <algorithm>
-#include <atomic>
-#include <cstddef>
-#include <cstdint>
 #include <map>
-#include <memory>
 #include <set>
 #include <string>
 #include <thread>
-#include <utility>
-#include <vector>
 
 #include "gtest/gtest.h"
 
@@ -72,7 +66,13 @@ std::size_t LimitOf(std::size_t chunk_count) {
 class MeshCacheTest : public ::testing::Test {
  protected:
   void SetMaxChunks(std::size_t chunk_count) { cache_->SetMaxBytes(LimitOf(chunk_count)); }
-  std::uint64_t NextRound() { return cache_->BeginRound(++frame_number_); }
+  std::uint64_t NextRound(std::int64_t count = 1) {
+    std::uint64_t round = 0;
+    for (; count > 0; --count) {
+      round = cache_->BeginRound(++frame_number_);
+    }
+    return round;
+  }
   std::shared_ptr<MeshTable> Table(double isovalue = 1) {
     return cache_->TableOf(0, isovalue, kPlaceCount);
   }
@@ -82,6 +82,11 @@ class MeshCacheTest : public ::testing::Test {
     for (std::size_t place = begin; place < end; ++place) {
       writer.Store(QuarterMesh(static_cast<volume::BlockId>(place)), table, place);
     }
+  }
+  // Stores one mesh, by a writer of its own.
+  MeshPtr Store(const mesh::BlockMesh& mesh, MeshTable* table, std::size_t place,
+                std::uint64_t round) {
+    return MeshCache::Writer(cache_.get(), round).Store(mesh, table, place);
   }
   // Which of the first places are there; '1' or '0' each. As a use in `round`.
   static std::string Present(MeshTable* table, std::size_t count, std::uint64_t round) {
@@ -229,14 +234,8 @@ TEST_F(MeshCacheTest, ValuesLiveOnWithThoseWhoHoldThem) {
   Fill(table.get(), 0, 4, round);
   MeshPtr kept = table->Find(2, round);
   ASSERT_NE(kept, nullptr);
-  MeshPtr never_kept;
-  {
-    MeshCache::Writer writer(cache_.get(), round);
-    never_kept = writer.Store(QuarterMesh(20), table.get(), 20);
-  }
-  for (int i = 0; i < 3; ++i) {
-    round = NextRound();
-  }
+  MeshPtr never_kept = Store(QuarterMesh(20), table.get(), 20, round);
+  round = NextRound(3);
   Fill(table.get(), 4, 8, round);  // in its place
   EXPECT_EQ(cache_->size_bytes(), table->size_bytes() + kChunkBytes);
   EXPECT_EQ(Present(table.get(), 21, round).substr(20), "0");
@@ -268,9 +267,7 @@ TEST_F(MeshCacheTest, ForgottenMeshIsGoneOnceNobodyHoldsIt) {
   std::uint64_t round = NextRound();
   Fill(table.get(), 0, 4, round);
   MeshPtr held = table->Find(0, round);
-  for (int i = 0; i < 2; ++i) {
-    round = NextRound();
-  }
+  round = NextRound(2);
   Fill(table.get(), 4, 8, round);
   if (const MeshPtr found = table->Find(0, round); found != nullptr) {
     EXPECT_EQ(found, held);
@@ -298,30 +295,17 @@ TEST_F(MeshCacheTest, MeshLargerThanAChunkIsASegmentOfItsOwn) {
   // Larger than all: drawn, but not kept, and nothing is forgotten for it in its round.
   const mesh::BlockMesh too_large = MakeMesh(3, 300'000, 900'000);
   ASSERT_GT(mesh::CompactSizeBytes(too_large), LimitOf(6));
-  {
-    MeshCache::Writer writer(cache_.get(), round);
-    EXPECT_TRUE(IsMesh(*writer.Store(too_large, table.get(), 3), too_large));
-  }
+  EXPECT_TRUE(IsMesh(*Store(too_large, table.get(), 3, round), too_large));
   EXPECT_EQ(Present(table.get(), 4, round), "1110");
   // Nor for nothing in a later one.
-  for (int i = 0; i < 3; ++i) {
-    round = NextRound();
-  }
-  {
-    MeshCache::Writer writer(cache_.get(), round);
-    writer.Store(too_large, table.get(), 3);
-  }
+  round = NextRound(3);
+  Store(too_large, table.get(), 3, round);
   EXPECT_EQ(Present(table.get(), 4, round), "1110");
   EXPECT_LE(cache_->size_bytes(), LimitOf(6));
   // One that does not fit beside the old ones takes their place.
-  for (int i = 0; i < 2; ++i) {
-    round = NextRound();
-  }
+  round = NextRound(2);
   EXPECT_NE(table->Find(0, round), nullptr);
-  {
-    MeshCache::Writer writer(cache_.get(), round);
-    writer.Store(MakeMesh(4, 100'000, 300'003), table.get(), 4);
-  }
+  Store(MakeMesh(4, 100'000, 300'003), table.get(), 4, round);
   EXPECT_NE(table->Find(4, round), nullptr);
   EXPECT_EQ(table->Find(1, round), nullptr);
   EXPECT_NE(table->Find(0, round), nullptr);
@@ -333,8 +317,7 @@ TEST_F(MeshCacheTest, WritersOneAfterTheOtherShareASegmentAndSideBySideDoNot) {
   const auto table = Table();
   const std::uint64_t round = NextRound();
   for (std::size_t place = 0; place < kPlaceCount; ++place) {
-    MeshCache::Writer writer(cache_.get(), round);
-    writer.Store(MakeMesh(static_cast<volume::BlockId>(place), 20, 60), table.get(), place);
+    Store(MakeMesh(static_cast<volume::BlockId>(place), 20, 60), table.get(), place, round);
   }
   EXPECT_EQ(cache_->size_bytes(), table->size_bytes() + kChunkBytes);
   {
@@ -372,10 +355,7 @@ TEST_F(MeshCacheTest, LowerLimitTakesEffectWithTheNextSegments) {
   const auto table = Table();
   Fill(table.get(), 0, 16, NextRound());
   SetMaxChunks(2);
-  for (int i = 0; i < 2; ++i) {
-    NextRound();
-  }
-  const std::uint64_t round = NextRound();
+  const std::uint64_t round = NextRound(3);
   Fill(table.get(), 16, 20, round);
   EXPECT_LE(cache_->size_bytes(), LimitOf(2));
   EXPECT_EQ(Present(table.get(), 20, round).substr(16), "1111");
@@ -417,10 +397,7 @@ TEST_F(MeshCacheTest, TableTooLargeForTheLimitIsMadeButNotKept) {
   ASSERT_NE(table, nullptr);
   EXPECT_LE(cache_->size_bytes(), table_bytes - 1);
   const std::uint64_t round = NextRound();
-  {
-    MeshCache::Writer writer(cache_.get(), round);
-    writer.Store(QuarterMesh(5), table.get(), 99'999);
-  }
+  Store(QuarterMesh(5), table.get(), 99'999, round);
   EXPECT_NE(table->Find(99'999, round), nullptr);
   EXPECT_LE(cache_->size_bytes(), 8 * table_bytes);
 }

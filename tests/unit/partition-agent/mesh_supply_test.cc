@@ -1,27 +1,14 @@
 #include "partition-agent/mesh_supply.h"
 
-#include <algorithm>
-#include <atomic>
-#include <cstddef>
-#include <cstdint>
 #include <map>
-#include <memory>
-#include <span>
 #include <thread>
-#include <utility>
-#include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/status/status.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/task_arena.h>
 
-#include "core/base/cancellation.h"
-#include "core/base/check.h"
 #include "core/base/mutex.h"
 #include "core/base/task_arena.h"
-#include "partition-agent/block_cache.h"
-#include "partition-agent/surface_blocks.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
 
@@ -31,32 +18,32 @@ namespace {
 using testing::SmallDataset;
 using testing::StatusIs;
 
-// Full after every `capacity` deliveries. Notes what was taken, and breaches of the contract.
+// Full after every `capacity` batches. Notes what was added, and breaches of the contract.
 class CountingSink final : public MeshSink {
  public:
   explicit CountingSink(int capacity) : capacity_(capacity) {}
 
-  absl::Status Take(std::span<const render::MeshToDraw> meshes) override {
-    EXPECT_FALSE(is_draining_.load()) << "taken during a drain";
-    taking_.fetch_add(1);
-    EXPECT_LE(meshes.size(), MeshSupply::kMaxDeliveryMeshes);
+  absl::Status Add(std::span<const render::MeshToDraw> meshes) override {
+    EXPECT_FALSE(is_draining_.load()) << "added during a drain";
+    adding_.fetch_add(1);
+    EXPECT_LE(meshes.size(), MeshWorker::kMaxBatchMeshes);
     {
       const base::MutexLock lock(&mutex_);
       for (const render::MeshToDraw& item : meshes) {
-        ++times_taken_[{item.surface_index, item.mesh->block_id}];
+        ++times_added_[{item.surface_index, item.mesh->block_id}];
       }
       late_count_ += held_.load() >= capacity_ ? 1 : 0;
       most_late_ = std::max(most_late_, late_count_);
     }
     std::this_thread::yield();
     held_.fetch_add(1);
-    taking_.fetch_sub(1);
+    adding_.fetch_sub(1);
     return absl::OkStatus();
   }
   [[nodiscard]] bool is_full() const override { return held_.load() >= capacity_; }
   absl::Status Drain() override {
     is_draining_ = true;
-    EXPECT_EQ(taking_.load(), 0) << "drained while another thread delivers";
+    EXPECT_EQ(adding_.load(), 0) << "drained while another thread adds";
     held_ = 0;
     ++drain_count_;
     {
@@ -69,11 +56,11 @@ class CountingSink final : public MeshSink {
 
   void FailAtDrain(int number) { failing_drain_ = number; }
   [[nodiscard]] int drain_count() const { return drain_count_; }
-  [[nodiscard]] std::map<std::pair<std::uint32_t, volume::BlockId>, int> times_taken() {
+  [[nodiscard]] std::map<std::pair<std::uint32_t, volume::BlockId>, int> times_added() {
     const base::MutexLock lock(&mutex_);
-    return times_taken_;
+    return times_added_;
   }
-  // Returns the most deliveries between the sink being full and its drain.
+  // Returns the most batches between the sink being full and its drain.
   [[nodiscard]] int most_late() {
     const base::MutexLock lock(&mutex_);
     return most_late_;
@@ -82,12 +69,12 @@ class CountingSink final : public MeshSink {
  private:
   const int capacity_;
   std::atomic<int> held_{0};
-  std::atomic<int> taking_{0};
+  std::atomic<int> adding_{0};
   std::atomic<bool> is_draining_{false};
-  int drain_count_ = 0;  // only the thread of the delivery drains
+  int drain_count_ = 0;  // only the thread of the supply drains
   int failing_drain_ = 0;
   base::Mutex mutex_;
-  std::map<std::pair<std::uint32_t, volume::BlockId>, int> times_taken_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::pair<std::uint32_t, volume::BlockId>, int> times_added_ ABSL_GUARDED_BY(mutex_);
   int late_count_ ABSL_GUARDED_BY(mutex_) = 0;
   int most_late_ ABSL_GUARDED_BY(mutex_) = 0;
 };
@@ -102,10 +89,10 @@ class MeshSupplyTest : public ::testing::Test {
     ISOSCOPE_CHECK(blocks.ok());
     return *std::move(blocks);
   }
-  absl::Status Deliver(const SurfaceBlocks& blocks, tbb::task_arena* arena, MeshSink* sink) {
+  absl::Status AddAll(const SurfaceBlocks& blocks, tbb::task_arena* arena, MeshSink* sink) {
     MeshSupply supply(&blocks, cache_.BeginRound(++frame_number_),
                       {.arena = arena, .cache = &cache_}, &never_);
-    return supply.DeliverMeshes(blocks.ChooseAll(), sink).status();
+    return supply.AddMeshes(blocks.ChooseAll(), sink).status();
   }
 
   const SmallDataset dataset_{2};
@@ -114,7 +101,7 @@ class MeshSupplyTest : public ::testing::Test {
   std::int64_t frame_number_ = 0;
 };
 
-TEST_F(MeshSupplyTest, EveryMeshIsDeliveredOnceHoweverOftenTheSinkIsFull) {
+TEST_F(MeshSupplyTest, EveryMeshIsAddedOnceHoweverOftenTheSinkIsFull) {
   const SurfaceBlocks blocks = FindBlocks();
   const std::size_t mesh_count = blocks.ChooseAll().size();
   ASSERT_GE(mesh_count, 100U);
@@ -125,9 +112,9 @@ TEST_F(MeshSupplyTest, EveryMeshIsDeliveredOnceHoweverOftenTheSinkIsFull) {
       cache_.SetMaxBytes(0);  // all meshes are read; then, with room, some are kept
       for (int frame = 0; frame < 3; ++frame) {
         CountingSink sink(capacity);
-        ISOSCOPE_ASSERT_OK(Deliver(blocks, arena.get(), &sink));
-        EXPECT_EQ(sink.times_taken().size(), mesh_count);
-        for (const auto& [mesh, times] : sink.times_taken()) {
+        ISOSCOPE_ASSERT_OK(AddAll(blocks, arena.get(), &sink));
+        EXPECT_EQ(sink.times_added().size(), mesh_count);
+        for (const auto& [mesh, times] : sink.times_added()) {
           EXPECT_EQ(times, 1) << "surface " << mesh.first << ", block " << mesh.second;
         }
         // The thread that filled it is not late, each other one may be once.
@@ -139,17 +126,17 @@ TEST_F(MeshSupplyTest, EveryMeshIsDeliveredOnceHoweverOftenTheSinkIsFull) {
   }
 }
 
-TEST_F(MeshSupplyTest, ErrorOfADrainEndsTheDelivery) {
+TEST_F(MeshSupplyTest, ErrorOfADrainEndsTheSupply) {
   const SurfaceBlocks blocks = FindBlocks();
   const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(3);
   // From disk, then from the cache.
   for (int frame = 0; frame < 2; ++frame) {
     CountingSink sink(1);
     sink.FailAtDrain(2);
-    EXPECT_THAT(Deliver(blocks, arena.get(), &sink), StatusIs(absl::StatusCode::kInternal));
+    EXPECT_THAT(AddAll(blocks, arena.get(), &sink), StatusIs(absl::StatusCode::kInternal));
     EXPECT_EQ(sink.drain_count(), 2);
     CountingSink ample(1 << 30);
-    ISOSCOPE_ASSERT_OK(Deliver(blocks, arena.get(), &ample));
+    ISOSCOPE_ASSERT_OK(AddAll(blocks, arena.get(), &ample));
   }
 }
 

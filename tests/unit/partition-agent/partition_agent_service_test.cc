@@ -1,14 +1,9 @@
 // The agent's service as a coordinator meets it: raw protocol messages over an in-process channel.
 
-#include <algorithm>
 #include <limits>
 #include <map>
-#include <memory>
 #include <span>
-#include <string>
 #include <thread>
-#include <utility>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/notification.h"
@@ -22,9 +17,6 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
-#include "core/view/view.h"
-#include "core/visibility/occlusion_map.h"
-#include "core/visibility/open_pixels.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
@@ -45,27 +37,13 @@ using ::testing::HasSubstr;
 // No two fragments of the scene have one depth.
 constexpr image::FragmentOrder kOrder{.block_count = 1 << 20, .ties = image::TieRule::kColor};
 
+// That of SmallDataset::Request.
+constexpr view::Viewport kViewport{.width_px = 120, .height_px = 90};
+
 using Stub = v1::PartitionAgentService::Stub;
 
 std::string CodeOf(const grpc::Status& status) {
-  switch (status.error_code()) {
-    case grpc::OK:
-      return "OK";
-    case grpc::CANCELLED:
-      return "CANCELLED";
-    case grpc::INVALID_ARGUMENT:
-      return "INVALID_ARGUMENT";
-    case grpc::FAILED_PRECONDITION:
-      return "FAILED_PRECONDITION";
-    case grpc::RESOURCE_EXHAUSTED:
-      return "RESOURCE_EXHAUSTED";
-    case grpc::DATA_LOSS:
-      return "DATA_LOSS";
-    case grpc::UNAVAILABLE:
-      return "UNAVAILABLE";
-    default:
-      return std::to_string(status.error_code());
-  }
+  return absl::StatusCodeToString(rpc::ToAbslStatus(status).code());
 }
 
 // The coordinator's side of one frame. Cancels it in the end, if it has not ended.
@@ -106,6 +84,12 @@ class FrameCall {
     }
     return {};
   }
+  // Step 2 without occluders, which shows nothing.
+  void SkipOccluders() {
+    image::FrameImage image(kViewport.width_px, kViewport.height_px);
+    EXPECT_TRUE(SendOccluders({}));
+    EXPECT_TRUE(ReadPixels(&image).has_occluders_done());
+  }
   void EndWrites() { stream_->WritesDone(); }
   void Cancel() { context_.TryCancel(); }
   // Drops what was not read.
@@ -130,15 +114,15 @@ class PartitionAgentServiceTest : public ::testing::Test {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_,
                                   render::MakeRenderer({.kind = render::RendererKind::kCpu}));
     ISOSCOPE_ASSERT_OK(memory_->Settle());
-    Start(dataset_, 4, 64);
+    Start(dataset_.directory());
   }
 
-  void Start(const SmallDataset& dataset, int max_concurrent_frames, int max_queued_frames,
-             const std::string& listen_address = "") {
+  void Start(const std::string& directory, int max_concurrent_frames = 4,
+             int max_queued_frames = 64, const std::string& listen_address = "") {
     stub_.reset();
     server_.reset();
     AgentServerOptions options;
-    options.directories = {dataset.directory()};
+    options.directories = {directory};
     options.listen_address = listen_address;
     options.renderer = renderer_;
     options.arena = arena_;
@@ -170,9 +154,25 @@ class PartitionAgentServiceTest : public ::testing::Test {
     begin->set_report_active_blocks(true);
     return message;
   }
-  image::FrameImage EmptyImage() const {
-    const view::Viewport viewport = dataset_.Request().spec.viewport;
-    return {viewport.width_px, viewport.height_px};
+  static image::FrameImage EmptyImage() { return {kViewport.width_px, kViewport.height_px}; }
+  // Returns the end of a frame that has but one message.
+  grpc::Status EndOf(const v1::RenderFrameRequest& message) const {
+    FrameCall call(stub_.get());
+    call.Send(message);
+    return call.Finish();
+  }
+  // Returns the end of an export, whose blocks `visit` gets.
+  template <typename Visit>
+  std::string ReadSurface(const v1::ExtractSurfaceRequest& request, const Visit& visit) const {
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, request);
+    v1::ExtractSurfaceResponse message;
+    while (reader->Read(&message)) {
+      for (const v1::BlockSurface& block : message.blocks()) {
+        visit(block);
+      }
+    }
+    return CodeOf(reader->Finish());
   }
 
   // Begins a frame and takes what step 1 found.
@@ -190,25 +190,12 @@ class PartitionAgentServiceTest : public ::testing::Test {
   // Steps 2 and 3 of a frame that waits for occluders: the hits, and then what they do not hide.
   void Complete(FrameCall* call, const RaySelection& selection, image::FrameImage* image,
                 v1::RenderFrameResponse* last) const {
-    const FrameTask request = dataset_.Request();
     EXPECT_TRUE(call->SendOccluders(selection.hits));
     EXPECT_TRUE(call->ReadPixels(image).has_occluders_done());
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const view::View view,
-        view::View::Make(*request.spec.camera, request.spec.viewport, dataset_.geometry()));
-    const auto map = visibility::OcclusionMap::FromImage(*image, visibility::MapKind::kDepth);
-    std::vector<volume::BlockId> blocks;
-    std::vector<image::PixelMask> masks;
-    for (const volume::BlockId id : selection.active) {
-      const view::Footprint footprint = view.FootprintOf(dataset_.layout(), id);
-      if (!std::binary_search(selection.hits.begin(), selection.hits.end(), id) &&
-          !footprint.rect.empty() && !map.Hides(footprint)) {
-        blocks.push_back(id);
-        masks.push_back(map.OpenPixels(footprint));
-      }
-    }
+    const auto [blocks, open_pixels] =
+        dataset_.VisibleOf(dataset_.Request(), selection.active, selection.hits, *image);
     EXPECT_FALSE(blocks.empty());
-    EXPECT_TRUE(call->SendVisible(blocks, visibility::EncodeOpenPixels(masks)));
+    EXPECT_TRUE(call->SendVisible(blocks, open_pixels));
     *last = call->ReadPixels(image);
   }
   // Waits until the agent takes a frame again: it lets go of an old one when gRPC has.
@@ -347,9 +334,7 @@ TEST_F(PartitionAgentServiceTest, EveryMessageOutOfOrderIsRefused) {
         BeginAndReadHits(&call);
       }
       if (step >= 2) {
-        image::FrameImage image = EmptyImage();
-        ASSERT_TRUE(call.SendOccluders({}));
-        ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+        call.SkipOccluders();
       }
       if (i < wrong_in_step[step].size()) {
         call.Send(wrong_in_step[step][i]);
@@ -365,21 +350,10 @@ TEST_F(PartitionAgentServiceTest, EveryMessageOutOfOrderIsRefused) {
 TEST_F(PartitionAgentServiceTest, WhatIsNotServedIsAFailedPrecondition) {
   v1::RenderFrameRequest other_dataset = Begin();
   other_dataset.mutable_begin()->set_dataset_id("00000000000000000000000000000000");
-  FrameCall call(stub_.get());
-  call.Send(other_dataset);
-  EXPECT_EQ(CodeOf(call.Finish()), "FAILED_PRECONDITION");
+  EXPECT_EQ(CodeOf(EndOf(other_dataset)), "FAILED_PRECONDITION");
 
-  // An agent of shard 0 alone.
-  AgentServerOptions options;
-  options.directories = {dataset_.shard_directory(0)};
-  options.renderer = renderer_;
-  options.arena = arena_;
-  options.memory = memory_;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server, AgentServer::Start(options));
-  const auto stub = v1::PartitionAgentService::NewStub(server->InProcessChannel());
-  FrameCall both(stub.get());
-  both.Send(Begin());
-  const grpc::Status status = both.Finish();
+  Start(dataset_.shard_directory(0));
+  const grpc::Status status = EndOf(Begin());
   EXPECT_EQ(CodeOf(status), "FAILED_PRECONDITION");
   EXPECT_THAT(status.error_message(), HasSubstr("shard 1 of dataset \"gyroid\""));
 }
@@ -395,9 +369,7 @@ TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
   isoscope::v1::Camera* camera = bad[5].mutable_begin()->mutable_request()->mutable_camera();
   camera->GetReflection()->MutableUnknownFields(camera)->AddVarint(77, 1);
   for (std::size_t i = 0; i < bad.size(); ++i) {
-    FrameCall call(stub_.get());
-    call.Send(bad[i]);
-    const grpc::Status status = call.Finish();
+    const grpc::Status status = EndOf(bad[i]);
     EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT") << i << ": " << status.error_message();
   }
   // Block lists that name no block, name one twice, go back, or would overflow.
@@ -415,9 +387,7 @@ TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
       v1::RenderFrameRequest message;
       v1::BlockList* list = message.mutable_occluders()->mutable_blocks();
       if (is_visible) {
-        image::FrameImage image = EmptyImage();
-        call.SendOccluders({});
-        ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+        call.SkipOccluders();
         list = message.mutable_visible_blocks()->mutable_blocks();
       }
       list->mutable_block_id_deltas()->Assign(deltas.begin(), deltas.end());
@@ -443,26 +413,21 @@ TEST_F(PartitionAgentServiceTest, MessagesThatAreDamagedOnTheirWayAreNotTheCoord
   }
   v1::ExtractSurfaceRequest damaged_surface;
   proto::ParseChecked(nullptr, &damaged_surface);
-  grpc::ClientContext context;
-  const auto reader = stub_->ExtractSurface(&context, damaged_surface);
-  v1::ExtractSurfaceResponse message;
-  EXPECT_FALSE(reader->Read(&message));
-  EXPECT_EQ(CodeOf(reader->Finish()), "UNAVAILABLE");
+  EXPECT_EQ(ReadSurface(damaged_surface, [](const v1::BlockSurface&) { ADD_FAILURE(); }),
+            "UNAVAILABLE");
 }
 
 TEST_F(PartitionAgentServiceTest, AMailboxOfAnotherProcessIsRefused) {
   v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
   begin.mutable_begin()->set_mailbox(1);
-  FrameCall call(stub_.get());
-  call.Send(begin);
-  const grpc::Status status = call.Finish();
+  const grpc::Status status = EndOf(begin);
   EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT");
   EXPECT_THAT(status.error_message(), HasSubstr("mailbox is 1"));
 }
 
 TEST_F(PartitionAgentServiceTest, PixelsInAMailboxAreThoseOfTheBands) {
   mailboxes_ = image::PixelMailboxes::Make();
-  Start(dataset_, 4, 64);
+  Start(dataset_.directory());
   const auto mailbox = mailboxes_->Open();
   v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
   begin.mutable_begin()->set_mailbox(mailbox->number());
@@ -481,12 +446,10 @@ TEST_F(PartitionAgentServiceTest, PixelsInAMailboxAreThoseOfTheBands) {
 
 TEST_F(PartitionAgentServiceTest, AFrameWhoseMailboxIsClosedEnds) {
   mailboxes_ = image::PixelMailboxes::Make();
-  Start(dataset_, 4, 64);
+  Start(dataset_.directory());
   v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
   begin.mutable_begin()->set_mailbox(mailboxes_->Open()->number());  // closes it
-  FrameCall call(stub_.get());
-  ASSERT_TRUE(call.Send(begin));
-  EXPECT_EQ(CodeOf(call.Finish()), "CANCELLED");
+  EXPECT_EQ(CodeOf(EndOf(begin)), "CANCELLED");
 }
 
 TEST_F(PartitionAgentServiceTest, BlocksOfAnotherAgentAreRefused) {
@@ -501,9 +464,7 @@ TEST_F(PartitionAgentServiceTest, BlocksOfAnotherAgentAreRefused) {
     v1::RenderFrameResponse message;
     ASSERT_TRUE(call.Read(&message));
     if (is_visible) {
-      image::FrameImage image = EmptyImage();
-      call.SendOccluders({});
-      ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+      call.SkipOccluders();
       call.SendVisible(selection.active, "");
     } else {
       call.SendOccluders(selection.active);
@@ -531,9 +492,7 @@ TEST_F(PartitionAgentServiceTest, DamagedOpenPixelsAreDataLoss) {
        {std::string("rubbish"), std::string(1000, '\xff'), visibility::EncodeOpenPixels({})}) {
     FrameCall call(stub_.get());
     const RaySelection selection = BeginAndReadHits(&call);
-    image::FrameImage image = EmptyImage();
-    call.SendOccluders({});
-    ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+    call.SkipOccluders();
     call.SendVisible(selection.active, open_pixels);
     EXPECT_EQ(CodeOf(call.Finish()), "DATA_LOSS");
   }
@@ -541,7 +500,7 @@ TEST_F(PartitionAgentServiceTest, DamagedOpenPixelsAreDataLoss) {
 
 TEST_F(PartitionAgentServiceTest, CancelledFrameEndsAndMakesRoom) {
   for (int step = 0; step < 3; ++step) {
-    Start(dataset_, 1, 0);  // room for one frame
+    Start(dataset_.directory(), 1, 0);  // room for one frame
     {
       FrameCall call(stub_.get());
       BeginAndReadHits(&call);
@@ -597,7 +556,7 @@ class HangingRenderer final : public render::Renderer {
 TEST_F(PartitionAgentServiceTest, AFrameThatFailsStopsItsStepWhichWouldComputeForNobody) {
   const auto renderer = std::make_shared<HangingRenderer>();
   renderer_ = renderer;
-  Start(dataset_, 1, 0);
+  Start(dataset_.directory(), 1, 0);
   FrameCall call(stub_.get());
   ASSERT_TRUE(call.Send(Begin(frame::Culling::kNone)));
   ASSERT_TRUE(renderer->begun.WaitForNotificationWithTimeout(absl::Seconds(20)));
@@ -609,15 +568,13 @@ TEST_F(PartitionAgentServiceTest, AFrameThatFailsStopsItsStepWhichWouldComputeFo
 }
 
 TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
-  Start(dataset_, 1, 1);
+  Start(dataset_.directory(), 1, 1);
   FrameCall first(stub_.get());
   const RaySelection selection = BeginAndReadHits(&first);
   FrameCall second(stub_.get());
   BeginAndReadHits(&second);
   {
-    FrameCall third(stub_.get());
-    third.Send(Begin());
-    const grpc::Status status = third.Finish();
+    const grpc::Status status = EndOf(Begin());
     EXPECT_EQ(CodeOf(status), "RESOURCE_EXHAUSTED");
     EXPECT_THAT(status.error_message(), HasSubstr("retry later"));
     EXPECT_TRUE(base::RetryDelayOf(rpc::ToAbslStatus(status)).has_value());
@@ -634,7 +591,7 @@ TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
 
 TEST_F(PartitionAgentServiceTest, ShutdownWithGraceFinishesTheFrameInWork) {
   // gRPC's in-process transport knows no grace: it cuts its calls at once.
-  Start(dataset_, 4, 64, "127.0.0.1:0");
+  Start(dataset_.directory(), 4, 64, "127.0.0.1:0");
   FrameCall call(stub_.get());
   const RaySelection selection = BeginAndReadHits(&call);
   std::thread shutdown([&] { server_->Shutdown(absl::Minutes(2)); });
@@ -648,7 +605,7 @@ TEST_F(PartitionAgentServiceTest, ShutdownWithGraceFinishesTheFrameInWork) {
 }
 
 TEST_F(PartitionAgentServiceTest, ShutdownWithoutGraceCancelsTheFrameInWork) {
-  Start(dataset_, 4, 64, "127.0.0.1:0");
+  Start(dataset_.directory(), 4, 64, "127.0.0.1:0");
   FrameCall call(stub_.get());
   BeginAndReadHits(&call);
   server_->Shutdown(absl::ZeroDuration());
@@ -666,21 +623,16 @@ v1::ExtractSurfaceRequest SurfaceOf(const SmallDataset& dataset, const std::vect
 TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
   std::vector<std::pair<std::int64_t, std::string>> blocks;  // id, edge keys
   for (const std::vector<int>& shards : std::vector<std::vector<int>>{{0}, {1}}) {
-    grpc::ClientContext context;
-    const auto reader = stub_->ExtractSurface(&context, SurfaceOf(dataset_, shards));
-    v1::ExtractSurfaceResponse message;
     std::int64_t last = -1;
-    while (reader->Read(&message)) {
-      for (const v1::BlockSurface& block : message.blocks()) {
-        EXPECT_GT(block.block_id(), last) << "blocks must ascend";
-        last = block.block_id();
-        EXPECT_FALSE(block.triangles().empty());
-        EXPECT_EQ(block.positions().size() * 2, block.edge_keys().size() * 3);
-        EXPECT_EQ(block.normals().size(), block.positions().size());
-        blocks.emplace_back(block.block_id(), block.edge_keys() + block.triangles());
-      }
-    }
-    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+    const auto visit = [&](const v1::BlockSurface& block) {
+      EXPECT_GT(block.block_id(), last) << "blocks must ascend";
+      last = block.block_id();
+      EXPECT_FALSE(block.triangles().empty());
+      EXPECT_EQ(block.positions().size() * 2, block.edge_keys().size() * 3);
+      EXPECT_EQ(block.normals().size(), block.positions().size());
+      blocks.emplace_back(block.block_id(), block.edge_keys() + block.triangles());
+    };
+    EXPECT_EQ(ReadSurface(SurfaceOf(dataset_, shards), visit), "OK");
   }
   std::sort(blocks.begin(), blocks.end());
   const volume::BlockLayout layout =
@@ -704,16 +656,12 @@ TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
 // Blocks of 8 cells: a plane at x = 12 leaves out the first of each row.
 TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndOthersComeWhole) {
   const auto blocks_of = [&](const v1::ExtractSurfaceRequest& request) {
-    grpc::ClientContext context;
-    const auto reader = stub_->ExtractSurface(&context, request);
     std::map<std::int64_t, std::string> blocks;
-    v1::ExtractSurfaceResponse message;
-    while (reader->Read(&message)) {
-      for (const v1::BlockSurface& block : message.blocks()) {
-        blocks[block.block_id()] = block.SerializeAsString();
-      }
-    }
-    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+    EXPECT_EQ(ReadSurface(request,
+                          [&](const v1::BlockSurface& block) {
+                            blocks[block.block_id()] = block.SerializeAsString();
+                          }),
+              "OK");
     return blocks;
   };
   v1::ExtractSurfaceRequest request = SurfaceOf(dataset_, {0, 1});
@@ -741,11 +689,8 @@ TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
   cases.emplace_back(SurfaceOf(dataset_, {0}), "INVALID_ARGUMENT");
   cases.back().first.mutable_clip()->add_half_spaces();
   for (const auto& [request, code] : cases) {
-    grpc::ClientContext context;
-    const auto reader = stub_->ExtractSurface(&context, request);
-    v1::ExtractSurfaceResponse message;
-    EXPECT_FALSE(reader->Read(&message));
-    EXPECT_EQ(CodeOf(reader->Finish()), code) << request.ShortDebugString();
+    EXPECT_EQ(ReadSurface(request, [](const v1::BlockSurface&) { ADD_FAILURE(); }), code)
+        << request.ShortDebugString();
   }
 }
 
@@ -803,7 +748,7 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
 TEST_F(PartitionAgentServiceTest, SlowReaderHoldsTheAgentBackAndCancellingEndsIt) {
   // More surface than the agent queues: it waits for its reader.
   const SmallDataset large(1, {177, 177, 177});
-  Start(large, 1, 0);
+  Start(large.directory(), 1, 0);
   std::size_t bytes = 0;
   for (const bool is_cancelled : {true, false}) {
     grpc::ClientContext context;

@@ -3,10 +3,6 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -23,7 +19,6 @@ namespace {
 using ::isoscope::testing::SmallDataset;
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
-using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 const base::Cancellation& Never() {
   static const base::Cancellation* const never = new base::Cancellation();

@@ -1,16 +1,9 @@
 #include "partition-agent/shard_histogram.h"
 
-#include <algorithm>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/io/file.h"
-#include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"

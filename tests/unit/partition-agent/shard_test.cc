@@ -1,7 +1,5 @@
-#include "partition-agent/shard.h"
 
 #include <filesystem>
-#include <string>
 
 #include "gtest/gtest.h"
 

@@ -3,9 +3,11 @@
 #ifndef ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_SMALL_DATASET_H_
 #define ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_SMALL_DATASET_H_
 
+#include <algorithm>
 #include <fstream>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -15,6 +17,9 @@
 #include "core/partition/partitioner.h"
 #include "core/source/volume_source.h"
 #include "core/store/shard_format.h"
+#include "core/view/view.h"
+#include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
 #include "partition-agent/frame_task.h"
 #include "partition-agent/shard.h"
 #include "tests/support/memory_source.h"
@@ -55,8 +60,8 @@ class SmallDataset {
   }
   [[nodiscard]] const std::string& samples() const { return samples_; }
 
-  [[nodiscard]] std::vector<std::shared_ptr<const agent::Shard>> OpenShards() const {
-    std::vector<std::shared_ptr<const agent::Shard>> shards;
+  [[nodiscard]] agent::Shards OpenShards() const {
+    agent::Shards shards;
     for (int i = 0; i < shard_count_; ++i) {
       auto shard = agent::OpenShard(shard_directory(i));
       ISOSCOPE_CHECK(shard.ok());
@@ -76,6 +81,29 @@ class SmallDataset {
     request.spec.viewport = {120, 90};
     request.spec.ray_seed = 5;
     return request;
+  }
+
+  [[nodiscard]] view::View ViewOf(const agent::FrameTask& task) const {
+    return *view::View::Make(*task.spec.camera, task.spec.viewport, geometry_);
+  }
+  // What a coordinator of one agent sends for step 3: the active blocks that step 2 did not draw
+  // and its picture does not hide, and their open pixels.
+  [[nodiscard]] std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
+      const agent::FrameTask& task, const std::vector<volume::BlockId>& active,
+      const std::vector<volume::BlockId>& drawn, const image::FrameImage& picture) const {
+    const view::View view = ViewOf(task);
+    const auto map = visibility::OcclusionMap::FromImage(picture, visibility::MapKind::kDepth);
+    std::vector<volume::BlockId> blocks;
+    std::vector<image::PixelMask> masks;
+    for (const volume::BlockId id : active) {
+      const view::Footprint footprint = view.FootprintOf(layout(), id);
+      if (!std::binary_search(drawn.begin(), drawn.end(), id) && !footprint.rect.empty() &&
+          !map.Hides(footprint)) {
+        blocks.push_back(id);
+        masks.push_back(map.OpenPixels(footprint));
+      }
+    }
+    return {blocks, visibility::EncodeOpenPixels(masks)};
   }
 
  private:

@@ -1,0 +1,63 @@
+#include "partition-agent/agent_context.h"
+
+#include <cstddef>
+#include <utility>
+
+#include "core/render/cpu_renderer.h"
+
+namespace isoscope::agent {
+namespace {
+
+// Steps of a frame that run on the executor. Refused frames never get there, so the steps of each
+// frame fit: a step has sent its answer, and the next one may be scheduled, before its task has
+// ended.
+constexpr std::size_t kStepCount = 3;
+
+std::shared_ptr<base::Executor> FrameExecutorOf(const AgentServerOptions& options, int max_frames) {
+  return options.frame_executor != nullptr
+             ? options.frame_executor
+             : std::make_shared<base::Executor>(
+                   static_cast<std::size_t>(options.max_concurrent_frames),
+                   static_cast<std::size_t>(max_frames));
+}
+
+}  // namespace
+
+AgentContext::AgentContext(const AgentServerOptions& server_options, Shards served)
+    : options(server_options),
+      shards(std::move(served)),
+      cpu_renderer(
+          options.renderer->picture_revision().back_end == frame::BackEnd::kEgl
+              ? render::MakeCpuRenderer({.max_kept_bytes = options.memory->kept_mesh_bytes(),
+                                         .max_unused_bytes = 0,
+                                         .arena = options.arena})
+              : nullptr),
+      max_frames(options.max_concurrent_frames + options.max_queued_frames),
+      frame_executor(FrameExecutorOf(options, max_frames),
+                     kStepCount * static_cast<std::size_t>(max_frames)),
+      extraction_executor(kMaxConcurrentExtractions, kMaxQueuedExtractions),
+      query_executor(kMaxConcurrentQueries, kMaxQueuedQueries) {}
+
+AgentResources AgentContext::Resources(base::TraceRecorder* trace) {
+  return {.renderer = options.renderer.get(),
+          .layers = options.memory->layers(),
+          .cpu_renderer = cpu_renderer.get(),
+          .arena = options.arena.get(),
+          .cache = options.memory->cache(),
+          .max_read_bytes = options.memory->read_bytes(),
+          .trace = trace,
+          .metrics = &metrics};
+}
+
+AgentGauges AgentContext::Gauges() const {
+  const BlockCache& cache = *options.memory->cache();
+  return {.frames = frame_count.load(),
+          .max_frames = max_frames,
+          .shard_count = shards.all().size(),
+          .mesh_cache_bytes = cache.mesh_bytes(),
+          .sample_cache_bytes = cache.sample_bytes(),
+          .active_cache_bytes = cache.active_bytes(),
+          .memory_limit_bytes = options.memory->limit_bytes()};
+}
+
+}  // namespace isoscope::agent

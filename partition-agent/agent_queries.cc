@@ -1,0 +1,101 @@
+#include "partition-agent/agent_queries.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/histogram_convert.h"
+#include "core/rpc/pick_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "partition-agent/point_gradients.h"
+#include "partition-agent/shard_histogram.h"
+
+namespace isoscope::agent {
+
+namespace v1 = isoscope::internal::v1;
+
+v1::DescribeShardsResponse Describe(const ShardSet& shards, const render::Renderer& renderer) {
+  v1::DescribeShardsResponse description;
+  description.set_version(std::string(base::Version()));
+  description.set_renderer(renderer.description());
+  *description.mutable_picture_revision() = rpc::ToProto(renderer.picture_revision());
+  std::vector<const store::ShardReader*> readers;
+  for (const std::shared_ptr<const Shard>& shard : shards.all()) {
+    readers.push_back(shard->reader.get());
+  }
+  std::sort(readers.begin(), readers.end(),
+            [](const store::ShardReader* a, const store::ShardReader* b) {
+              return std::pair(a->manifest().name, a->shard_index()) <
+                     std::pair(b->manifest().name, b->shard_index());
+            });
+  for (const store::ShardReader* reader : readers) {
+    v1::ShardDescription* shard = description.add_shards();
+    *shard->mutable_dataset() = rpc::ToProto(reader->manifest());
+    shard->set_manifest_crc32c(reader->manifest_crc32c());
+    shard->set_range_table_crc32c(reader->manifest().range_table_crc32c);
+    shard->set_shard_index(reader->shard_index());
+    shard->set_block_count(reader->block_count());
+  }
+  return description;
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequest& request,
+                         const base::Cancellation& /*cancellation*/,
+                         v1::GetShardHistogramResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const Shards found,
+                            shards.Find(request.dataset_id(), request.shard_indices()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::HistogramPart part,
+                            HistogramOfShards(found, query.max_bin_count, query.value_range));
+  *response = rpc::ToProto(part);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& request,
+                         const base::Cancellation& /*cancellation*/,
+                         v1::GetActiveBoxResponse* response) {
+  if (request.isovalues().empty()) {
+    return absl::InvalidArgumentError("isovalues is empty: must name at least one");
+  }
+  for (const double isovalue : request.isovalues()) {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(isovalue, "isovalues"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                            rpc::ClipRegionFromProto(request.clip(), "clip"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const Shards found, shards.FindAll(request.dataset_id()));
+  const store::ShardReader& reader = *found.front()->reader;
+  const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(),
+                                    {request.isovalues().begin(), request.isovalues().end()},
+                                    view::Clipper(clip, reader.manifest().geometry));
+  *response = rpc::ToProto(box.block_count, box.cells);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const v1::GetGradientsRequest& request,
+                         const base::Cancellation& cancellation,
+                         v1::GetGradientsResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<math::Vec3d> points,
+                            rpc::PickedPointsFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const Shards found,
+                            shards.Find(request.dataset_id(), request.shard_indices()));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::vector<std::optional<volume::BlockId>> block_ids,
+      rpc::PickedBlocksFromProto(request, found.front()->reader->layout().block_count()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointGradient> gradients,
+                            GradientsAt(found, points, cancellation));
+  for (const PointGradient& gradient : gradients) {
+    v1::PointGradient* const out = response->add_gradients();
+    out->set_point_index(static_cast<std::int32_t>(gradient.point_index));
+    *out->mutable_gradient() = rpc::ToProto(gradient.gradient);
+  }
+  for (const PointShard& shard : ShardsOf(found, block_ids)) {
+    v1::PointShard* const out = response->add_shards();
+    out->set_point_index(static_cast<std::int32_t>(shard.point_index));
+    out->set_shard_index(shard.shard_index);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::agent

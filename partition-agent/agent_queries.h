@@ -1,0 +1,38 @@
+// Answers questions about an agent's shards: which they are, histograms, active blocks, gradients.
+// No gRPC. Errors: INVALID_ARGUMENT if the request is malformed; those of ShardSet::Find; those of
+// the function that does the work.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_
+#define ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_
+
+#include "absl/status/status.h"
+
+#include "core/base/cancellation.h"
+#include "core/render/renderer.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "partition-agent/shard_set.h"
+
+namespace isoscope::agent {
+
+// Describes all shards, by name and index, and the renderer. The rest of the answer changes with
+// time.
+isoscope::internal::v1::DescribeShardsResponse Describe(const ShardSet& shards,
+                                                        const render::Renderer& renderer);
+
+// Each goes through all blocks of the shards or of the volume, and blocks its thread.
+absl::Status AnswerQuery(const ShardSet& shards,
+                         const isoscope::internal::v1::GetShardHistogramRequest& request,
+                         const base::Cancellation& cancellation,
+                         isoscope::internal::v1::GetShardHistogramResponse* response);
+absl::Status AnswerQuery(const ShardSet& shards,
+                         const isoscope::internal::v1::GetActiveBoxRequest& request,
+                         const base::Cancellation& cancellation,
+                         isoscope::internal::v1::GetActiveBoxResponse* response);
+absl::Status AnswerQuery(const ShardSet& shards,
+                         const isoscope::internal::v1::GetGradientsRequest& request,
+                         const base::Cancellation& cancellation,
+                         isoscope::internal::v1::GetGradientsResponse* response);
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_

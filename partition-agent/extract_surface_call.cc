@@ -1,0 +1,168 @@
+// An export's stream. It has one task, on the extraction executor: it extracts batch by batch and
+// sends messages of about 256 KiB.
+
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/log.h"
+#include "core/base/no_memory.h"
+#include "core/base/retry_delay.h"
+#include "core/base/status_macros.h"
+#include "core/base/trace_context.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/known_fields.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/unary_call.h"
+#include "core/rpc/write_queue.h"
+#include "partition-agent/agent_streams.h"
+#include "partition-agent/surface_extraction.h"
+#include "proto/message_checksum.h"
+
+namespace isoscope::agent {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+// A message is sent once it has this many bytes.
+constexpr std::size_t kSurfaceMessageBytes = base::kMiB / 4;
+
+template <typename T>
+std::string AsBytes(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+
+void AddBlock(const mesh::BlockMesh& mesh, v1::ExtractSurfaceResponse* response) {
+  v1::BlockSurface* block = response->add_blocks();
+  block->set_block_id(mesh.block_id);
+  block->set_positions(AsBytes(mesh.positions));
+  block->set_normals(AsBytes(mesh.normals));
+  block->set_edge_keys(AsBytes(mesh.edge_keys));
+  block->set_triangles(AsBytes(mesh.indices));
+}
+
+// One export. It owns itself until gRPC is done with it. Its task shares it.
+class ExtractSurfaceCall final : public SurfaceReactor {
+ public:
+  static ExtractSurfaceCall* Start(AgentContext* agent, grpc::CallbackServerContext* context,
+                                   const v1::ExtractSurfaceRequest& request) {
+    std::shared_ptr<ExtractSurfaceCall> call(new ExtractSurfaceCall(agent, context, request));
+    call->self_ = call;
+    if (!agent->extraction_executor.TrySchedule([call] { call->Run(); })) {
+      call->outgoing_.Finish(base::WithRetryDelay(
+          absl::ResourceExhaustedError(
+              absl::StrCat(AgentContext::kMaxConcurrentExtractions, " extractions are in work and ",
+                           AgentContext::kMaxQueuedExtractions,
+                           " wait, the most this agent takes: retry later")),
+          rpc::UnaryTask::kBusyDelay));
+    }
+    return call.get();
+  }
+
+  void OnWriteDone(bool ok) override { outgoing_.OnWriteDone(ok); }
+
+  void OnCancel() override {
+    cancellation_.Cancel();
+    outgoing_.Close();
+    outgoing_.Finish(absl::CancelledError("the coordinator cancelled the extraction"));
+  }
+
+  void OnDone() override { const std::shared_ptr<ExtractSurfaceCall> last_use = std::move(self_); }
+
+ private:
+  ExtractSurfaceCall(AgentContext* agent, grpc::CallbackServerContext* context,
+                     const v1::ExtractSurfaceRequest& request)
+      : agent_(*agent),
+        request_(request),
+        identity_(rpc::AnswerTraceContext(context)),
+        cancellation_(rpc::DeadlineOf(*context)),
+        outgoing_(
+            kMaxQueuedBytes,
+            [this](const v1::ExtractSurfaceResponse* message) { StartWrite(message); },
+            [this](const absl::Status& status) {
+              agent_.metrics.CountRequest(AgentMethod::kExtractSurface, status,
+                                          absl::Now() - arrival_);
+              Finish(rpc::ToGrpcStatus(status));
+            }) {}
+
+  void Run() {
+    const absl::Time start = absl::Now();
+    const absl::Status status = base::OrNoMemory("the surface", [this] { return Extract(); });
+    outgoing_.Finish(status);
+    base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              status.ok() ? "extraction_done" : "extraction_failed",
+              {{"request", identity_.request_id()},
+               {"dataset_id", request_.dataset_id()},
+               {"isovalue", request_.isovalue()},
+               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
+               {"triangles", triangle_count_},
+               {"status", status}});
+  }
+
+  absl::Status Extract() {
+    ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(request_));
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                              rpc::ClipRegionFromProto(request_.clip(), "clip"));
+    ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
+                              agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<SurfaceExtraction> extraction,
+        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), clip,
+                                agent_.Resources(/*trace=*/nullptr), &cancellation_));
+    v1::ExtractSurfaceResponse message;
+    std::size_t message_bytes = 0;
+    while (true) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
+      if (meshes.empty()) {
+        return message_bytes > 0 ? Send(std::move(message)) : absl::OkStatus();
+      }
+      for (const mesh::BlockMesh& mesh : meshes) {
+        if (message_bytes > 0 && message_bytes + mesh.size_bytes() > kSurfaceMessageBytes) {
+          ISOSCOPE_RETURN_IF_ERROR(Send(std::exchange(message, {})));
+          message_bytes = 0;
+        }
+        AddBlock(mesh, &message);
+        message_bytes += mesh.size_bytes();
+        triangle_count_ += mesh.triangle_count();
+      }
+    }
+  }
+
+  absl::Status Send(v1::ExtractSurfaceResponse message) {
+    if (outgoing_.Push(std::move(message))) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    return absl::CancelledError("the stream has ended");
+  }
+
+  AgentContext& agent_;
+  const v1::ExtractSurfaceRequest request_;
+  const base::TraceContext identity_;
+  const absl::Time arrival_ = absl::Now();
+  base::Cancellation cancellation_;
+  rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
+  std::int64_t triangle_count_ = 0;
+  std::shared_ptr<ExtractSurfaceCall> self_;  // reset by OnDone
+};
+
+}  // namespace
+
+SurfaceReactor* StartExtractSurface(AgentContext* agent, grpc::CallbackServerContext* context,
+                                    const v1::ExtractSurfaceRequest& request) {
+  return ExtractSurfaceCall::Start(agent, context, request);
+}
+
+}  // namespace isoscope::agent

@@ -1,0 +1,204 @@
+#include "partition-agent/frame_steps.h"
+
+#include <cstddef>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/metrics.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/known_fields.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::agent {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+// A message has at most this many bytes of bands, or one band.
+constexpr std::size_t kMaxBandsBytes = 1 * base::kMiB;
+
+// The coordinator sets the ranges that clients leave out.
+absl::Status CheckMapSteps(const frame::FrameSpec& spec) {
+  if (!spec.sends_map_steps) {
+    return absl::OkStatus();
+  }
+  if (!spec.sends_normals) {
+    return absl::InvalidArgumentError(
+        "begin.sends_map_steps is set: must be unset without begin.sends_normals");
+  }
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    if (spec.surfaces[i].shows_gradient() && !spec.surfaces[i].color_by->range.has_value()) {
+      return absl::InvalidArgumentError(absl::StrCat("begin.request.surfaces[", i,
+                                                     "].color_by.range is not set: required with "
+                                                     "begin.sends_map_steps"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
+  // This looks into the request, too: a field that this agent does not know may decide pixels.
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
+  FrameTask task;
+  task.frame_number = begin.frame_number();
+  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, rpc::FrameSpecFromProto(begin.request()));
+  task.spec.sends_normals = begin.sends_normals();
+  task.spec.sends_map_steps = begin.sends_map_steps();
+  ISOSCOPE_RETURN_IF_ERROR(CheckMapSteps(task.spec));
+  task.agent_index = begin.agent_index();
+  task.agent_count = begin.agent_count();
+  task.report_active_blocks = begin.report_active_blocks();
+  if (task.agent_index < 0 || task.agent_index >= task.agent_count) {
+    return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", task.agent_index,
+                                                   " of begin.agent_count ", task.agent_count,
+                                                   ": must lie in [0, agent_count)"));
+  }
+  return task;
+}
+
+}  // namespace
+
+absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
+  ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
+                            agent_.shards.Find(begin.dataset_id(), begin.shard_indices()));
+  ISOSCOPE_ASSIGN_OR_RETURN(task_, FrameTaskFromProto(begin));
+  if (begin.mailbox() != 0 && agent_.options.mailboxes == nullptr) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "mailbox is ", begin.mailbox(), ", but this agent shares no process with its coordinator"));
+  }
+  mailbox_ = begin.mailbox();
+  shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
+  block_count_ = shards.front()->reader->layout().block_count();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      pipeline_, FramePipeline::Make(std::move(shards), task_, agent_.Resources(trace_.recorder()),
+                                     &cancellation_));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<FrameSteps::Response> FrameSteps::SelectOccluders() {
+  std::optional<base::OneThreadScope> alone;
+  EnterOneThread(&alone);
+  base::ScopedObservation select(&agent_.metrics.select_occluders);
+  ISOSCOPE_ASSIGN_OR_RETURN(const RaySelection selection, pipeline_->SelectOccluders());
+  select.End();
+  Response answer;
+  *answer.mutable_ray_hits()->mutable_hits() = rpc::ToProto(selection.hits);
+  *answer.mutable_ray_hits()->mutable_active_blocks() = rpc::ToProto(selection.active);
+  return answer;
+}
+
+absl::StatusOr<FrameSteps::Response> FrameSteps::RenderOccluders(const v1::Occluders& occluders) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::vector<volume::BlockId> blocks,
+      rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
+  ISOSCOPE_ASSIGN_OR_RETURN(Response answer, Draw(&agent_.metrics.render_occluders, [&] {
+                              return pipeline_->RenderOccluders(blocks);
+                            }));
+  answer.mutable_occluders_done();
+  return answer;
+}
+
+absl::StatusOr<FrameSteps::Response> FrameSteps::RenderVisible(const v1::VisibleBlocks& visible) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::vector<volume::BlockId> blocks,
+      rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
+  return WithStatistics(Draw(&agent_.metrics.render_visible, [&] {
+    return pipeline_->RenderVisible(blocks, visible.open_pixels());
+  }));
+}
+
+absl::StatusOr<FrameSteps::Response> FrameSteps::RenderAll() {
+  return WithStatistics(
+      Draw(&agent_.metrics.render_visible, [&] { return pipeline_->RenderAll(); }));
+}
+
+// Enters `scope` if this step shall use one thread: others then use the rest, if they have room.
+void FrameSteps::EnterOneThread(std::optional<base::OneThreadScope>* scope) const {
+  if (agent_.options.one_thread_a_step &&
+      agent_.options.memory->RoomFor(DrawnViewport(), DrawnLayers()) >=
+          static_cast<std::size_t>(agent_.options.arena->max_concurrency())) {
+    scope->emplace();
+  }
+}
+
+// Returns the picture that a step draws. OpenGL draws a region into a picture of the whole.
+view::Viewport FrameSteps::DrawnViewport() const {
+  const bool draws_whole =
+      frame::DrawnBy(task_.spec, agent_.options.renderer->picture_revision().back_end) ==
+      frame::BackEnd::kEgl;
+  return draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec);
+}
+
+int FrameSteps::DrawnLayers() const {
+  return frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0;
+}
+
+// Reserves the memory of one step: its image, and its bands until they are queued.
+absl::StatusOr<base::MemoryBudget::Reservation> FrameSteps::ReserveMemory() {
+  const base::TraceScope trace(trace_.recorder(), "memory");
+  const base::ScopedObservation wait(&agent_.metrics.memory_wait);
+  return agent_.options.memory->ReserveStep(DrawnViewport(), cancellation_, DrawnLayers());
+}
+
+absl::StatusOr<FrameSteps::Response> FrameSteps::Draw(
+    base::DurationHistogram* duration,
+    absl::FunctionRef<absl::StatusOr<image::FrameImage>()> draw) {
+  std::optional<base::OneThreadScope> alone;
+  EnterOneThread(&alone);
+  ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+  base::ScopedObservation observation(duration);
+  ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, draw());
+  observation.End();
+  Response last;
+  ISOSCOPE_RETURN_IF_ERROR(AddPixels(std::move(image), std::move(reserved), &last));
+  return last;
+}
+
+// Puts the pixels of a step into the mailbox, or sends the bands of the image, except the last
+// ones. Those go into `last`, the message that ends the step, because a message costs more than its
+// bytes.
+absl::Status FrameSteps::AddPixels(image::FrameImage image,
+                                   base::MemoryBudget::Reservation reserved, Response* last) {
+  if (mailbox_ > 0) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    // It keeps its whole reservation: with more images under way each is colder. Of 256 agents a
+    // frame took half as long again.
+    const bool is_open = agent_.options.mailboxes->Put(
+        mailbox_,
+        {.image = std::move(image),
+         .layers = pipeline_->TakeLayers(),
+         .memory = std::make_shared<const base::MemoryBudget::Reservation>(std::move(reserved))});
+    last->set_pixels_are_in_mailbox(true);
+    return is_open ? absl::OkStatus() : absl::CancelledError("the coordinator has left");
+  }
+  std::size_t bytes = 0;
+  base::ScopedObservation encode(&agent_.metrics.encode);
+  std::vector<std::string> bands = pipeline_->Encode(image);
+  encode.End();
+  for (std::string& band : bands) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    if (bytes > 0 && bytes + band.size() > kMaxBandsBytes) {
+      ISOSCOPE_RETURN_IF_ERROR(send_(std::exchange(*last, {})));
+      bytes = 0;
+    }
+    bytes += band.size();
+    last->add_bands(std::move(band));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<FrameSteps::Response> FrameSteps::WithStatistics(
+    absl::StatusOr<Response> last) const {
+  if (last.ok()) {
+    isoscope::v1::AgentStatistics* proto = last->mutable_frame_done()->mutable_statistics();
+    *proto = rpc::ToProto(statistics());
+    proto->mutable_shard_indices()->Assign(shard_indices_.begin(), shard_indices_.end());
+  }
+  return last;
+}
+
+}  // namespace isoscope::agent

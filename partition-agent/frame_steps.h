@@ -1,0 +1,81 @@
+// The steps of one frame on an agent: the coordinator's messages in, the agent's answers out. It
+// checks the messages, reserves memory, and encodes pixels; FramePipeline computes. No gRPC.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
+#define ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/memory_budget.h"
+#include "core/base/task_arena.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "partition-agent/agent_context.h"
+#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/frame_task.h"
+#include "partition-agent/frame_trace.h"
+
+namespace isoscope::agent {
+
+// One frame. For one thread at a time; the steps come in the order of FramePipeline's. Each returns
+// the message that ends it, with as many bands as fit. Messages of bands go to `send` before.
+// Errors: INVALID_ARGUMENT if a message is malformed; of `send`; as FramePipeline's and
+// AgentMemory::ReserveStep's. May throw std::bad_alloc. Blocks.
+class FrameSteps {
+ public:
+  using Response = isoscope::internal::v1::RenderFrameResponse;
+  using Send = std::function<absl::Status(Response)>;
+
+  // The arguments outlive it.
+  FrameSteps(AgentContext* agent, const base::Cancellation* cancellation, FrameTrace* trace,
+             Send send)
+      : agent_(*agent), cancellation_(*cancellation), trace_(*trace), send_(std::move(send)) {}
+
+  // Takes on the frame's task.
+  absl::Status Begin(const isoscope::internal::v1::BeginFrame& begin);
+  // Whether one step, RenderAll, is the whole frame.
+  [[nodiscard]] bool draws_all() const { return task_.spec.culling == frame::Culling::kNone; }
+
+  absl::StatusOr<Response> SelectOccluders();
+  absl::StatusOr<Response> RenderOccluders(const isoscope::internal::v1::Occluders& occluders);
+  absl::StatusOr<Response> RenderVisible(const isoscope::internal::v1::VisibleBlocks& visible);
+  absl::StatusOr<Response> RenderAll();
+
+  [[nodiscard]] const frame::AgentStatistics& statistics() const { return pipeline_->statistics(); }
+  // Frees its layers, which serve the next frame.
+  void Release() { pipeline_.reset(); }
+
+ private:
+  void EnterOneThread(std::optional<base::OneThreadScope>* scope) const;
+  [[nodiscard]] view::Viewport DrawnViewport() const;
+  [[nodiscard]] int DrawnLayers() const;
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory();
+  absl::StatusOr<Response> Draw(base::DurationHistogram* duration,
+                                absl::FunctionRef<absl::StatusOr<image::FrameImage>()> draw);
+  absl::Status AddPixels(image::FrameImage image, base::MemoryBudget::Reservation reserved,
+                         Response* last);
+  absl::StatusOr<Response> WithStatistics(absl::StatusOr<Response> last) const;
+
+  AgentContext& agent_;
+  const base::Cancellation& cancellation_;
+  const FrameTrace& trace_;
+  const Send send_;
+  FrameTask task_;
+  std::vector<int> shard_indices_;
+  std::int64_t block_count_ = 0;
+  std::int64_t mailbox_ = 0;  // 0: pixels leave as bands
+  std::unique_ptr<FramePipeline> pipeline_;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
