@@ -483,7 +483,7 @@ TEST(FootprintTest, NumbersBeyondFloatNeverHideABlock) {
         }
         ComputeFootprints(clip_from_index, {64, 64}, {0, 0, 64, 64}, &batch);
         for (std::size_t i = 0; i < batch.count; ++i) {
-          EXPECT_EQ(batch.outcome[i], FootprintBatch::kUndecided)
+          EXPECT_EQ(batch.outcome[i], FootprintBatch::kWholePicture)
               << "entry " << entry << " is " << value << ", box " << i;
         }
       }
