@@ -1,15 +1,12 @@
 // Reads with pread on some threads, each of which takes one read at a time.
 
-#include <unistd.h>
-
-#include <algorithm>
-#include <cerrno>
 #include <exception>
 #include <thread>
 #include <utility>
 
 #include "core/base/no_memory.h"
 #include "core/io/read_engine.h"
+#include "core/io/transfers.h"
 
 namespace isoscope::io {
 namespace {
@@ -20,19 +17,15 @@ absl::Status TryReadRest(std::size_t max_transfer_bytes, ReadSlot* slot) {
   if (descriptor < 0) {
     return read.file->ReadAt(read.offset, read.size, slot->buffer.get());
   }
-  while (slot->done < read.size) {
-    const std::int64_t offset = read.offset + static_cast<std::int64_t>(slot->done);
-    const ssize_t count = pread(descriptor, slot->buffer.get() + slot->done,
-                                std::min(read.size - slot->done, max_transfer_bytes), offset);
-    if (count > 0) {
-      slot->done += static_cast<std::size_t>(count);
-    } else if (count == 0) {
-      return FileTooShort(*read.file, read.offset, read.size, offset);
-    } else if (errno != EINTR) {
-      return ReadFailed(errno, *read.file, read.offset, read.size);
-    }
+  const int error = ReadFully(descriptor, read.offset, read.size, slot->buffer.get(), &slot->done,
+                              max_transfer_bytes);
+  if (error != 0) {
+    return ReadFailed(error, *read.file, read.offset, read.size);
   }
-  return absl::OkStatus();
+  return slot->done == read.size
+             ? absl::OkStatus()
+             : FileTooShort(*read.file, read.offset, read.size,
+                            read.offset + static_cast<std::int64_t>(slot->done));
 }
 
 class ThreadEngine final : public ReadEngine {
