@@ -1,14 +1,13 @@
 #include "web-gateway/etag.h"
 
-#include <array>
 #include <cstddef>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
-#include <openssl/sha.h>
+
+#include "core/base/sha256.h"
 
 namespace isoscope::gateway {
 
@@ -17,13 +16,8 @@ std::string MakeEtag(const std::vector<absl::string_view>& parts) {
   for (const absl::string_view part : parts) {
     absl::StrAppend(&text, part.size(), ":", part);
   }
-  std::array<unsigned char, SHA256_DIGEST_LENGTH> digest{};
-  SHA256(reinterpret_cast<const unsigned char*>(text.data()), text.size(), digest.data());
-  constexpr std::size_t kTagBytes = 16;
-  return absl::StrCat("\"",
-                      absl::BytesToHexString(absl::string_view(
-                          reinterpret_cast<const char*>(digest.data()), kTagBytes)),
-                      "\"");
+  constexpr std::size_t kTagDigits = 32;
+  return absl::StrCat("\"", base::Sha256Hex(text).substr(0, kTagDigits), "\"");
 }
 
 bool MatchesEtag(absl::string_view if_none_match, absl::string_view etag) {

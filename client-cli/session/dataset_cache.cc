@@ -21,7 +21,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cstdint>
 #include <cstdio>
@@ -32,16 +31,15 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include <openssl/evp.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 
 #include "client-cli/session/work_folder.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/format.h"
@@ -92,14 +90,6 @@ absl::StatusOr<std::string> StampOf(const std::string& file) {
   return absl::StrCat(path, "\n", std::int64_t{info.st_size}, "\n",
                       std::int64_t{info.st_mtim.tv_sec}, ".", std::int64_t{info.st_mtim.tv_nsec},
                       "\n");
-}
-
-std::string Sha256Hex(absl::string_view bytes) {
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  unsigned int size = 0;
-  EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr);
-  return absl::BytesToHexString(
-      absl::string_view(reinterpret_cast<const char*>(digest.data()), size));
 }
 
 // The name of a file without folders and endings, as a dataset may be called.
@@ -163,7 +153,7 @@ absl::StatusOr<std::string> CacheKey(const std::string& source_path,
     text += stamp;
   }
   absl::StrAppend(&text, kKeyVersion, "\n", parameters);
-  return absl::StrCat(ReadableStem(path), "-", Sha256Hex(text).substr(0, 16));
+  return absl::StrCat(ReadableStem(path), "-", base::Sha256Hex(text).substr(0, 16));
 }
 
 absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directory,

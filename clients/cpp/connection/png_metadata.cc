@@ -18,14 +18,13 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include <google/protobuf/util/json_util.h>
 #include <nlohmann/json.hpp>
-#include <openssl/evp.h>
 
 #include "clients/cpp/picture_file/png_chunks.h"
 #include "core/base/check.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 
@@ -262,13 +261,6 @@ absl::StatusOr<RecordedPng> SplitRecordedPng(absl::string_view png) {
   return split;
 }
 
-std::string PictureSha256(absl::string_view bytes) {
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  unsigned int size = 0;
-  ISOSCOPE_CHECK_EQ(
-      EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr), 1);
-  return absl::BytesToHexString(
-      absl::string_view(reinterpret_cast<const char*>(digest.data()), size));
-}
+std::string PictureSha256(absl::string_view bytes) { return base::Sha256Hex(bytes); }
 
 }  // namespace isoscope::client
