@@ -77,6 +77,11 @@ CLI11_FILE = "core/cli/flag_set.cc"
 
 UNTESTED_HEADERS = {
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
+    "core/partition/block_batch.h": "inside of partitioner_test",
+    "core/partition/output_folder.h": "names, errors and what is left: partitioner_failure_test",
+    "core/partition/shard_set.h": "inside of partitioner_test",
+    "core/io/transfers.h": "through file_test, scratch_file_test and read_queue_test",
+    "core/io/read_engine.h": "both engines: tests/unit/core/io/read_queue_test.cc",
     "core/volume/scalar_span.h": "with every type and tie: tests/unit/core/volume/range_table_test.cc",
     "core/render/cpu_renderer.h": "the contract of both back ends: tests/unit/core/render/renderer_test.cc",
     "core/picture/light_kernel.h": "inside of deferred_shading_test",

@@ -7,7 +7,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
-#include "clients/cpp/connection/png_metadata.h"
+#include "core/base/sha256.h"
 
 namespace isoscope::gateway {
 
@@ -17,7 +17,7 @@ std::string MakeEtag(const std::vector<absl::string_view>& parts) {
     absl::StrAppend(&text, part.size(), ":", part);
   }
   constexpr std::size_t kTagDigits = 32;
-  return absl::StrCat("\"", client::Sha256Hex(text).substr(0, kTagDigits), "\"");
+  return absl::StrCat("\"", base::Sha256Hex(text).substr(0, kTagDigits), "\"");
 }
 
 bool MatchesEtag(absl::string_view if_none_match, absl::string_view etag) {

@@ -6,6 +6,7 @@
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/output_suffix.h"
 #include "clients/cpp/connection/png_metadata.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
 #include "core/image/png_codec.h"
@@ -64,7 +65,7 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
   ISOSCOPE_ASSIGN_OR_RETURN(client::Annotated drawn,
                             client::Annotate(annotations, scene, std::move(picture)));
-  annotated->plain_png_sha256 = client::Sha256Hex(*png);
+  annotated->plain_png_sha256 = base::Sha256Hex(*png);
   annotated->boxes = std::move(drawn.boxes);
   *png = image::EncodePng(drawn.picture.width, drawn.picture.height, drawn.picture.pixels);
   return absl::OkStatus();

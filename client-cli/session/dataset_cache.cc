@@ -38,8 +38,8 @@
 #include <sys/stat.h>
 
 #include "client-cli/session/work_folder.h"
-#include "clients/cpp/connection/png_metadata.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/format.h"
@@ -153,7 +153,7 @@ absl::StatusOr<std::string> CacheKey(const std::string& source_path,
     text += stamp;
   }
   absl::StrAppend(&text, kKeyVersion, "\n", parameters);
-  return absl::StrCat(ReadableStem(path), "-", client::Sha256Hex(text).substr(0, 16));
+  return absl::StrCat(ReadableStem(path), "-", base::Sha256Hex(text).substr(0, 16));
 }
 
 absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directory,

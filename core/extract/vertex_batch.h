@@ -62,6 +62,28 @@ struct Strides {
   std::array<std::size_t, 3> dims;
 };
 
+// The samples that a vertex is computed from, as distances from the lower sample of its edge. All
+// gathers of interior edges read this table.
+struct EdgeStencil {
+  EdgeStencil(const Strides& grid, std::size_t axis)
+      : upper(static_cast<std::int32_t>(grid.samples[axis])) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto step = static_cast<std::int32_t>(grid.samples[k]);
+      lower_before[k] = -step;
+      lower_after[k] = step;
+      upper_before[k] = upper - step;
+      upper_after[k] = upper + step;
+    }
+  }
+
+  std::int32_t upper;
+  // By axis: the neighbours of both ends.
+  std::array<std::int32_t, 3> lower_before;
+  std::array<std::int32_t, 3> lower_after;
+  std::array<std::int32_t, 3> upper_before;
+  std::array<std::int32_t, 3> upper_after;
+};
+
 // Returns twice the gradient component along `axis` at `sample`: the central difference; the
 // one-sided one where a neighbour is missing or not finite; 0 where neither is possible.
 template <typename T>
@@ -165,19 +187,22 @@ void GatherAtBorder(const char* bytes, const Strides& grid, std::size_t axis, do
 
 // Does the same for an interior edge in a block without extreme samples.
 template <typename T>
-void GatherPlainly(const char* bytes, const Strides& grid, std::size_t axis, double isovalue,
-                   std::size_t lower, std::size_t i, VertexBatch<Difference<T>>* batch) {
-  const std::size_t upper = lower + grid.samples[axis];
-  const auto a = static_cast<double>(LoadSample<T>(bytes, lower));
-  const auto b = static_cast<double>(LoadSample<T>(bytes, upper));
+void GatherPlainly(const char* bytes, const EdgeStencil& stencil, double isovalue,
+                   std::uint32_t lower, std::size_t i, VertexBatch<Difference<T>>* batch) {
+  const char* const center = bytes + lower * sizeof(T);
+  const auto at = [&](std::int32_t delta) {
+    T value;
+    std::memcpy(&value, center + delta * static_cast<std::ptrdiff_t>(sizeof(T)), sizeof(T));
+    return value;
+  };
+  const auto a = static_cast<double>(at(0));
   batch->numerators[i] = isovalue - a;
-  batch->denominators[i] = b - a;
+  batch->denominators[i] = static_cast<double>(at(stencil.upper)) - a;
   for (std::size_t k = 0; k < 3; ++k) {
-    const std::size_t step = grid.samples[k];
     batch->lower_gradients[k][i] =
-        Subtract<T>(LoadSample<T>(bytes, lower + step), LoadSample<T>(bytes, lower - step));
+        Subtract<T>(at(stencil.lower_after[k]), at(stencil.lower_before[k]));
     batch->upper_gradients[k][i] =
-        Subtract<T>(LoadSample<T>(bytes, upper + step), LoadSample<T>(bytes, upper - step));
+        Subtract<T>(at(stencil.upper_after[k]), at(stencil.upper_before[k]));
   }
 }
 
@@ -193,6 +218,7 @@ template <typename T, Care kCare>
 void GatherVertices(const char* bytes, const Strides& grid, const BitRow& interior,
                     std::size_t axis, double isovalue, const std::uint32_t* samples,
                     std::size_t count, VertexBatch<Difference<T>>* batch) {
+  const EdgeStencil stencil(grid, axis);
   for (std::size_t i = 0; i < count; ++i) {
     const std::uint32_t lower = samples[i];
     if constexpr (kCare == Care::kFull) {
@@ -200,7 +226,7 @@ void GatherVertices(const char* bytes, const Strides& grid, const BitRow& interi
     } else if (kCare == Care::kBorder && (interior[lower / 64] >> lower % 64 & 1) == 0) {
       GatherAtBorder<T>(bytes, grid, axis, isovalue, lower, i, batch);
     } else {
-      GatherPlainly<T>(bytes, grid, axis, isovalue, lower, i, batch);
+      GatherPlainly<T>(bytes, stencil, isovalue, lower, i, batch);
     }
   }
 }

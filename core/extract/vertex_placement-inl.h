@@ -86,15 +86,13 @@ hn::Vec<hn::ScalableTag<std::int32_t>> SampleOfLane(hn::Vec<hn::ScalableTag<std:
 // or two 16-bit samples. The bytes are all in the block, because whole rows of samples follow an
 // interior one. `count` is rounded up to whole registers; `samples` must have as many.
 template <typename T, std::size_t kAxis>
-void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
+void GatherSmall(const char* bytes, const EdgeStencil& stencil, double isovalue,
                  const std::uint32_t* samples, std::size_t count,
                  VertexBatch<std::int32_t>* batch) {
   const hn::ScalableTag<std::int32_t> d;
   const DoubleTag dd;
   using Vec = hn::Vec<decltype(d)>;
   const auto* base = reinterpret_cast<const std::int32_t*>(bytes);
-  const auto row = static_cast<std::int32_t>(shape.row);
-  const auto slice = static_cast<std::int32_t>(shape.slice);
   const auto iso = hn::Set(dd, isovalue);
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
     const Vec sample = hn::BitCast(d, hn::LoadU(hn::ScalableTag<std::uint32_t>(), samples + i));
@@ -104,62 +102,57 @@ void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
       return hn::GatherOffset(d, base, hn::Add(offset, hn::Set(d, delta * kSize)));
     };
     const auto one = [&](std::int32_t delta) { return SampleOfLane<T, 0>(at(delta)); };
+    const auto two = [&](std::int32_t delta, Vec* first, Vec* second) {
+      const Vec pair = at(delta);
+      *first = SampleOfLane<T, 0>(pair);
+      *second = SampleOfLane<T, 1>(pair);
+    };
     // By axis: the samples before and after the edge's lower and upper end.
     std::array<Vec, 3> lower_before;
     std::array<Vec, 3> lower_after;
     std::array<Vec, 3> upper_before;
     std::array<Vec, 3> upper_after;
-    // Gathers the samples delta - 1, delta and delta + 1.
-    const auto three = [&](std::int32_t delta, Vec* before, Vec* center, Vec* after) {
-      const Vec first = at(delta - 1);
-      *before = SampleOfLane<T, 0>(first);
-      *center = SampleOfLane<T, 1>(first);
-      if constexpr (sizeof(T) == 1) {
-        *after = SampleOfLane<T, 2>(first);
-      } else {
-        *after = SampleOfLane<T, 0>(at(delta + 1));
-      }
-    };
     Vec lower;
     Vec upper;
     if constexpr (kAxis == 0) {
-      const Vec first = at(-1);
-      lower_before[0] = SampleOfLane<T, 0>(first);
-      lower = SampleOfLane<T, 1>(first);
       if constexpr (sizeof(T) == 1) {
-        upper = SampleOfLane<T, 2>(first);
-        upper_after[0] = SampleOfLane<T, 3>(first);
+        const Vec four = at(-1);
+        lower_before[0] = SampleOfLane<T, 0>(four);
+        lower = SampleOfLane<T, 1>(four);
+        upper = SampleOfLane<T, 2>(four);
+        upper_after[0] = SampleOfLane<T, 3>(four);
       } else {
-        const Vec second = at(1);
-        upper = SampleOfLane<T, 0>(second);
-        upper_after[0] = SampleOfLane<T, 1>(second);
+        two(-1, &lower_before[0], &lower);
+        two(1, &upper, &upper_after[0]);
       }
-      lower_after[0] = upper;
-      upper_before[0] = lower;
-      const auto two = [&](std::int32_t delta, Vec* at_lower, Vec* at_upper) {
-        const Vec pair = at(delta);
-        *at_lower = SampleOfLane<T, 0>(pair);
-        *at_upper = SampleOfLane<T, 1>(pair);
-      };
-      two(-row, &lower_before[1], &upper_before[1]);
-      two(row, &lower_after[1], &upper_after[1]);
-      two(-slice, &lower_before[2], &upper_before[2]);
-      two(slice, &lower_after[2], &upper_after[2]);
+      for (std::size_t k = 1; k < 3; ++k) {
+        two(stencil.lower_before[k], &lower_before[k], &upper_before[k]);
+        two(stencil.lower_after[k], &lower_after[k], &upper_after[k]);
+      }
     } else {
+      // Gathers the samples delta - 1, delta and delta + 1.
+      const auto three = [&](std::int32_t delta, Vec* before, Vec* center, Vec* after) {
+        const Vec first = at(delta - 1);
+        *before = SampleOfLane<T, 0>(first);
+        *center = SampleOfLane<T, 1>(first);
+        if constexpr (sizeof(T) == 1) {
+          *after = SampleOfLane<T, 2>(first);
+        } else {
+          *after = one(delta + 1);
+        }
+      };
       constexpr std::size_t kOther = 3 - kAxis;
-      const std::int32_t along = kAxis == 1 ? row : slice;
-      const std::int32_t across = kAxis == 1 ? slice : row;
       three(0, &lower_before[0], &lower, &lower_after[0]);
-      three(along, &upper_before[0], &upper, &upper_after[0]);
-      lower_before[kAxis] = one(-along);
-      lower_after[kAxis] = upper;
-      upper_before[kAxis] = lower;
-      upper_after[kAxis] = one(2 * along);
-      lower_before[kOther] = one(-across);
-      lower_after[kOther] = one(across);
-      upper_before[kOther] = one(along - across);
-      upper_after[kOther] = one(along + across);
+      three(stencil.upper, &upper_before[0], &upper, &upper_after[0]);
+      lower_before[kAxis] = one(stencil.lower_before[kAxis]);
+      upper_after[kAxis] = one(stencil.upper_after[kAxis]);
+      lower_before[kOther] = one(stencil.lower_before[kOther]);
+      lower_after[kOther] = one(stencil.lower_after[kOther]);
+      upper_before[kOther] = one(stencil.upper_before[kOther]);
+      upper_after[kOther] = one(stencil.upper_after[kOther]);
     }
+    lower_after[kAxis] = upper;
+    upper_before[kAxis] = lower;
     for (std::size_t k = 0; k < 3; ++k) {
       hn::Store(hn::Sub(lower_after[k], lower_before[k]), d, batch->lower_gradients[k].data() + i);
       hn::Store(hn::Sub(upper_after[k], upper_before[k]), d, batch->upper_gradients[k].data() + i);
@@ -202,13 +195,10 @@ DoubleVec GatherDoubles(const char* bytes, hn::Vec<IntHalfTag> samples) {
 
 // Step 1 for 32- and 64-bit samples without checks: one gather for each sample.
 template <typename T>
-void GatherLarge(const char* bytes, const BlockShape& shape, std::size_t axis, double isovalue,
+void GatherLarge(const char* bytes, const EdgeStencil& stencil, std::size_t axis, double isovalue,
                  const std::uint32_t* samples, std::size_t count, VertexBatch<double>* batch) {
   const DoubleTag dd;
   const IntHalfTag di;
-  const std::array<std::int32_t, 3> strides{1, static_cast<std::int32_t>(shape.row),
-                                            static_cast<std::int32_t>(shape.slice)};
-  const std::int32_t along = strides[axis];
   const auto iso = hn::Set(dd, isovalue);
   for (std::size_t i = 0; i < count; i += hn::Lanes(dd)) {
     const auto sample =
@@ -217,27 +207,29 @@ void GatherLarge(const char* bytes, const BlockShape& shape, std::size_t axis, d
       return GatherDoubles<T>(bytes, hn::Add(sample, hn::Set(di, delta)));
     };
     const DoubleVec lower = at(0);
-    const DoubleVec upper = at(along);
+    const DoubleVec upper = at(stencil.upper);
     hn::Store(hn::Sub(iso, lower), dd, batch->numerators.data() + i);
     hn::Store(hn::Sub(upper, lower), dd, batch->denominators.data() + i);
     for (std::size_t k = 0; k < 3; ++k) {
-      const std::int32_t step = strides[k];
-      const DoubleVec lower_after = k == axis ? upper : at(step);
-      const DoubleVec upper_before = k == axis ? lower : at(along - step);
-      hn::Store(hn::Sub(lower_after, at(-step)), dd, batch->lower_gradients[k].data() + i);
-      hn::Store(hn::Sub(at(along + step), upper_before), dd, batch->upper_gradients[k].data() + i);
+      const DoubleVec lower_after = k == axis ? upper : at(stencil.lower_after[k]);
+      const DoubleVec upper_before = k == axis ? lower : at(stencil.upper_before[k]);
+      hn::Store(hn::Sub(lower_after, at(stencil.lower_before[k])), dd,
+                batch->lower_gradients[k].data() + i);
+      hn::Store(hn::Sub(at(stencil.upper_after[k]), upper_before), dd,
+                batch->upper_gradients[k].data() + i);
     }
   }
 }
 
 // Step 1 for interior edges.
 template <typename T, std::size_t kAxis>
-void GatherInterior(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
-                    VertexBatch<Difference<T>>* batch) {
+void GatherInterior(const BlockTask& task, const Strides& strides, const std::uint32_t* samples,
+                    std::size_t count, VertexBatch<Difference<T>>* batch) {
+  const EdgeStencil stencil(strides, kAxis);
   if constexpr (sizeof(T) <= 2) {
-    GatherSmall<T, kAxis>(task.bytes, *task.shape, task.isovalue, samples, count, batch);
+    GatherSmall<T, kAxis>(task.bytes, stencil, task.isovalue, samples, count, batch);
   } else {
-    GatherLarge<T>(task.bytes, *task.shape, kAxis, task.isovalue, samples, count, batch);
+    GatherLarge<T>(task.bytes, stencil, kAxis, task.isovalue, samples, count, batch);
   }
 }
 
@@ -260,7 +252,7 @@ void GatherNearBorder(const BlockTask& task, const Strides& strides, const std::
   }
   if (near_border_count < count) {
     std::fill(safe_samples.begin() + static_cast<std::ptrdiff_t>(count), safe_samples.end(), safe);
-    GatherInterior<T, kAxis>(task, safe_samples.data(), count, batch);
+    GatherInterior<T, kAxis>(task, strides, safe_samples.data(), count, batch);
   }
   for (std::size_t i = 0; i < near_border_count; ++i) {
     GatherAtBorder<T>(task.bytes, strides, kAxis, task.isovalue, samples[near_border[i]],
@@ -378,7 +370,7 @@ void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::siz
     } else if constexpr (kCare == Care::kBorder) {
       GatherNearBorder<T, kAxis>(task, strides, samples, count, batch);
     } else {
-      GatherInterior<T, kAxis>(task, samples, count, batch);
+      GatherInterior<T, kAxis>(task, strides, samples, count, batch);
     }
 #else
     GatherVertices<T, kCare>(task.bytes, strides, task.shape->interior, kAxis, task.isovalue,

@@ -20,15 +20,13 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/transfers.h"
 
 namespace isoscope::io {
 namespace {
 
 // A buffer of this size makes a write cost more than its system call.
 constexpr std::size_t kWriteBufferBytes = 256 * static_cast<std::size_t>(base::kKiB);
-
-// Linux moves at most 2^31 - 4096 bytes in one call.
-constexpr std::size_t kMaxTransferBytes = static_cast<std::size_t>(base::kGiB);
 
 // An open file descriptor, closed at the end.
 class Descriptor {
@@ -90,22 +88,14 @@ class PosixRandomAccessFile : public RandomAccessFile {
                                     char* out) const override {
     ISOSCOPE_RETURN_IF_ERROR(CheckRange(*this, offset, size));
     std::size_t done = 0;
-    while (done < size) {
-      const ssize_t count =
-          pread(descriptor_.get(), out + done, std::min(size - done, kMaxTransferBytes),
-                offset + static_cast<std::int64_t>(done));
-      if (count < 0) {
-        if (errno == EINTR) {
-          continue;
-        }
-        return ReadFailed(errno, *this, offset, size);
-      }
-      if (count == 0) {  // the file was cut since it was opened
-        return FileTooShort(*this, offset, size, offset + static_cast<std::int64_t>(done));
-      }
-      done += static_cast<std::size_t>(count);
+    const int error = ReadFully(descriptor_.get(), offset, size, out, &done);
+    if (error != 0) {
+      return ReadFailed(error, *this, offset, size);
     }
-    return absl::OkStatus();
+    // Less: the file was cut since it was opened.
+    return done == size
+               ? absl::OkStatus()
+               : FileTooShort(*this, offset, size, offset + static_cast<std::int64_t>(done));
   }
 
   [[nodiscard]] std::size_t ReadCached(std::int64_t offset, std::size_t size,
@@ -165,7 +155,8 @@ class PosixWritableFile : public WritableFile {
         // Everything up to the last boundary goes out at once.
         const std::size_t size =
             to_boundary + ((bytes.size() - to_boundary) & ~(buffer_bytes_ - 1));
-        ISOSCOPE_RETURN_IF_ERROR(WriteThrough(buffer_offset_, bytes.substr(0, size)));
+        status_ = WriteFully(descriptor_.get(), buffer_offset_, bytes.substr(0, size), path_);
+        ISOSCOPE_RETURN_IF_ERROR(status_);
         buffer_offset_ += static_cast<std::int64_t>(size);
         bytes.remove_prefix(size);
         continue;
@@ -203,27 +194,10 @@ class PosixWritableFile : public WritableFile {
 
  private:
   absl::Status Flush() {
-    ISOSCOPE_RETURN_IF_ERROR(WriteThrough(buffer_offset_, buffer_));
+    status_ = WriteFully(descriptor_.get(), buffer_offset_, buffer_, path_);
+    ISOSCOPE_RETURN_IF_ERROR(status_);
     buffer_offset_ += static_cast<std::int64_t>(buffer_.size());
     buffer_.clear();
-    return absl::OkStatus();
-  }
-
-  absl::Status WriteThrough(std::int64_t offset, absl::string_view bytes) {
-    while (!bytes.empty()) {
-      const ssize_t count = pwrite(descriptor_.get(), bytes.data(),
-                                   std::min(bytes.size(), kMaxTransferBytes), offset);
-      if (count < 0) {
-        if (errno == EINTR) {
-          continue;
-        }
-        status_ = ErrnoToStatus(
-            errno, absl::StrFormat("write %d bytes at offset %d of", bytes.size(), offset), path_);
-        return status_;
-      }
-      bytes.remove_prefix(static_cast<std::size_t>(count));
-      offset += count;
-    }
     return absl::OkStatus();
   }
 
@@ -259,6 +233,37 @@ absl::Status ReadFailed(int error_number, const RandomAccessFile& file, std::int
                         std::size_t size) {
   return ErrnoToStatus(
       error_number, absl::StrCat("read ", size, " bytes at offset ", offset, " of"), file.path());
+}
+
+int ReadFully(int descriptor, std::int64_t offset, std::size_t size, char* out, std::size_t* done,
+              std::size_t max_transfer_bytes) {
+  while (*done < size) {
+    const ssize_t count = pread(descriptor, out + *done, std::min(size - *done, max_transfer_bytes),
+                                offset + static_cast<std::int64_t>(*done));
+    if (count < 0 && errno != EINTR) {
+      return errno;
+    }
+    if (count == 0) {
+      return 0;
+    }
+    *done += count < 0 ? 0 : static_cast<std::size_t>(count);
+  }
+  return 0;
+}
+
+absl::Status WriteFully(int descriptor, std::int64_t offset, absl::string_view bytes,
+                        const std::string& path) {
+  while (!bytes.empty()) {
+    const ssize_t count =
+        pwrite(descriptor, bytes.data(), std::min(bytes.size(), kMaxTransferBytes), offset);
+    if (count < 0 && errno != EINTR) {
+      return ErrnoToStatus(
+          errno, absl::StrFormat("write %d bytes at offset %d of", bytes.size(), offset), path);
+    }
+    bytes.remove_prefix(count < 0 ? 0 : static_cast<std::size_t>(count));
+    offset += std::max<ssize_t>(count, 0);
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {

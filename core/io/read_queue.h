@@ -5,12 +5,10 @@
 #ifndef ISOSCOPE_CORE_IO_READ_QUEUE_H_
 #define ISOSCOPE_CORE_IO_READ_QUEUE_H_
 
-#include <atomic>
 #include <cstddef>
-#include <cstdint>
 #include <memory>
 #include <optional>
-#include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -18,9 +16,9 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
-#include "core/base/mutex.h"
 #include "core/base/units.h"
-#include "core/io/file.h"
+#include "core/io/read_engine.h"
+#include "core/io/read_pacer.h"
 
 namespace isoscope::io {
 
@@ -48,36 +46,30 @@ struct ReadQueueOptions {
 // one of them calls WaitForMore. No read starts before the first TryTake. As long as all bytes are
 // found in memory, the queue makes no thread and no ring.
 class ReadQueue {
- private:
-  struct Slot;
-
  public:
-  struct Read {
-    const RandomAccessFile* file = nullptr;
-    std::int64_t offset = 0;
-    std::size_t size = 0;
-  };
+  using Read = FileRead;
 
   // One read that ended. Releases its buffer when it is destroyed.
   class Arrival {
    public:
-    Arrival(Arrival&& other) noexcept;
+    Arrival(Arrival&& other) noexcept = default;
     Arrival& operator=(Arrival&&) = delete;
     ~Arrival();
 
     // Returns the index of the read in the list.
-    [[nodiscard]] std::size_t index() const;
+    [[nodiscard]] std::size_t index() const { return slot_->index; }
     // Returns the status that RandomAccessFile::ReadAt would return.
-    [[nodiscard]] const absl::Status& status() const;
+    [[nodiscard]] const absl::Status& status() const { return slot_->status; }
     // Returns the bytes of the read. REQUIRES: status() is OK.
-    [[nodiscard]] const char* data() const;
+    [[nodiscard]] const char* data() const { return slot_->buffer.get(); }
 
    private:
     friend class ReadQueue;
-    Arrival(ReadQueue* queue, std::unique_ptr<Slot> slot);
+    Arrival(ReadQueue* queue, std::unique_ptr<ReadSlot> slot)
+        : queue_(queue), slot_(std::move(slot)) {}
 
     ReadQueue* queue_;
-    std::unique_ptr<Slot> slot_;
+    std::unique_ptr<ReadSlot> slot_;
   };
 
   // The files outlive the queue, and the queue outlives its arrivals.
@@ -104,52 +96,31 @@ class ReadQueue {
   [[nodiscard]] ReadBackend backend_in_use() const;
 
  private:
-  class Ring;
-
-  bool HasMore() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Returns true if the next read may begin, if there is room. Reads of cold files wait for others.
-  bool MayBegin() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  bool HasRoom(std::size_t size) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Takes a slot for a read of `size` bytes. Null if the bounds are reached. May throw
-  // std::bad_alloc, and changes nothing then.
-  std::unique_ptr<Slot> Claim(std::size_t size) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Gives each list room for all slots and one more, so that nothing that moves a slot throws.
-  void ReserveLists() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void Release(std::unique_ptr<Slot> slot);
-  // Hands a slot to the ring or the threads, and of cold files as many others as there is room for.
-  // Returns the slot if there is no thread and none can be made.
-  std::unique_ptr<Slot> Start(std::unique_ptr<Slot> slot);
-  void FillRing() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void PrepareBackend() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Reads the missing bytes of a slot with pread. Threads that nobody could tell of an exception
-  // call it.
-  void ReadRest(Slot* slot) const noexcept;
-  absl::Status TryReadRest(Slot* slot) const;
-  void RunThread();
-  void RunRing();
+  // Takes a slot for the next read. Null if the bounds are reached. May throw std::bad_alloc, and
+  // changes nothing then.
+  std::unique_ptr<ReadSlot> Claim() ABSL_EXCLUSIVE_LOCKS_REQUIRED(exchange_.mutex);
+  // Gives each list room for `count` slots, so that nothing that moves a slot throws.
+  void ReserveLists(std::size_t count) ABSL_EXCLUSIVE_LOCKS_REQUIRED(exchange_.mutex);
+  void Release(std::unique_ptr<ReadSlot> slot);
+  // Hands a slot to the engine, and of cold files as many others as there is room for. Returns the
+  // slot if there is no thread and none can be made.
+  std::unique_ptr<ReadSlot> Start(std::unique_ptr<ReadSlot> slot);
+  void StartBatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(exchange_.mutex);
+  void MakeEngine() ABSL_EXCLUSIVE_LOCKS_REQUIRED(exchange_.mutex);
 
   const std::vector<Read> reads_;
   const ReadQueueOptions options_;
 
-  mutable base::Mutex mutex_;
-  base::CondVar changed_;                         // for WaitForMore: HasMore may be true
-  base::CondVar has_work_;                        // for the threads: started_ or stopping_
-  std::size_t next_ ABSL_GUARDED_BY(mutex_) = 0;  // the first read that nobody began
-  std::vector<std::unique_ptr<Slot>> free_ ABSL_GUARDED_BY(mutex_);
-  std::size_t used_count_ ABSL_GUARDED_BY(mutex_) = 0;  // slots that are not free
-  std::size_t used_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::size_t held_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // of all slots
-  std::size_t peak_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::size_t last_fill_ ABSL_GUARDED_BY(mutex_) = 0;  // used_count_ after the last FillRing
-  std::atomic<std::size_t> missed_{0};                 // reads since one was found in memory
-  std::size_t waiting_threads_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
-  // The oldest first. There are some hundred at most.
-  std::vector<std::unique_ptr<Slot>> started_ ABSL_GUARDED_BY(mutex_);  // ring or threads take them
-  std::vector<std::unique_ptr<Slot>> arrived_ ABSL_GUARDED_BY(mutex_);
-  ReadBackend backend_ ABSL_GUARDED_BY(mutex_) = ReadBackend::kAutomatic;
-  std::vector<std::thread> threads_ ABSL_GUARDED_BY(mutex_);
-  std::unique_ptr<Ring> ring_;  // made under the lock, before the only thread that uses it
+  mutable ReadExchange exchange_;
+  // Its hits and misses are recorded without the lock; all else with it.
+  ReadPacer pacer_;
+  std::size_t next_ ABSL_GUARDED_BY(exchange_.mutex) = 0;  // the first read that nobody began
+  ReadSlots free_ ABSL_GUARDED_BY(exchange_.mutex);
+  std::size_t slot_count_ ABSL_GUARDED_BY(exchange_.mutex) = 0;  // free or not, and their bytes
+  std::size_t held_bytes_ ABSL_GUARDED_BY(exchange_.mutex) = 0;
+  std::size_t peak_bytes_ ABSL_GUARDED_BY(exchange_.mutex) = 0;
+  ReadBackend backend_ ABSL_GUARDED_BY(exchange_.mutex) = ReadBackend::kAutomatic;
+  std::unique_ptr<ReadEngine> engine_;  // made under the lock
 };
 
 }  // namespace isoscope::io

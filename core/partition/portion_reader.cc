@@ -8,10 +8,13 @@
 #include "core/partition/portion_reader.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstring>
 #include <utility>
 #include <vector>
+
+#include "oneapi/tbb/task_group.h"
 
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -59,6 +62,47 @@ absl::Status PortionReader::Read(std::int64_t i, const char* previous, char* out
     begin += kept;
   }
   return ReadPlanes(begin, box.end.z, out + (begin - box.begin.z) * plane_bytes);
+}
+
+absl::Status PortionReader::ForEachPortion(
+    absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit,
+    absl::FunctionRef<void(double)> report) {
+  const std::int64_t count = PortionCount(layout_, plan_);
+  const std::size_t buffer_count = plan_.is_double_buffered ? 2 : 1;
+  std::array<std::vector<char>, 2> buffers;
+  for (std::size_t buffer = 0; buffer < buffer_count; ++buffer) {
+    buffers[buffer].resize(static_cast<std::size_t>(plan_.portion_bytes));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(Read(0, nullptr, buffers[0].data()));
+  for (std::int64_t i = 0; i < count; ++i) {
+    const char* current = buffers[static_cast<std::size_t>(i) % buffer_count].data();
+    char* next = buffers[static_cast<std::size_t>(i + 1) % buffer_count].data();
+    absl::Status read;
+    const auto read_next = [&] { read = Read(i + 1, current, next); };
+    const Portion portion = PortionAt(layout_, plan_, i);
+    const math::IndexBox box = SamplesOfPortion(layout_, portion);
+    const Slab slab{.samples = current,
+                    .begin_z = box.begin.z,
+                    .begin_y = box.begin.y,
+                    .rows = box.end.y - box.begin.y};
+    absl::Status visited;
+    {
+      tbb::task_group ahead;
+      if (buffer_count > 1 && i + 1 < count) {
+        ahead.run(read_next);
+      }
+      visited = visit(slab, portion);
+      ahead.wait();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(visited);
+    if (buffer_count == 1 && i + 1 < count) {
+      read_next();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(read);
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    report(static_cast<double>(i + 1) / static_cast<double>(count));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {

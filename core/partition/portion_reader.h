@@ -7,10 +7,12 @@
 #include <memory>
 #include <string>
 
+#include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 
 #include "core/base/cancellation.h"
 #include "core/io/scratch_file.h"
+#include "core/partition/block_cutter.h"
 #include "core/partition/partition_plan.h"
 #include "core/source/volume_source.h"
 #include "core/volume/block_layout.h"
@@ -38,6 +40,12 @@ class PortionReader {
   //
   // Errors: the source's, the scratch file's, CANCELLED.
   absl::Status Read(std::int64_t i, const char* previous, char* out);
+
+  // Passes over the volume once: calls visit(slab, portion), then report(share of the portions that
+  // are done). The next portion is read while `visit` works on this one, if the plan has two
+  // buffers. Errors as Read, and those of `visit`.
+  absl::Status ForEachPortion(absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit,
+                              absl::FunctionRef<void(double)> report);
 
  private:
   absl::Status ReadPlanes(std::int64_t begin, std::int64_t end, char* out);

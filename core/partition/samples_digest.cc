@@ -2,17 +2,17 @@
 
 #include <cstddef>
 
-#include "absl/strings/escaping.h"
 #include <openssl/evp.h>
 
 #include "core/base/check.h"
 #include "core/base/coding.h"
+#include "core/base/sha256.h"
 
 namespace isoscope::partition {
 namespace {
 
 constexpr std::size_t kSha256Bytes = 32;
-constexpr std::size_t kDigestBytes = 16;
+constexpr std::size_t kDigestDigits = 32;
 constexpr absl::string_view kPrefix("isoscope samples 1\0", 19);
 
 using Sha256 = std::array<unsigned char, kSha256Bytes>;
@@ -92,9 +92,7 @@ std::string SamplesDigest::Finish(const volume::GridGeometry& geometry,
   for (const std::uint64_t word : sum_) {
     base::AppendLittleEndian(word, &canonical);
   }
-  const Sha256 digest = Hash().Of(canonical, "");
-  return absl::BytesToHexString(
-      absl::string_view(reinterpret_cast<const char*>(digest.data()), kDigestBytes));
+  return base::Sha256Hex(canonical).substr(0, kDigestDigits);
 }
 
 }  // namespace isoscope::partition

@@ -23,7 +23,6 @@
 
 #include "core/image/fragment.h"
 #include "core/image/tile_set.h"
-#include "core/math/elementary.h"
 #include "core/picture/ambient_occlusion_kernel.h"
 #include "core/picture/linear_light.h"
 #include "core/view/unprojection.h"
@@ -102,11 +101,10 @@ class OpenCells {
         columns_(FloorDivide(view.region().x + drawn.end_x, cell_px_) + kBlurCells - first_column_),
         rows_(FloorDivide(view.region().y + drawn.end_y, cell_px_) + kBlurCells - first_row_),
         cells_(columns_, rows_, occlusion.radius_px / kPixelsPerCell + kBlurCells) {
-    const bool is_perspective = view.camera().projection == view::Projection::kPerspective;
-    const double height = is_perspective ? 2 * math::Tan(view.camera().fov_y_radians / 2)
-                                         : view.camera().view_height / view.far_distance();
+    const view::ImagePlane& plane = view.image_plane();
+    const double height = 2 * plane.half_height / (plane.is_perspective ? 1 : view.far_distance());
     setup_ = {
-        .is_perspective = is_perspective,
+        .is_perspective = plane.is_perspective,
         .pixel_size = static_cast<float>(height / view.viewport().height_px),
         .cell_px = static_cast<float>(cell_px_),
         .radius_px = static_cast<float>(occlusion.radius_px * samples_per_side),

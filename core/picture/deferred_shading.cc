@@ -24,18 +24,15 @@ std::array<float, 3> ToFloats(const math::Vec3d& v) {
 }
 
 RayTerm RayTermOf(const view::View& view) {
-  const view::Camera& camera = view.camera();
-  if (camera.projection != view::Projection::kPerspective) {
+  const view::ImagePlane& plane = view.image_plane();
+  if (!plane.is_perspective) {
     return {.at = ToFloats(view.forward())};
   }
-  const double half_height = math::Tan(camera.fov_y_radians / 2);
   const double width = view.viewport().width_px;
-  const double height = view.viewport().height_px;
-  const double pixel = 2 * half_height / height;
-  return {
-      .at = ToFloats(view.forward() - view.right() * (pixel * width / 2) + view.up() * half_height),
-      .per_x = ToFloats(view.right() * pixel),
-      .per_y = ToFloats(view.up() * -pixel)};
+  return {.at = ToFloats(view.forward() - view.right() * (plane.pixel_size * width / 2) +
+                         view.up() * plane.half_height),
+          .per_x = ToFloats(view.right() * plane.pixel_size),
+          .per_y = ToFloats(view.up() * -plane.pixel_size)};
 }
 
 LightTerm LightTermOf(const frame::Light& light, const view::View& view) {

@@ -25,7 +25,6 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/frame/frame_spec.h"
-#include "core/math/elementary.h"
 #include "core/view/unprojection.h"
 
 namespace isoscope::picture {
@@ -47,12 +46,9 @@ struct JumpRule {
 };
 
 JumpRule MakeJumpRule(const view::View& view) {
-  const view::Camera& camera = view.camera();
-  if (camera.projection == view::Projection::kPerspective) {
-    return {.per_distance =
-                static_cast<float>(kJumpShare * 2 * math::Tan(camera.fov_y_radians / 2))};
-  }
-  return {.base = static_cast<float>(kJumpShare * camera.view_height)};
+  const auto height = static_cast<float>(kJumpShare * 2 * view.image_plane().half_height);
+  return view.image_plane().is_perspective ? JumpRule{.per_distance = height}
+                                           : JumpRule{.base = height};
 }
 
 // Distances and surfaces of some rows of the image. A row outside the image is none.

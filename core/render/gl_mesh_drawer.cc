@@ -36,7 +36,6 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 
@@ -378,19 +377,16 @@ void GlMeshDrawer::SetView(const view::View& view, bool sends_normals) {
 }
 
 void GlMeshDrawer::SetRays(const view::View& view) {
-  const view::Camera& camera = view.camera();
-  const double width = view.viewport().width_px;
-  const double height = view.viewport().height_px;
   // Half the sides of the image plane at distance 1. Orthographic rays are all parallel.
-  const double half_y = camera.projection == view::Projection::kPerspective
-                            ? math::Tan(camera.fov_y_radians / 2)
-                            : 0.0;
-  const double half_x = half_y * width / height;
-
+  view::ImagePlane plane = view.image_plane();
+  if (!plane.is_perspective) {
+    plane = {};
+  }
   SetVec3(program_->Uniform("ray_origin"),
-          view.forward() - view.right() * half_x + view.up() * half_y);
-  SetVec3(program_->Uniform("ray_x"), view.right() * (2 * half_x / width));
-  SetVec3(program_->Uniform("ray_y"), view.up() * (-2 * half_y / height));
+          view.forward() - view.right() * plane.half_width + view.up() * plane.half_height);
+  SetVec3(program_->Uniform("ray_x"),
+          view.right() * (2 * plane.half_width / view.viewport().width_px));
+  SetVec3(program_->Uniform("ray_y"), view.up() * -plane.pixel_size);
 }
 
 void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {

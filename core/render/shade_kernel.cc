@@ -21,7 +21,6 @@
 
 #include <algorithm>
 
-#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/mesh/compact_mesh.h"
@@ -185,25 +184,18 @@ LinearVec3 MakeLinear(const math::Vec3d& at, const math::Vec3d& per_x, const mat
 }  // namespace
 
 PixelRays MakePixelRays(const view::View& view) {
-  const view::Camera& camera = view.camera();
-  const bool is_perspective = camera.projection == view::Projection::kPerspective;
-  const double width = view.viewport().width_px;
-  const double height = view.viewport().height_px;
-  // Half the width and height that the picture shows: at distance 1, or at any if orthographic.
-  const double half_y =
-      is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
-  const double half_x = half_y * width / height;
-  const math::Vec3d at = view.up() * half_y - view.right() * half_x;
-  const math::Vec3d per_x = view.right() * (2 * half_x / width);
-  const math::Vec3d per_y = view.up() * (-2 * half_y / height);
+  const view::ImagePlane& plane = view.image_plane();
+  const math::Vec3d at = view.up() * plane.half_height - view.right() * plane.half_width;
+  const math::Vec3d per_x = view.right() * (2 * plane.half_width / view.viewport().width_px);
+  const math::Vec3d per_y = view.up() * -plane.pixel_size;
 
   math::Vec3d direction = view.forward();
   math::Vec3d direction_x;
   math::Vec3d direction_y;
-  math::Vec3d origin = camera.eye + view.forward() * view.near_distance();
+  math::Vec3d origin = view.camera().eye + view.forward() * view.near_distance();
   math::Vec3d origin_x = per_x;
   math::Vec3d origin_y = per_y;
-  if (is_perspective) {
+  if (plane.is_perspective) {
     direction = direction + at;
     direction_x = per_x;
     direction_y = per_y;

@@ -31,15 +31,14 @@
 #include <optional>
 #include <utility>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
-#include <openssl/evp.h>
 
 #include "core/base/check.h"
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/store/block_order.h"
 #include "core/store/json_fields.h"
@@ -268,15 +267,8 @@ std::string ComputeDatasetId(const Manifest& manifest) {
     AppendString("patient_frame", &canonical);
     AppendString(manifest.patient_frame->name(), &canonical);
   }
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  unsigned int digest_size = 0;
-  ISOSCOPE_CHECK_EQ(EVP_Digest(canonical.data(), canonical.size(), digest.data(), &digest_size,
-                               EVP_sha256(), nullptr),
-                    1);
-  constexpr std::size_t kIdBytes = 16;
-  ISOSCOPE_CHECK_GE(digest_size, kIdBytes);
-  return absl::BytesToHexString(
-      absl::string_view(reinterpret_cast<const char*>(digest.data()), kIdBytes));
+  constexpr std::size_t kIdDigits = 32;
+  return base::Sha256Hex(canonical).substr(0, kIdDigits);
 }
 
 std::string EncodeRangeTable(const volume::RangeTable& ranges) {

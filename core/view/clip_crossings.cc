@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 
 namespace isoscope::view {
@@ -21,18 +20,14 @@ ClipCrossingFinder::ClipCrossingFinder(const View& view, const Clipper& clipper)
   for (int axis = 0; axis < 3; ++axis) {
     last_sample_[axis] = static_cast<double>(view.geometry().sample_dims[axis] - 1);
   }
-  const Camera& camera = view.camera();
-  const bool is_perspective = camera.projection == Projection::kPerspective;
-  const double half_height =
-      is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
-  const double pixel = 2 * half_height / view.viewport().height_px;
-  const math::Vec3d per_x = view.right() * pixel;
-  const math::Vec3d per_y = view.up() * -pixel;
-  const math::Vec3d corner =
-      view.right() * (-pixel * view.viewport().width_px / 2) + view.up() * half_height;
-  Linear<math::Vec3d> world_origin{.at = camera.eye, .per_x = {}, .per_y = {}};
+  const ImagePlane& plane = view.image_plane();
+  const math::Vec3d per_x = view.right() * plane.pixel_size;
+  const math::Vec3d per_y = view.up() * -plane.pixel_size;
+  const math::Vec3d corner = view.right() * (-plane.pixel_size * view.viewport().width_px / 2) +
+                             view.up() * plane.half_height;
+  Linear<math::Vec3d> world_origin{.at = view.camera().eye, .per_x = {}, .per_y = {}};
   world_direction_ = {.at = view.forward(), .per_x = {}, .per_y = {}};
-  Linear<math::Vec3d>& spread = is_perspective ? world_direction_ : world_origin;
+  Linear<math::Vec3d>& spread = plane.is_perspective ? world_direction_ : world_origin;
   spread = {.at = spread.at + corner, .per_x = per_x, .per_y = per_y};
 
   const math::Mat4d& to_index = view.index_from_world();

@@ -1,18 +1,19 @@
-// Computes footprints as View::FootprintOf does (view.cc), for as many boxes at a time as a
-// register has doubles:
+// Computes the footprints of View (view.h), for as many boxes at a time as a register has doubles:
 //
 //   1. Project: clip coordinates x, y, z, w of the 8 corners, and the bound of the error that a
 //      float32 renderer makes in each: kClipError * (|m0| reach0 + |m1| reach1 + |m2| reach2 +
 //      |m3|).
-//   2. Undecided if an error is above kMaxClipError, or NaN. Outside if all corners are outside one
-//      plane of the frustum by more than the error. Undecided if one may lie in front of the near
-//      plane, or has w < kMinClipW within the error.
+//   2. The whole picture if an error is above kMaxClipError, or NaN. Outside if all corners are
+//      outside one plane of the frustum by more than the error: the planes are linear, so the
+//      corners decide, whatever the sign of w. The whole picture if a corner may lie in front of
+//      the near plane, where a renderer clips, or has w < kMinClipW within the error.
 //   3. Divide by w. The margin in pixels is half the viewport times ((error + reach * w's error) /
-//      w + kViewportError * (reach + 1)), plus kSnapErrorPx. Undecided if it exceeds kMaxMarginPx.
+//      w + kViewportError * (reach + 1)), plus kSnapErrorPx. The whole picture if it exceeds
+//      kMaxMarginPx.
 //   4. CoverPixels: the pixels whose centres lie in the box's extent, grown by the margin.
 //
-// Invariant: the operations and their order are those of View::FootprintOf, so both give the same
-// bits. Undecided boxes are left to it.
+// Invariant: one box and many, and all instruction sets, have the same operations in the same
+// order, and so the same bits.
 //
 // Example: 1024 pixels wide, x / w from -0.25 to 0, margin 1/16. The extent is 512 * 0.75 = 384 to
 // 512 pixels; the centre 383.5 is 7/16 too far to the left, so the columns are [384, 512).
@@ -182,9 +183,10 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewp
     hn::StoreMaskBits(d, hn::And(is_within_float, is_outside), outside_bits);
     hn::StoreMaskBits(d, is_decided, decided_bits);
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
-      batch->outcome[i + lane] = (outside_bits[0] >> lane & 1) != 0   ? FootprintBatch::kOutside
-                                 : (decided_bits[0] >> lane & 1) != 0 ? FootprintBatch::kOnScreen
-                                                                      : FootprintBatch::kUndecided;
+      batch->outcome[i + lane] = (outside_bits[0] >> lane & 1) != 0 ? FootprintBatch::kOutside
+                                 : (decided_bits[0] >> lane & 1) != 0
+                                     ? FootprintBatch::kOnScreen
+                                     : FootprintBatch::kWholePicture;
     }
   }
 }

@@ -39,9 +39,9 @@ struct FootprintBatch {
   static constexpr std::size_t kCapacity = 64;
 
   enum Outcome : std::uint8_t {
-    kOnScreen,   // the fields below are set
-    kOutside,    // outside the frustum
-    kUndecided,  // near the eye: View::FootprintOf decides
+    kOnScreen,      // the fields below are set
+    kOutside,       // outside the frustum
+    kWholePicture,  // near the eye, or beyond float32: any pixel, any depth
   };
 
   // Boxes are taken in groups of this many. The caller fills the last group up with any box.
@@ -62,8 +62,8 @@ struct FootprintBatch {
   alignas(64) std::array<double, kCapacity> depth;
 };
 
-// Computes the footprints of `batch` by the operations of View::FootprintOf, in the same order: the
-// same bits on every processor. Thread-safe.
+// Computes the footprints of `batch`: the same operations in the same order, and so the same bits,
+// on every processor. Thread-safe.
 void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewport,
                        const Region& region, FootprintBatch* batch);
 

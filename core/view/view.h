@@ -41,6 +41,18 @@ struct Footprint {
   float nearest_depth = 0;
 };
 
+// The rectangle of world space that the whole viewport shows, perpendicular to the view direction:
+// at distance 1 from the eye for perspective, at any for orthographic. Lengths in world units.
+struct ImagePlane {
+  ImagePlane() = default;
+  ImagePlane(const Camera& camera, const Viewport& viewport);
+
+  bool is_perspective = true;
+  double half_width = 0;
+  double half_height = 0;
+  double pixel_size = 0;  // of a pixel's side: pixels are squares
+};
+
 // Immutable; thread-safe.
 class View {
  public:
@@ -69,6 +81,7 @@ class View {
   // 0 < near < far for perspective, 0 <= near < far for orthographic.
   [[nodiscard]] double near_distance() const { return near_distance_; }
   [[nodiscard]] double far_distance() const { return far_distance_; }
+  [[nodiscard]] const ImagePlane& image_plane() const { return image_plane_; }
   // Unit vectors in world space: from the eye to the target, and the camera's right and true up.
   [[nodiscard]] const math::Vec3d& forward() const { return forward_; }
   [[nodiscard]] const math::Vec3d& right() const { return right_; }
@@ -79,7 +92,7 @@ class View {
                                       const math::Vec3d& index_max) const;
   // Returns the footprint of a block's cells.
   [[nodiscard]] Footprint FootprintOf(const volume::BlockLayout& layout, volume::BlockId id) const;
-  // Sets footprints[i] to FootprintOf(layout, ids[i]), bit for bit, several times as fast.
+  // Sets footprints[i] to FootprintOf(layout, ids[i]), bit for bit, several times as fast for many.
   // REQUIRES: footprints.size() == ids.size().
   void FootprintsOf(const volume::BlockLayout& layout, absl::Span<const volume::BlockId> ids,
                     absl::Span<Footprint> footprints) const;
@@ -91,6 +104,7 @@ class View {
   Viewport viewport_;
   Region region_;
   volume::GridGeometry geometry_;
+  ImagePlane image_plane_;
   math::Mat4d world_from_index_;
   math::Mat4d index_from_world_;
   math::Mat4d clip_from_world_;

@@ -30,7 +30,6 @@
 #include "absl/types/span.h"
 
 #include "core/base/check.h"
-#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 
 namespace isoscope::visibility {
@@ -167,21 +166,17 @@ RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::u
   scene_.grid_rows = std::max<std::int64_t>(1, std::llround(height / cell_px));
   image_ray_count_ = scene_.grid_columns * scene_.grid_rows;
 
-  const view::Camera& camera = view.camera();
-  scene_.is_perspective = camera.projection == view::Projection::kPerspective;
-  const double half_height =
-      scene_.is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+  const view::ImagePlane& plane = view.image_plane();
+  scene_.is_perspective = plane.is_perspective;
   const math::Mat4d& index_from_world = view.index_from_world();
-  scene_.eye = math::TransformPoint(index_from_world, camera.eye);
+  scene_.eye = math::TransformPoint(index_from_world, view.camera().eye);
   scene_.forward = math::TransformVector(index_from_world, view.forward());
-  scene_.half_right = math::TransformVector(
-      index_from_world,
-      view.right() * (half_height * view.viewport().width_px / view.viewport().height_px));
-  scene_.half_up = math::TransformVector(index_from_world, view.up() * half_height);
+  scene_.half_right = math::TransformVector(index_from_world, view.right() * plane.half_width);
+  scene_.half_up = math::TransformVector(index_from_world, view.up() * plane.half_height);
   scene_.near_distance = view.near_distance();
   scene_.clip_from_index = view.clip_from_index();
   scene_.world_from_index = view.world_from_index();
-  scene_.world_eye = camera.eye;
+  scene_.world_eye = view.camera().eye;
   scene_.world_forward = view.forward();
   if (!view.is_whole()) {
     AimAtRegion(view, &scene_);

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/format.h"
@@ -123,7 +124,7 @@ absl::StatusOr<PictureComparison> ComparePictures(const RecordedPng& recorded,
   }
   PictureComparison comparison;
   const auto& annotated = recorded.record.annotated;
-  comparison.has_same_bytes = annotated ? annotated->plain_png_sha256 == Sha256Hex(plain_png)
+  comparison.has_same_bytes = annotated ? annotated->plain_png_sha256 == base::Sha256Hex(plain_png)
                                         : recorded.plain_png == plain_png;
   const std::vector<bool> is_plain = PlainPixels(recorded, now.width, now.height);
   for (std::size_t i = 0; i < is_plain.size(); ++i) {

@@ -18,11 +18,9 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include <google/protobuf/util/json_util.h>
 #include <nlohmann/json.hpp>
-#include <openssl/evp.h>
 
 #include "clients/cpp/picture_file/png_chunks.h"
 #include "core/base/check.h"
@@ -260,15 +258,6 @@ absl::StatusOr<RecordedPng> SplitRecordedPng(absl::string_view png) {
   }
   ISOSCOPE_ASSIGN_OR_RETURN(split.record, DecodePictureRecord(text));
   return split;
-}
-
-std::string Sha256Hex(absl::string_view bytes) {
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  unsigned int size = 0;
-  ISOSCOPE_CHECK_EQ(
-      EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr), 1);
-  return absl::BytesToHexString(
-      absl::string_view(reinterpret_cast<const char*>(digest.data()), size));
 }
 
 }  // namespace isoscope::client

@@ -56,9 +56,6 @@ struct RecordedPng {
 // NOT_FOUND if the PNG carries no record; DATA_LOSS if it is none; else as DecodePictureRecord.
 absl::StatusOr<RecordedPng> SplitRecordedPng(absl::string_view png);
 
-// SHA-256: 64 lower-case hex digits.
-std::string Sha256Hex(absl::string_view bytes);
-
 }  // namespace isoscope::client
 
 #endif  // ISOSCOPE_CLIENTS_CPP_CONNECTION_PNG_METADATA_H_

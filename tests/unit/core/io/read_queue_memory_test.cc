@@ -21,6 +21,7 @@
 #include "tests/support/memory_failure.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "tests/unit/core/io/cold_file.h"
 
 namespace isoscope::io {
 namespace {
@@ -30,28 +31,6 @@ using testing::MemoryFailure;
 
 constexpr std::size_t kReadBytes = 100;
 constexpr std::size_t kReadCount = 24;
-
-// Passes everything on, but finds nothing in memory: each read goes through the back end.
-class ColdFile final : public RandomAccessFile {
- public:
-  ColdFile(std::unique_ptr<RandomAccessFile> file, bool has_descriptor)
-      : file_(std::move(file)), has_descriptor_(has_descriptor) {}
-  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
-                                    char* out) const override {
-    return file_->ReadAt(offset, size, out);
-  }
-  [[nodiscard]] std::int64_t size_bytes() const override {
-    return file_->size_bytes() + 50;  // as if it had been cut
-  }
-  [[nodiscard]] const std::string& path() const override { return file_->path(); }
-  [[nodiscard]] int descriptor() const override {
-    return has_descriptor_ ? file_->descriptor() : -1;
-  }
-
- private:
-  const std::unique_ptr<RandomAccessFile> file_;
-  const bool has_descriptor_;
-};
 
 class ReadQueueMemoryTest : public ::testing::TestWithParam<std::tuple<ReadBackend, bool>> {
  protected:
@@ -64,7 +43,7 @@ class ReadQueueMemoryTest : public ::testing::TestWithParam<std::tuple<ReadBacke
     std::ofstream(path, std::ios::binary) << bytes;
     auto file = OpenRandomAccessFile(path);
     EXPECT_THAT(file, IsOk());
-    file_ = std::make_unique<ColdFile>(*std::move(file), std::get<1>(GetParam()));
+    file_ = std::make_unique<ColdFile>(*std::move(file), std::get<1>(GetParam()), 50);
     bytes_ = std::move(bytes);
   }
 

@@ -25,6 +25,7 @@
 #include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "tests/unit/core/io/cold_file.h"
 
 namespace isoscope::io {
 namespace {
@@ -44,22 +45,6 @@ struct Answer {
   std::string bytes;
 };
 using Answers = std::map<std::size_t, Answer>;
-
-// Passes everything on, but finds nothing in memory: each read goes through the back end.
-class ColdFile : public RandomAccessFile {
- public:
-  explicit ColdFile(std::unique_ptr<RandomAccessFile> file) : file_(std::move(file)) {}
-  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
-                                    char* out) const override {
-    return file_->ReadAt(offset, size, out);
-  }
-  [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
-  [[nodiscard]] const std::string& path() const override { return file_->path(); }
-  [[nodiscard]] int descriptor() const override { return file_->descriptor(); }
-
- private:
-  const std::unique_ptr<RandomAccessFile> file_;
-};
 
 // Finds the first half of each read in memory.
 class HalfCachedFile : public ColdFile {

@@ -12,6 +12,7 @@
 
 #include "clients/cpp/connection/png_metadata.h"
 #include "clients/cpp/picture_file/png_chunks.h"
+#include "core/base/sha256.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/frame_convert.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -98,7 +99,7 @@ std::vector<std::string> Seeds() {
   std::vector<std::string> seeds{std::string(1, '\0') + plain, "\1" + plain};
   for (const bool is_annotated : {false, true}) {
     if (is_annotated) {
-      record.annotated = client::AnnotatedPicture{.plain_png_sha256 = client::Sha256Hex("x"),
+      record.annotated = client::AnnotatedPicture{.plain_png_sha256 = base::Sha256Hex("x"),
                                                   .boxes = {{1, 1, 2, 2}}};
     }
     const auto png = client::AddPictureRecord(plain, record);

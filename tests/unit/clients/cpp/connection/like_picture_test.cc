@@ -7,6 +7,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/sha256.h"
 #include "core/cli/usage.h"
 #include "core/image/png_codec.h"
 #include "tests/support/status_matchers.h"
@@ -51,7 +52,7 @@ TEST(LikePictureTest, AnnotatedPictureIsComparedBesideItsAnnotations) {
   annotated[1] = {255, 255, 255, 255};  // pixel (1, 0)
   RecordedPng recorded = Recorded(annotated);
   recorded.record.annotated =
-      AnnotatedPicture{.plain_png_sha256 = Sha256Hex(PngOf(Pixels())),
+      AnnotatedPicture{.plain_png_sha256 = base::Sha256Hex(PngOf(Pixels())),
                        .boxes = {{.begin_x = 1, .begin_y = 0, .end_x = 2, .end_y = 1},
                                  {.begin_x = 100, .begin_y = 100, .end_x = 200, .end_y = 200}}};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(PictureComparison same, ComparePictures(recorded, PngOf(Pixels())));

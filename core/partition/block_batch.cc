@@ -1,0 +1,131 @@
+#include "core/partition/block_batch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "absl/types/span.h"
+#include "oneapi/tbb/parallel_for.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/extract/gradient_bound.h"
+#include "core/volume/block_samples.h"
+#include "core/volume/sample_histogram.h"
+
+namespace isoscope::partition {
+namespace {
+
+// Blocks of a shard whose samples one task counts: enough that adding up its bins is little.
+constexpr std::size_t kBlocksPerCount = 64;
+
+}  // namespace
+
+PlacementQueue::PlacementQueue(const std::string& directory, const volume::BlockLayout& layout,
+                               volume::ScalarType type, const PartitionPlan& plan)
+    : layout_(layout), type_(type), plan_(plan), placements_(directory, plan.placement_bytes) {}
+
+absl::Status PlacementQueue::PlaceAll(const ShardMap& shards) {
+  // By shard: the placement of its next block.
+  std::vector<Placement> next(static_cast<std::size_t>(shards.shard_count()));
+  for (store::BlocksInOrder blocks({.begin = {}, .end = layout_.block_dims()}); !blocks.is_at_end();
+       blocks.Next()) {
+    const volume::BlockId id = layout_.IdOf(blocks.index());
+    const std::uint16_t shard = shards.ShardOf(id);
+    Placement& placement = next[shard];
+    placement.shard = shard;
+    placement.position =
+        static_cast<std::uint32_t>(PositionInPortions(layout_, plan_, blocks.index()));
+    ISOSCOPE_RETURN_IF_ERROR(placements_.Add(placement));
+    ++placement.ordinal;
+    placement.offset += static_cast<std::int64_t>(volume::StoredSizeBytes(layout_, id, type_));
+  }
+  return placements_.Finish();
+}
+
+absl::Status PlacementQueue::Fill(store::BlocksInOrder* blocks, BlockBatch* batch) {
+  batch->bytes.resize(static_cast<std::size_t>(plan_.batch_bytes));
+  batch->ids.clear();
+  batch->placements.clear();
+  batch->offsets.assign(1, 0);
+  for (; !blocks->is_at_end() && static_cast<std::int64_t>(batch->ids.size()) < kMaxBatchBlocks;
+       blocks->Next()) {
+    const volume::BlockId id = layout_.IdOf(blocks->index());
+    const std::size_t end = batch->offsets.back() + volume::StoredSizeBytes(layout_, id, type_);
+    if (end > batch->bytes.size()) {
+      break;
+    }
+    ISOSCOPE_CHECK(!placements_.is_at_end());
+    ISOSCOPE_CHECK_EQ(placements_.current().position, next_position_);
+    ++next_position_;
+    batch->ids.push_back(id);
+    batch->placements.push_back(placements_.current());
+    batch->offsets.push_back(end);
+    ISOSCOPE_RETURN_IF_ERROR(placements_.Advance());
+  }
+  return absl::OkStatus();
+}
+
+BatchCutter::BatchCutter(const volume::BlockLayout& layout, volume::ScalarType type,
+                         const volume::GridGeometry& geometry, int shard_count)
+    : layout_(layout),
+      type_(type),
+      world_gradient_from_index_(geometry.world_gradient_from_index()),
+      histograms_(layout, type, shard_count) {}
+
+void BatchCutter::Cut(const Slab& slab, BlockBatch* batch) {
+  CutBlocks(slab, batch);
+  for (std::size_t i = 0; i < batch->ids.size(); ++i) {
+    max_gradient_magnitude_ = std::max(max_gradient_magnitude_, batch->gradient_magnitudes[i]);
+  }
+  batch->order.resize(batch->ids.size());
+  std::iota(batch->order.begin(), batch->order.end(), std::uint32_t{0});
+  const auto key_of = [&](std::uint32_t i) {
+    return std::pair(batch->placements[i].shard, batch->placements[i].ordinal);
+  };
+  std::sort(batch->order.begin(), batch->order.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return key_of(a) < key_of(b); });
+  CountSamples(slab, *batch);
+}
+
+void BatchCutter::CutBlocks(const Slab& slab, BlockBatch* batch) const {
+  batch->spans.resize(batch->ids.size());
+  batch->finite_spans.resize(batch->ids.size());
+  batch->gradient_magnitudes.resize(batch->ids.size());
+  tbb::parallel_for(std::size_t{0}, batch->ids.size(), [&](std::size_t i) {
+    const volume::BlockId id = batch->ids[i];
+    const volume::ScalarSpan span = SpanOfBlock(layout_, type_, slab, id);
+    batch->spans[i] = span;
+    batch->finite_spans[i] = std::isfinite(span.min) && std::isfinite(span.max)
+                                 ? span
+                                 : FiniteSpanOfBlock(layout_, type_, slab, id);
+    char* const bytes = batch->bytes.data() + batch->offsets[i];
+    CutBlock(layout_, type_, slab, id, bytes);
+    // Each sample counts in one block alone.
+    batch->gradient_magnitudes[i] = extract::MaxGradientMagnitude(
+        layout_, world_gradient_from_index_, {.block_id = id, .type = type_, .bytes = bytes},
+        volume::CountedSamplesOf(layout_, id), max_gradient_magnitude_);
+  });
+}
+
+void BatchCutter::CountSamples(const Slab& slab, const BlockBatch& batch) {
+  std::vector<volume::BlockId> ids(batch.order.size());  // in their order
+  std::vector<std::size_t> begins;                       // of the tasks, and the end
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    ids[i] = batch.ids[batch.order[i]];
+    histograms_.Cover(batch.finite_spans[i]);
+    if (i == 0 || i - begins.back() == kBlocksPerCount ||
+        batch.ShardAt(i) != batch.ShardAt(i - 1)) {
+      begins.push_back(i);
+    }
+  }
+  begins.push_back(ids.size());
+  tbb::parallel_for(std::size_t{0}, begins.size() - 1, [&](std::size_t task) {
+    histograms_.Count(
+        batch.ShardAt(begins[task]),
+        absl::MakeConstSpan(ids).subspan(begins[task], begins[task + 1] - begins[task]), slab);
+  });
+}
+
+}  // namespace isoscope::partition

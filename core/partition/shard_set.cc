@@ -1,0 +1,147 @@
+#include "core/partition/shard_set.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/functional/function_ref.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "oneapi/tbb/parallel_for.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/index/interval_tree_builder.h"
+#include "core/io/file.h"
+#include "core/store/histogram_file.h"
+#include "core/store/shard_compressor.h"
+
+namespace isoscope::partition {
+namespace {
+
+constexpr std::uint32_t kBlocksBetweenChecks = 1 << 16;
+
+}  // namespace
+
+ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layout,
+                   volume::ScalarType type, const PartitionPlan& plan)
+    : directory_(directory),
+      layout_(layout),
+      type_(type),
+      plan_(plan),
+      entries_(directory, plan.entry_bytes) {}
+
+absl::Status ShardSet::Create(int shard_count) {
+  for (int shard = 0; shard < shard_count; ++shard) {
+    directories_.push_back(
+        absl::StrCat(directory_, "/", store::ShardDirectoryName(shard, shard_count)));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<store::ShardWriter> writer,
+        store::ShardWriter::Create(directories_.back(), layout_, type_,
+                                   [this](const std::string& path) {
+                                     return io::CreateBufferedFile(
+                                         path, static_cast<std::size_t>(plan_.file_buffer_bytes));
+                                   }));
+    writers_.push_back(std::move(writer));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ShardSet::Write(BlockBatch* batch) {
+  std::vector<std::size_t> begins;  // in `order`: the first block of each shard, and the end
+  for (std::size_t i = 0; i < batch->order.size(); ++i) {
+    if (i == 0 || batch->ShardAt(i) != batch->ShardAt(i - 1)) {
+      begins.push_back(i);
+    }
+  }
+  begins.push_back(batch->order.size());
+  batch->crcs.resize(batch->ids.size());
+  std::vector<absl::Status> statuses(begins.size() - 1);
+  tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t k) {
+    store::ShardWriter& writer = *writers_[batch->ShardAt(begins[k])];
+    for (std::size_t i = begins[k]; i < begins[k + 1] && statuses[k].ok(); ++i) {
+      const std::size_t at = batch->order[i];
+      const absl::StatusOr<std::uint32_t> crc32c =
+          writer.WriteBlock(batch->ids[at], batch->placements[at].offset,
+                            absl::string_view(batch->bytes.data() + batch->offsets[at],
+                                              batch->offsets[at + 1] - batch->offsets[at]));
+      statuses[k] = crc32c.status();
+      batch->crcs[at] = crc32c.value_or(0);
+    }
+  });
+  for (const absl::Status& status : statuses) {
+    ISOSCOPE_RETURN_IF_ERROR(status);
+  }
+  for (std::size_t i = 0; i < batch->ids.size(); ++i) {
+    ISOSCOPE_RETURN_IF_ERROR(entries_.Add({.span = batch->spans[i],
+                                           .id = batch->ids[i],
+                                           .ordinal = batch->placements[i].ordinal,
+                                           .crc32c = batch->crcs[i],
+                                           .shard = batch->placements[i].shard}));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<store::ShardSummary>> ShardSet::Finish(
+    const HistogramBuilder& histograms, store::BlockEncoding compression,
+    const base::Cancellation& cancellation) {
+  ISOSCOPE_RETURN_IF_ERROR(entries_.Finish());
+  std::vector<store::ShardSummary> summaries;
+  for (std::size_t shard = 0; shard < directories_.size(); ++shard) {
+    ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary,
+                              FinishShard(shard, histograms, cancellation));
+    if (compression != store::BlockEncoding::kRaw) {
+      ISOSCOPE_ASSIGN_OR_RETURN(summary, Compress(shard, summary, compression, cancellation));
+    }
+    summaries.push_back(summary);
+  }
+  return summaries;
+}
+
+// Takes the entries of the shard, which come next.
+absl::StatusOr<store::ShardSummary> ShardSet::FinishShard(std::size_t shard,
+                                                          const HistogramBuilder& histograms,
+                                                          const base::Cancellation& cancellation) {
+  index::IntervalTreeBuilder tree({.scratch_directory = directories_[shard],
+                                   .memory_bytes = plan_.tree_bytes,
+                                   .cancellation = &cancellation});
+  store::ShardWriter& writer = *writers_[shard];
+  for (std::uint32_t ordinal = 0; !entries_.is_at_end() && entries_.current().shard == shard;
+       ++ordinal) {
+    const Entry& entry = entries_.current();
+    ISOSCOPE_CHECK_EQ(entry.ordinal, ordinal);
+    if (ordinal % kBlocksBetweenChecks == 0) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    }
+    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(entry.id, entry.crc32c));
+    ISOSCOPE_RETURN_IF_ERROR(
+        tree.Add({.span = entry.span, .block_id = entry.id, .ordinal = ordinal}));
+    ISOSCOPE_RETURN_IF_ERROR(entries_.Advance());
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary, writer.Finish());
+  writers_[shard].reset();  // frees its buffers
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<io::WritableFile> file,
+      io::CreateWritableFile(absl::StrCat(directories_[shard], "/", store::kIntervalTreeFileName)));
+  ISOSCOPE_RETURN_IF_ERROR(tree.Finish(file.get()));
+  ISOSCOPE_RETURN_IF_ERROR(
+      io::WriteWholeFile(absl::StrCat(directories_[shard], "/", store::kHistogramFileName),
+                         store::EncodeHistogram(type_, histograms.Get(static_cast<int>(shard)))));
+  return summary;
+}
+
+// Takes the memory that the shard's tree was built in.
+absl::StatusOr<store::ShardSummary> ShardSet::Compress(
+    std::size_t shard, const store::ShardSummary& raw, store::BlockEncoding encoding,
+    const base::Cancellation& cancellation) const {
+  store::CompressOptions options{.encoding = encoding};
+  options.batch_bytes =
+      std::min(options.batch_bytes, static_cast<std::size_t>(plan_.tree_bytes) / 3);
+  return store::CompressShard(
+      directories_[shard], type_, raw, options,
+      [](std::size_t count, absl::FunctionRef<void(std::size_t)> task) {
+        tbb::parallel_for(std::size_t{0}, count, task);
+      },
+      cancellation);
+}
+
+}  // namespace isoscope::partition

@@ -1,0 +1,84 @@
+// The shards of a dataset while they are written. Internal to the partitioner, whose tests cover
+// it; the steps are at the head of partitioner.cc.
+
+#ifndef ISOSCOPE_CORE_PARTITION_SHARD_SET_H_
+#define ISOSCOPE_CORE_PARTITION_SHARD_SET_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/io/external_sorter.h"
+#include "core/partition/block_batch.h"
+#include "core/partition/histogram_builder.h"
+#include "core/partition/partition_plan.h"
+#include "core/store/manifest.h"
+#include "core/store/shard_format.h"
+#include "core/store/shard_writer.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/scalar_span.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::partition {
+
+// Thread-compatible: Create, then Write for each batch, then Finish. References must outlive it.
+class ShardSet {
+ public:
+  ShardSet(const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
+           const PartitionPlan& plan);
+
+  // Creates the folders and the files of blocks.
+  absl::Status Create(int shard_count);
+  // Writes the blocks of a batch that was cut, those of a shard by one thread in the order of its
+  // file, so that neighbours are written together.
+  absl::Status Write(BlockBatch* batch);
+  // Step 4 writes the indices of all shards, then compresses their blocks. Returns a summary of
+  // each.
+  absl::StatusOr<std::vector<store::ShardSummary>> Finish(const HistogramBuilder& histograms,
+                                                          store::BlockEncoding compression,
+                                                          const base::Cancellation& cancellation);
+
+  [[nodiscard]] const std::vector<std::string>& directories() const { return directories_; }
+
+ private:
+  // A block's data for the block index and the interval tree of its shard. Sorted by shard and
+  // ordinal.
+  struct Entry {
+    volume::ScalarSpan span;
+    volume::BlockId id = 0;
+    std::uint32_t ordinal = 0;
+    std::uint32_t crc32c = 0;
+    std::uint16_t shard = 0;
+
+    friend bool operator<(const Entry& a, const Entry& b) {
+      return std::tie(a.shard, a.ordinal) < std::tie(b.shard, b.ordinal);
+    }
+  };
+  static_assert(sizeof(Entry) == kEntryBytesPerBlock);
+
+  absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard,
+                                                  const HistogramBuilder& histograms,
+                                                  const base::Cancellation& cancellation);
+  absl::StatusOr<store::ShardSummary> Compress(std::size_t shard, const store::ShardSummary& raw,
+                                               store::BlockEncoding encoding,
+                                               const base::Cancellation& cancellation) const;
+
+  const std::string directory_;
+  const volume::BlockLayout& layout_;
+  const volume::ScalarType type_;
+  const PartitionPlan& plan_;
+  std::vector<std::string> directories_;
+  std::vector<std::unique_ptr<store::ShardWriter>> writers_;
+  io::ExternalSorter<Entry> entries_;
+};
+
+}  // namespace isoscope::partition
+
+#endif  // ISOSCOPE_CORE_PARTITION_SHARD_SET_H_
