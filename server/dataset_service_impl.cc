@@ -69,7 +69,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->access_->Identify(rpc::PeerOf(context)));
     record_.caller = caller_.name();
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
-    return turn_.Keep(service_->histograms_.Admit(caller_.QueueKey(context.peer())));
+    return turn_.TakePlace(caller_.QueueKey(context.peer()));
   }
 
   // Gets the reason if the turn did not come.

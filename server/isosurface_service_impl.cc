@@ -9,6 +9,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -20,6 +21,7 @@
 #include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 #include "core/rpc/write_timeout.h"
+#include "server/frame/frame_ticket.h"
 #include "server/frame/pick_job.h"
 #include "server/frame/picture_job.h"
 
@@ -35,22 +37,7 @@ constexpr absl::Duration kMaxPartDuration = absl::Minutes(1);
 template <typename Reactor, typename Job>
 class FrameCall : public Reactor {
  public:
-  FrameCall(RequestMethod method, grpc::CallbackServerContext* context,
-            const IsosurfaceServiceOptions& options, FrameClaim claim)
-      : method_(method),
-        caller_(options.access->Identify(rpc::PeerOf(*context))),
-        unsent_(&options.runner->metrics()->unsent_bytes),
-        timeout_(context) {
-    claim.client_deadline = rpc::DeadlineOf(*context);
-    claim.max_duration = options.max_frame_duration;
-    const FrameOrigin origin{.request = rpc::AnswerTraceContext(context),
-                             .client = context->peer(),
-                             .certificate = rpc::PeerOf(*context).name,
-                             .caller = caller_.ok() ? *caller_ : Caller()};
-    ticket_ = std::make_shared<FrameTicket>(options.runner, origin, claim);
-  }
-
-  // Answers the call, or refuses it with `checked`. `self` owns the call.
+  // Answers the call, or refuses it with `checked`. `self` owns it.
   FrameCall* Start(std::shared_ptr<FrameCall> self, const typename Job::Request& request,
                    const absl::Status& checked = absl::OkStatus()) {
     self_ = self;
@@ -70,22 +57,31 @@ class FrameCall : public Reactor {
   }
 
  protected:
-  // Makes and sends the answer, on a frame thread.
-  virtual void Work() = 0;
+  // `response` outlives the work.
+  FrameCall(RequestMethod method, grpc::CallbackServerContext* context,
+            const IsosurfaceServiceOptions& options, FrameClaim claim,
+            typename Job::Response* response)
+      : method_(method),
+        caller_(options.access->Identify(rpc::PeerOf(*context))),
+        response_(*response),
+        unsent_(&options.runner->metrics()->unsent_bytes),
+        timeout_(context) {
+    claim.client_deadline = rpc::DeadlineOf(*context);
+    claim.max_duration = options.max_frame_duration;
+    const FrameOrigin origin{.request = rpc::AnswerTraceContext(context),
+                             .client = context->peer(),
+                             .certificate = rpc::PeerOf(*context).name,
+                             .caller = caller_.ok() ? *caller_ : Caller()};
+    ticket_ = std::make_shared<FrameTicket>(options.runner, origin, claim);
+  }
 
+  // Begins to send the response, or ends the call with an error.
+  virtual void Send(const absl::Status& status) = 0;
+  void StartTimeout(absl::Duration timeout) { timeout_.Start(timeout); }
   void End(const absl::Status& status) {
     ticket_->EndRequest(method_, status);
     this->Finish(rpc::ToGrpcStatus(status));
   }
-  // The answer is on its way: its images and the rest of its memory go.
-  void KeepOnlyAnswer(std::size_t answer_bytes) {
-    job_.reset();
-    ticket_->KeepMemoryOfAnswer(answer_bytes);
-  }
-
-  [[nodiscard]] Job* job() const { return job_.get(); }
-  void CountUnsent(std::size_t bytes) { unsent_.Set(static_cast<std::int64_t>(bytes)); }
-  void StartTimeout(absl::Duration timeout) { timeout_.Start(timeout); }
 
  private:
   absl::Status Admit(const typename Job::Request& request, const absl::Status& checked) {
@@ -95,8 +91,20 @@ class FrameCall : public Reactor {
     return absl::OkStatus();
   }
 
+  // On a frame thread.
+  void Work() {
+    const absl::Status status = job_->Run(&response_);
+    const std::size_t answer_bytes = status.ok() ? response_.ByteSizeLong() : 0;
+    unsent_.Set(static_cast<std::int64_t>(answer_bytes));
+    Send(status);
+    // The answer is on its way: its images and the rest of its memory go.
+    job_.reset();
+    ticket_->KeepMemoryOfAnswer(answer_bytes);
+  }
+
   const RequestMethod method_;
   const absl::StatusOr<Caller> caller_;
+  typename Job::Response& response_;
   std::shared_ptr<FrameTicket> ticket_;
   std::unique_ptr<Job> job_;  // while it works
   base::GaugeShare unsent_;   // until OnDone
@@ -111,22 +119,16 @@ class WholeCall final : public FrameCall<grpc::ServerUnaryReactor, Job> {
   WholeCall(RequestMethod method, grpc::CallbackServerContext* context,
             const IsosurfaceServiceOptions& options, const FrameClaim& claim,
             typename Job::Response* response)
-      : FrameCall<grpc::ServerUnaryReactor, Job>(method, context, options, claim),
-        max_write_duration_(options.max_frame_duration),
-        response_(response) {}
+      : FrameCall<grpc::ServerUnaryReactor, Job>(method, context, options, claim, response),
+        max_write_duration_(options.max_frame_duration) {}
 
  private:
-  void Work() override {
-    const absl::Status status = this->job()->Run(response_);
-    const std::size_t answer_bytes = status.ok() ? response_->ByteSizeLong() : 0;
-    this->CountUnsent(answer_bytes);
+  void Send(const absl::Status& status) override {
     this->StartTimeout(max_write_duration_);
     this->End(status);
-    this->KeepOnlyAnswer(answer_bytes);
   }
 
   const absl::Duration max_write_duration_;
-  typename Job::Response* const response_;
 };
 
 // A frame whose response goes out in parts. It is complete before the first part is sent, so no
@@ -134,7 +136,9 @@ class WholeCall final : public FrameCall<grpc::ServerUnaryReactor, Job> {
 class PartsCall final
     : public FrameCall<grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse>, PictureJob> {
  public:
-  using FrameCall::FrameCall;
+  PartsCall(grpc::CallbackServerContext* context, const IsosurfaceServiceOptions& options,
+            const FrameClaim& claim)
+      : FrameCall(RequestMethod::kRenderIsosurfaceStream, context, options, claim, &whole_) {}
 
   void OnWriteDone(bool ok) override {
     if (ok) {
@@ -145,18 +149,13 @@ class PartsCall final
   }
 
  private:
-  void Work() override {
-    v1::RenderIsosurfaceResponse response;
-    const absl::Status status = job()->Run(&response);
+  void Send(const absl::Status& status) override {
     if (!status.ok()) {
       End(status);
       return;
     }
-    const std::size_t answer_bytes = response.ByteSizeLong();
-    CountUnsent(answer_bytes);
-    splitter_.emplace(std::move(response));
+    splitter_.emplace(std::move(whole_));
     WriteNext();
-    KeepOnlyAnswer(answer_bytes);
   }
 
   void WriteNext() {
@@ -169,6 +168,7 @@ class PartsCall final
     StartWrite(&message_);
   }
 
+  v1::RenderIsosurfaceResponse whole_;
   std::optional<rpc::ResponseSplitter> splitter_;
   v1::RenderIsosurfaceStreamResponse message_;
 };
@@ -201,8 +201,7 @@ IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* conte
                                               const v1::RenderIsosurfaceStreamRequest* request) {
   FrameClaim claim = ClaimOf(request->request());
   claim.delivery = Delivery::kParts;
-  const auto call =
-      std::make_shared<PartsCall>(RequestMethod::kRenderIsosurfaceStream, context, options_, claim);
+  const auto call = std::make_shared<PartsCall>(context, options_, claim);
   return call->Start(call, request->request(), rpc::CheckKnownFields(*request));
 }
 
@@ -214,17 +213,6 @@ grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServe
   const auto call = std::make_shared<WholeCall<PickJob>>(RequestMethod::kPickSurface, context,
                                                          options_, claim, response);
   return call->Start(call, *request);
-}
-
-grpc::ServerWriteReactor<v1::ExportIsosurfaceResponse>* IsosurfaceServiceImpl::ExportIsosurface(
-    grpc::CallbackServerContext* context, const v1::ExportIsosurfaceRequest* request) {
-  return StartExportCall({.registry = options_.registry,
-                          .runner = options_.runner,
-                          .access = options_.access,
-                          .admission = &exports_,
-                          .max_agent_silence = options_.max_agent_silence,
-                          .limits = options_.export_limits},
-                         context, *request);
 }
 
 }  // namespace isoscope::server

@@ -1,17 +1,17 @@
 // IsosurfaceService over gRPC's callback API. Reactions validate and hand over: to picture_job and
-// pick_job with a frame_ticket, and to export_call.
+// pick_job with a frame_ticket. Exports stand in export_call.cc.
 
 #ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 
-#include <memory>
-
-#include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
-#include "server/export_call.h"
-#include "server/frame/frame_ticket.h"
+#include "server/access/access_control.h"
+#include "server/admission/admission.h"
+#include "server/cluster/agent_registry.h"
+#include "server/export/export_pace.h"
+#include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
 
@@ -48,6 +48,8 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
       const isoscope::v1::ExportIsosurfaceRequest* request) override;
 
  private:
+  class ExportCall;
+
   const IsosurfaceServiceOptions options_;
   Admission exports_;  // last: its threads use the members above
 };

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -24,7 +25,9 @@ class CallTurn {
   CallTurn(Admission* admission, absl::Time deadline)
       : admission_(*admission), cancellation_(deadline) {}
 
-  // Keeps a place of the admission until GiveBack. Returns why there is none.
+  // Takes a place for `client` (Admission::Admit), and keeps it until GiveBack.
+  absl::Status TakePlace(const std::string& client) { return Keep(admission_.Admit(client)); }
+  // Keeps a place that was taken of the admission. Returns why there is none.
   absl::Status Keep(absl::StatusOr<Admission::Place> place) {
     if (place.ok()) {
       ticket_.store(place->ticket());

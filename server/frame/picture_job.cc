@@ -1,5 +1,6 @@
 #include "server/frame/picture_job.h"
 
+#include <string>
 #include <utility>
 
 #include "absl/time/clock.h"
@@ -18,19 +19,24 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// The name of a picture's encoding in a trace.
-const char* NameOf(frame::ImageFormat format) {
+// How a picture is encoded: its name in a trace, and its field.
+struct Encoding {
+  const char* name = "no picture";
+  std::string* (v1::RenderIsosurfaceResponse::*field)() = nullptr;
+};
+
+Encoding EncodingOf(frame::ImageFormat format) {
   switch (format) {
     case frame::ImageFormat::kPng:
-      return "png";
+      return {"png", &v1::RenderIsosurfaceResponse::mutable_png};
     case frame::ImageFormat::kJpeg:
-      return "jpeg";
+      return {"jpeg", &v1::RenderIsosurfaceResponse::mutable_jpeg};
     case frame::ImageFormat::kRgba8:
-      return "raw picture";
+      return {"raw picture", &v1::RenderIsosurfaceResponse::mutable_rgba8};
     case frame::ImageFormat::kNone:
       break;
   }
-  return "no picture";
+  return {};
 }
 
 // Whether planes were asked for that `output` does not have yet.
@@ -67,18 +73,8 @@ void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geom
 
 void MoveInto(FrameOutput output, frame::ImageFormat format,
               v1::RenderIsosurfaceResponse* response) {
-  switch (format) {
-    case frame::ImageFormat::kPng:
-      response->set_png(std::move(output.image));
-      break;
-    case frame::ImageFormat::kJpeg:
-      response->set_jpeg(std::move(output.image));
-      break;
-    case frame::ImageFormat::kRgba8:
-      response->set_rgba8(std::move(output.image));
-      break;
-    case frame::ImageFormat::kNone:
-      break;
+  if (const Encoding encoding = EncodingOf(format); encoding.field != nullptr) {
+    *(response->*encoding.field)() = std::move(output.image);
   }
   response->set_depth(std::move(output.depth));
   response->set_surface_index(std::move(output.surface_index));
@@ -245,7 +241,7 @@ absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
   image_ = std::move(finished.image);
   shade.End();
   statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
-  base::TraceScope encode(recorder(), NameOf(spec.output.image_format));
+  base::TraceScope encode(recorder(), EncodingOf(spec.output.image_format).name);
   ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec));
   encode.End();
   if (spec.effects.samples_per_side == 1) {

@@ -1,12 +1,490 @@
+// Events of a stream come on gRPC's threads (a message, the end of a write, the alarm, a
+// cancellation) and on frame threads (a frame has ended). Each takes mutex_, tells the schedule,
+// and then does what the schedule says (Proceed):
+//
+//   event                        tells               then
+//   view state                   OnState             Proceed
+//   frame shown                  OnShown, rate       Proceed
+//   picture drawn                OnDrawn             Proceed
+//   frame has ended              OnWorkEnded, rate   answer to outbox_, Proceed
+//   alarm                        -                   Proceed
+//   write done                   -                   next answer
+//
+// The end: the client closes its side, cancels, or sends a wrong message, the server stops, the
+// token is withdrawn, or the stream makes room for another caller's (CutOff). Then frames in work
+// are cancelled, nothing new begins, and once neither frame nor write is under way the stream
+// finishes. The call lives until OnDone, and as long as frames or alarms refer to it.
+
 #include "server/interact/interact_service_impl.h"
 
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include <grpcpp/alarm.h>
+
+#include "core/base/log.h"
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/peer.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/write_timeout.h"
+#include "server/frame/frame_ticket.h"
+#include "server/frame/picture_job.h"
+#include "server/interact/interact_frame.h"
+#include "server/interact/interact_outbox.h"
+#include "server/interact/interactive_schedule.h"
+#include "server/interact/rate_control.h"
 
 namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+constexpr double kMaxFramesPerSecond = 120;
+// In which a client must take an answer.
+constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
+// The same once the coordinator has ended the stream.
+constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
+// The depth grid of an exact frame, which is warped when the view begins to move.
+constexpr int kExactGridSide = 256;
+
+absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
+  if (state.sequence_number() <= newest) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("view_state.sequence_number is ", state.sequence_number(),
+                     ": must be greater than that of the state before, ", newest));
+  }
+  const double rate = state.target_frames_per_second();
+  if (rate != 0 && !(rate >= 1 && rate <= kMaxFramesPerSecond)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "view_state.target_frames_per_second is ", rate, ": must lie in [1, ", kMaxFramesPerSecond,
+        "], or be 0 for the default, ", RateControl::kDefaultFramesPerSecond));
+  }
+  return absl::OkStatus();
+}
+
+void SetDepthGrid(const DepthGrid& grid, v1::DepthGrid* proto) {
+  proto->set_width(grid.width);
+  proto->set_height(grid.height);
+  proto->set_near(grid.near_distance);
+  proto->set_far(grid.far_distance);
+  proto->set_depths(grid.depths);
+}
+
+// The end of a stream.
+struct StreamEnd {
+  absl::Status status;
+  bool is_told = false;  // gRPC has it
+};
+
+// The last line of a stream in the audit log.
+struct AuditedFrame {
+  AuditRecord record;
+  std::optional<absl::StatusCode> code;  // none: there was no line
+};
+
+// The next alarm. One that is too early asks again.
+struct Wake {
+  absl::Time time = absl::InfiniteFuture();
+  std::unique_ptr<grpc::Alarm> alarm;
+};
+
+}  // namespace
+
+// One stream.
+class InteractServiceImpl::InteractCall final
+    : public grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>,
+      public std::enable_shared_from_this<InteractCall> {
+ public:
+  InteractCall(const InteractServiceOptions& options, InteractStreams<InteractCall>* streams,
+               grpc::CallbackServerContext* context, const Caller& caller)
+      : options_(options),
+        streams_(*streams),
+        origin_{.request = rpc::AnswerTraceContext(context),
+                .client = context->peer(),
+                .certificate = rpc::PeerOf(*context).name,
+                .caller = caller},
+        deadline_(rpc::DeadlineOf(*context)),
+        unsent_(&options.runner->metrics()->unsent_bytes),
+        timeout_(context) {}
+
+  // Begins to read, or ends with `identified` or the error of admission. REQUIRES: a shared_ptr
+  // owns the call.
+  void Start(const absl::Status& identified) {
+    self_ = shared_from_this();
+    const absl::Status admitted = identified.ok() ? Admit() : identified;
+    if (admitted.ok()) {
+      StartRead(&request_);
+    } else {
+      End(admitted);
+    }
+  }
+
+  void CutOff(CutReason reason, const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (end_.has_value()) {
+      return;
+    }
+    options_.runner->metrics()->CountCut(reason);
+    EndLocked(status);
+    if (outbox_.is_writing()) {
+      timeout_.Start(kMaxLastWriteDuration);
+    }
+    FinishIfIdle();
+  }
+
+  // Only the first call counts.
+  void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    EndLocked(status);
+    FinishIfIdle();
+  }
+
+  void OnReadDone(bool ok) override {
+    const absl::Status status = ok ? Handle(request_) : absl::OkStatus();
+    if (ok && status.ok()) {
+      StartRead(&request_);
+    } else {
+      End(status);
+    }
+  }
+
+  void OnWriteDone(bool ok) override {
+    timeout_.Pause();
+    const base::MutexLock lock(&mutex_);
+    unsent_.Set(0);
+    outbox_.EndWrite();
+    if (!ok) {
+      EndLocked(absl::CancelledError("the client has gone"));
+    }
+    WriteNext();
+    FinishIfIdle();
+  }
+
+  void OnCancel() override { End(absl::CancelledError("the client cancelled the stream")); }
+  void OnDone() override {
+    timeout_.Stop();
+    const std::shared_ptr<InteractCall> last_use = std::move(self_);
+    streams_.Remove(Key(), last_use);
+    const base::MutexLock lock(&mutex_);
+    wake_.alarm.reset();
+    base::LogInfo("interact_done", {{"request", origin_.request.request_id()},
+                                    {"states", state_.sequence_number()},
+                                    {"frames", outbox_.sent_count()},
+                                    {"duration_ms", base::LogMilliseconds(absl::Now() - start_)}});
+  }
+
+ private:
+  absl::Status Admit() {
+    absl::StatusOr<CallerSlot> slot = origin_.caller.Begin(CallerUse::kStream);
+    ISOSCOPE_RETURN_IF_ERROR(
+        options_.runner->metrics()->CountRefusal(TokenLimit::kStreams, slot.status()));
+    ISOSCOPE_RETURN_IF_ERROR(streams_.Add(Key(), shared_from_this()));
+    slot_.emplace(*std::move(slot));
+    watch_.emplace(origin_.caller.WhenWithdrawn([weak = weak_from_this()] {
+      if (const std::shared_ptr<InteractCall> self = weak.lock()) {
+        self->CutOff(CutReason::kTokenWithdrawn, WithdrawnError());
+      }
+    }));
+    return absl::OkStatus();
+  }
+
+  absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
+    ISOSCOPE_RETURN_IF_ERROR(options_.access->CheckStillValid(origin_.caller));
+    const base::MutexLock lock(&mutex_);
+    switch (request.kind_case()) {
+      case v1::InteractRequest::kViewState:
+        ISOSCOPE_RETURN_IF_ERROR(HandleState(request.view_state(), absl::Now()));
+        break;
+      case v1::InteractRequest::kFrameShown:
+        ISOSCOPE_RETURN_IF_ERROR(HandleShown(request.frame_shown(), absl::Now()));
+        break;
+      case v1::InteractRequest::KIND_NOT_SET:
+        return absl::InvalidArgumentError(
+            "kind is not set: a message needs view_state or frame_shown");
+    }
+    Proceed();
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleState(const v1::ViewState& state, absl::Time now)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckState(state, state_.sequence_number()));
+    state_ = state;
+    rate_.SetTarget(state.target_frames_per_second() > 0 ? state.target_frames_per_second()
+                                                         : RateControl::kDefaultFramesPerSecond);
+    schedule_.OnState(state.sequence_number(), state.is_at_rest(), now);
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleShown(const v1::FrameShown& shown, absl::Time now)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const absl::Duration decode = rpc::DurationFromProto(shown.decode_duration());
+    if (decode < absl::ZeroDuration()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "frame_shown.decode_duration is ", absl::FormatDuration(decode), ": must be at least 0"));
+    }
+    const std::optional<absl::Duration> delay = schedule_.OnShown(shown.frame_number(), now);
+    const bool is_moving = outbox_.NoteShown(shown.frame_number());
+    if (delay.has_value() && is_moving) {
+      rate_.OnShown(*delay, decode, now);
+      schedule_.SetCredits(rate_.credits());
+    }
+    return absl::OkStatus();
+  }
+
+  // Does what the schedule says.
+  void Proceed() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    while (!end_.has_value()) {
+      const absl::Time now = absl::Now();
+      const InteractiveSchedule::Step step = schedule_.Next(now);
+      for (const std::int64_t frame_number : step.overdue) {
+        if (outbox_.IsUnshownMoving(frame_number)) {
+          rate_.OnOverdue(now);
+        }
+      }
+      for (const std::int64_t work : step.cancel) {
+        const auto it = frames_.find(work);
+        if (it != frames_.end()) {
+          it->second->Cancel();
+        }
+      }
+      if (!step.start.has_value()) {
+        WakeAt(step.wake);
+        return;
+      }
+      Begin(*step.start);
+    }
+  }
+
+  void Begin(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const MovingQuality quality = rate_.quality();
+    const v1::ViewState& state = state_;
+    const v1::RenderIsosurfaceRequest request =
+        start.is_exact ? state.frame() : MovingRequest(state.frame(), quality);
+    auto ticket =
+        std::make_shared<FrameTicket>(options_.runner, origin_,
+                                      FrameClaim{.dataset = request.dataset(),
+                                                 .has_trace = request.with_trace(),
+                                                 .is_moving = !start.is_exact,
+                                                 .client_deadline = deadline_,
+                                                 .max_duration = options_.max_frame_duration});
+    auto job = [&]() -> absl::StatusOr<std::unique_ptr<PictureJob>> {
+      ISOSCOPE_RETURN_IF_ERROR(CheckInteractiveOutput(state));
+      return PictureJob::Admit(ticket, request,
+                               start.is_exact ? kExactGridSide : quality.depth_grid_side);
+    }();
+    if (!job.ok()) {
+      Audit(*ticket, job.status());
+      Refuse(start, job.status());
+      return;
+    }
+    frames_[start.work] = ticket;
+    ticket->Schedule([self = shared_from_this(), ticket,
+                      job = std::shared_ptr<PictureJob>(*std::move(job)),
+                      start]() mutable { self->Draw(ticket.get(), std::move(job), start); });
+  }
+
+  // Answers a frame that got no place.
+  void Refuse(const FrameStart& start, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    // The exact frame meets the same error, and tells it.
+    bool is_told = start.is_exact || absl::IsInvalidArgument(status);
+    if (absl::IsInvalidArgument(status)) {
+      // A wrong state counts as a frame: it was worked on, and is answered.
+      const absl::Status counted = options_.runner->metrics()->CountRefusal(
+          TokenLimit::kFrameRate, origin_.caller.TakeFrame(/*is_moving=*/!start.is_exact));
+      is_told = start.is_exact || counted.ok();
+      status = counted.ok() ? status : counted;
+    }
+    schedule_.OnWorkEnded(start.work, is_told, absl::Now());
+    if (is_told) {
+      InteractAnswer answer{.is_of_exact_work = start.is_exact};
+      answer.message.set_sequence_number(start.sequence);
+      answer.SetError(status);
+      Send(std::move(answer));
+    }
+  }
+
+  // On a frame thread.
+  void Draw(FrameTicket* ticket, std::shared_ptr<PictureJob> job, const FrameStart& start)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    const absl::Time begin = absl::Now();
+    absl::Time drawn = begin;
+    InteractAnswer answer{.is_of_exact_work = start.is_exact};
+    answer.message.set_sequence_number(start.sequence);
+    const absl::Status status = job->Run(answer.message.mutable_frame(), [&] {
+      drawn = absl::Now();
+      const base::MutexLock lock(&mutex_);
+      schedule_.OnDrawn(start.work);
+      Proceed();
+    });
+    const absl::Time end = absl::Now();
+    if (status.ok()) {
+      answer.message.set_is_exact(start.is_exact);
+      if (!start.is_exact) {
+        // Nobody reads them, dozens of times a second.
+        answer.message.mutable_frame()->mutable_statistics()->clear_agents();
+      }
+      if (job->depth_grid().has_value()) {
+        SetDepthGrid(*job->depth_grid(), answer.message.mutable_depth_grid());
+      }
+    } else {
+      answer.SetError(status);
+    }
+    job.reset();  // with the images
+    if (auto memory = ticket->TakeMemory(2 * answer.message.ByteSizeLong()); memory.has_value()) {
+      answer.memory.emplace(*std::move(memory));
+    }
+
+    const base::MutexLock lock(&mutex_);
+    Audit(*ticket, status);
+    frames_.erase(start.work);
+    // A frame that was replaced is not missed. A moving one that fails is followed by an exact one
+    // that does, too.
+    const bool is_told = status.ok() || (start.is_exact && !absl::IsCancelled(status));
+    schedule_.OnWorkEnded(start.work, is_told, end);
+    if (status.ok() && !start.is_exact) {
+      rate_.OnDrawn(drawn - begin, end);
+    }
+    if (is_told) {
+      Send(std::move(answer));
+    }
+    Proceed();
+    FinishIfIdle();
+  }
+
+  // Writes a line of the audit log for the first frame of a dataset, and whenever what comes of the
+  // frames changes: dozens come a second.
+  void Audit(const FrameTicket& ticket, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    AuditLog* const log = options_.runner->audit();
+    if (log == nullptr || absl::IsCancelled(status)) {
+      return;
+    }
+    AuditRecord record = ticket.audit_record();
+    if (audited_.code == status.code() && record.dataset == audited_.record.dataset &&
+        record.dataset_id == audited_.record.dataset_id) {
+      return;
+    }
+    audited_ = {.record = std::move(record), .code = status.code()};
+    log->Write(NameOf(RequestMethod::kInteract), audited_.record, origin_.request.request_id(),
+               status);
+  }
+
+  void Send(InteractAnswer answer) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    outbox_.Push(std::move(answer), absl::Now());
+    WriteNext();
+  }
+
+  void WriteNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const v1::InteractResponse* const message = outbox_.BeginWrite(absl::Now());
+    if (message == nullptr) {
+      return;
+    }
+    unsent_.Set(static_cast<std::int64_t>(message->ByteSizeLong()));
+    timeout_.Start(kMaxWriteDuration);
+    StartWrite(message);
+  }
+
+  void WakeAt(absl::Time time) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (time == absl::InfiniteFuture() || time >= wake_.time) {
+      return;
+    }
+    wake_ = {.time = time, .alarm = std::make_unique<grpc::Alarm>()};
+    wake_.alarm->Set(absl::ToChronoTime(time), [self = shared_from_this()](bool rang) {
+      if (rang) {
+        self->OnAlarm();
+      }
+    });
+  }
+
+  void OnAlarm() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (absl::Now() >= wake_.time) {
+      wake_.time = absl::InfiniteFuture();
+    }
+    Proceed();
+    FinishIfIdle();
+  }
+
+  void EndLocked(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (end_.has_value()) {
+      return;
+    }
+    end_ = StreamEnd{.status = status};
+    outbox_.Close();
+    for (const auto& [work, frame] : frames_) {
+      frame->Cancel();
+    }
+  }
+
+  void FinishIfIdle() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!end_.has_value() || !frames_.empty() || outbox_.is_writing() || end_->is_told) {
+      return;
+    }
+    end_->is_told = true;
+    slot_.reset();  // before the client hears of the end, and opens another stream
+    AuditRecord& record = audited_.record;
+    record.caller = origin_.caller.name();
+    record.certificate = origin_.certificate;
+    record.peer = origin_.client;
+    options_.runner->EndRequest(RequestMethod::kInteract, record, origin_.request, end_->status,
+                                absl::Now() - start_);
+    Finish(rpc::ToGrpcStatus(end_->status));
+  }
+
+  [[nodiscard]] std::string Key() const { return origin_.caller.HostKey(origin_.client); }
+
+  const InteractServiceOptions options_;
+  InteractStreams<InteractCall>& streams_;
+  const FrameOrigin origin_;  // of each frame of the stream
+  const absl::Time deadline_;
+  const absl::Time start_ = absl::Now();
+  base::GaugeShare unsent_;  // of the write under way
+  rpc::WriteTimeout timeout_;
+  std::optional<CallerSlot> slot_;
+  std::optional<WithdrawalWatch> watch_;
+  v1::InteractRequest request_;  // of the read under way
+
+  base::Mutex mutex_;
+  v1::ViewState state_ ABSL_GUARDED_BY(mutex_);  // the newest
+  InteractiveSchedule schedule_ ABSL_GUARDED_BY(mutex_);
+  RateControl rate_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::int64_t, std::shared_ptr<FrameTicket>> frames_ ABSL_GUARDED_BY(mutex_);  // by work
+  InteractOutbox outbox_ ABSL_GUARDED_BY(mutex_){&schedule_};
+  Wake wake_ ABSL_GUARDED_BY(mutex_);
+  AuditedFrame audited_ ABSL_GUARDED_BY(mutex_);
+  std::optional<StreamEnd> end_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<InteractCall> self_;  // reset by OnDone
+};
 
 InteractServiceImpl::InteractServiceImpl(const InteractServiceOptions& options)
     : options_(options) {
-  rpc::PrepareKnownFields(isoscope::v1::InteractRequest());
+  rpc::PrepareKnownFields(v1::InteractRequest());
 }
+
+InteractServiceImpl::~InteractServiceImpl() = default;
+
+grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>* InteractServiceImpl::Interact(
+    grpc::CallbackServerContext* context) {
+  const absl::StatusOr<Caller> caller = options_.access->Identify(rpc::PeerOf(*context));
+  const auto call = std::make_shared<InteractCall>(options_, &streams_, context,
+                                                   caller.ok() ? *caller : Caller());
+  call->Start(caller.status());
+  return call.get();
+}
+
+void InteractServiceImpl::EndStreams() { streams_.EndAll(); }
 
 }  // namespace isoscope::server

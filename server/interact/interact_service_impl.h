@@ -5,28 +5,38 @@
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_SERVICE_IMPL_H_
 
+#include "absl/time/time.h"
+
 #include "isoscope/v1/interact_service.grpc.pb.h"
-#include "server/interact/interact_call.h"
+#include "server/access/access_control.h"
+#include "server/frame/frame_runner.h"
 #include "server/interact/interact_streams.h"
 
 namespace isoscope::server {
 
-// Thread-safe. Destroy it only after its server has shut down.
+struct InteractServiceOptions {
+  FrameRunner* runner = nullptr;    // outlives the service
+  AccessControl* access = nullptr;  // outlives the service, too
+  absl::Duration max_frame_duration = absl::Minutes(5);
+};
+
+// Thread-safe. Destroy it only after its server has shut down. An idle stream holds no thread.
 class InteractServiceImpl final : public isoscope::v1::InteractService::CallbackService {
  public:
   explicit InteractServiceImpl(const InteractServiceOptions& options);
+  ~InteractServiceImpl() override;
 
   grpc::ServerBidiReactor<isoscope::v1::InteractRequest, isoscope::v1::InteractResponse>* Interact(
-      grpc::CallbackServerContext* context) override {
-    return StartInteractCall(options_, &streams_, context);
-  }
+      grpc::CallbackServerContext* context) override;
 
   // For a server that stops: its clients would keep the streams open.
-  void EndStreams() { streams_.EndAll(); }
+  void EndStreams();
 
  private:
+  class InteractCall;
+
   const InteractServiceOptions options_;
-  InteractStreams streams_;
+  InteractStreams<InteractCall> streams_;
 };
 
 }  // namespace isoscope::server
