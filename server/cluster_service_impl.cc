@@ -12,8 +12,8 @@
 
 #include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
+#include "server/answer_at_once.h"
 #include "server/page.h"
 
 namespace isoscope::server {
@@ -117,17 +117,13 @@ isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
-  const auto record =
-      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
-  return rpc::AnswerUnary(
-      context, *request,
-      [&]() -> absl::Status {
-        ISOSCOPE_RETURN_IF_ERROR(access_->CheckCapabilities(rpc::PeerOf(*context)));
-        const base::MutexLock lock(&mutex_);
-        *response = capabilities_;
-        return absl::OkStatus();
-      },
-      Counter(RequestMethod::kGetCapabilities, record));
+  const auto answer = [&](const rpc::Peer& peer, AuditRecord*) -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(access_->CheckCapabilities(peer));
+    const base::MutexLock lock(&mutex_);
+    *response = capabilities_;
+    return absl::OkStatus();
+  };
+  return AnswerAtOnce(runner_, RequestMethod::kGetCapabilities, context, *request, "", answer);
 }
 
 void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
@@ -138,45 +134,32 @@ void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
-  const auto record =
-      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
-  return rpc::AnswerUnary(
-      context, *request,
-      [&]() -> absl::Status {
-        ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-        record->caller = caller.name();
-        const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
-        ISOSCOPE_ASSIGN_OR_RETURN(
-            Page page, Page::Make("agents", request->page_size(), request->page_token()));
-        for (const AgentState& agent : registry_->agents()) {
-          if (page.Offer(agent.address)) {
-            *response->add_agents() = ToProto(agent, caller, datasets);
-          }
+  const auto answer = [&](const rpc::Peer& peer, AuditRecord* record) -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
+    record->caller = caller.name();
+    const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
+    ISOSCOPE_ASSIGN_OR_RETURN(Page page,
+                              Page::Make("agents", request->page_size(), request->page_token()));
+    for (const AgentState& agent : registry_->agents()) {
+      if (page.Offer(agent.address)) {
+        *response->add_agents() = ToProto(agent, caller, datasets);
+      }
+    }
+    response->set_next_page_token(page.next_token());
+    const absl::Time now = absl::Now();
+    *response->mutable_load() = LoadOf(runner_, now - start_);
+    for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
+      if (caller.MaySee(frame.note.dataset)) {
+        isoscope::v1::FrameInWork& added = *response->add_frames();
+        added = ToProto(frame, now);
+        if (!caller.name().empty()) {
+          added.clear_client();  // other people's addresses
         }
-        response->set_next_page_token(page.next_token());
-        const absl::Time now = absl::Now();
-        *response->mutable_load() = LoadOf(runner_, now - start_);
-        for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
-          if (caller.MaySee(frame.note.dataset)) {
-            isoscope::v1::FrameInWork& added = *response->add_frames();
-            added = ToProto(frame, now);
-            if (!caller.name().empty()) {
-              added.clear_client();  // other people's addresses
-            }
-          }
-        }
-        return absl::OkStatus();
-      },
-      Counter(RequestMethod::kGetClusterStatus, record));
-}
-
-rpc::OnCallEnd ClusterServiceImpl::Counter(RequestMethod method,
-                                           std::shared_ptr<AuditRecord> record) const {
-  return
-      [runner = runner_, method, record = std::move(record)](
-          const absl::Status& status, absl::Duration duration, const base::TraceContext& identity) {
-        runner->EndRequest(method, *record, identity, status, duration);
-      };
+      }
+    }
+    return absl::OkStatus();
+  };
+  return AnswerAtOnce(runner_, RequestMethod::kGetClusterStatus, context, *request, "", answer);
 }
 
 }  // namespace isoscope::server

@@ -3,7 +3,6 @@
 #ifndef ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
 
-#include <memory>
 #include <string>
 #include <utility>
 
@@ -12,10 +11,8 @@
 #include "absl/time/time.h"
 
 #include "core/base/mutex.h"
-#include "core/rpc/unary_call.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "server/access/access_control.h"
-#include "server/access/audit_log.h"
 #include "server/cluster/agent_registry.h"
 #include "server/frame/frame_runner.h"
 
@@ -43,10 +40,6 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
   void SetGatewayAddress(const std::string& address) ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  // Counts the calls of a method, and writes their lines of the audit log.
-  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method,
-                                       std::shared_ptr<AuditRecord> record) const;
-
   const AgentRegistry* const registry_;
   AccessControl* const access_;
   FrameRunner* const runner_;

@@ -1,9 +1,7 @@
 #include "server/dataset_service_impl.h"
 
 #include <algorithm>
-#include <atomic>
 #include <memory>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -21,6 +19,8 @@
 #include "core/rpc/request_context.h"
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
+#include "server/admission/call_turn.h"
+#include "server/answer_at_once.h"
 #include "server/frame/agent_queries.h"
 #include "server/page.h"
 
@@ -47,27 +47,21 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
       call->End(admitted);
       return call.get();
     }
-    service->histograms_.Schedule(call->ticket_, call->cancellation_.deadline(),
-                                  [call, request, response](const absl::Status& turn) {
-                                    call->Run(turn, *request, response);
-                                  });
-    if (call->cancellation_.is_cancelled()) {  // before there was anything to leave
-      service->histograms_.Leave(call->ticket_);
-    }
+    call->turn_.Schedule([call, request, response](const absl::Status& turn) {
+      call->Run(turn, *request, response);
+    });
     return call.get();
   }
 
-  void OnCancel() override {
-    cancellation_.Cancel();
-    service_->histograms_.Leave(ticket_.load());
-  }
+  void OnCancel() override { turn_.Cancel(); }
   void OnDone() override { const std::shared_ptr<HistogramCall> last_use = std::move(self_); }
 
  private:
   HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context)
       : service_(service),
         identity_(rpc::AnswerTraceContext(context)),
-        cancellation_(std::min(rpc::DeadlineOf(*context), start_ + kMaxHistogramDuration)),
+        turn_(&service->histograms_,
+              std::min(rpc::DeadlineOf(*context), start_ + kMaxHistogramDuration)),
         record_(RecordOf(rpc::PeerOf(*context), context->peer())) {}
 
   absl::Status Admit(const grpc::CallbackServerContext& context,
@@ -75,22 +69,18 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->access_->Identify(rpc::PeerOf(context)));
     record_.caller = caller_.name();
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
-    ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
-                              service_->histograms_.Admit(caller_.QueueKey(context.peer())));
-    ticket_.store(place.ticket());
-    place_.emplace(std::move(place));
-    return absl::OkStatus();
+    return turn_.TakePlace(caller_.QueueKey(context.peer()));
   }
 
   // Gets the reason if the turn did not come.
   void Run(const absl::Status& turn, const isoscope::v1::GetHistogramRequest& request,
            isoscope::v1::GetHistogramResponse* response) {
     const absl::Status status = base::OrNoMemory("the answer", [&] {
-      return turn.ok() ? service_->AnswerHistogram(request, caller_, identity_, cancellation_,
-                                                   &record_, response)
+      return turn.ok() ? service_->AnswerHistogram(request, caller_, identity_,
+                                                   turn_.cancellation(), &record_, response)
                        : turn;
     });
-    place_.reset();  // before the client gets its answer: its next request finds the place free
+    turn_.GiveBack();  // before the client gets its answer: its next request finds the place free
     End(status);
   }
 
@@ -103,71 +93,52 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   DatasetServiceImpl* const service_;
   const base::TraceContext identity_;
   const absl::Time start_ = absl::Now();
-  base::Cancellation cancellation_;
+  CallTurn turn_;
   AuditRecord record_;
-  Caller caller_;  // set before Run
-  std::optional<Admission::Place> place_;
-  std::atomic<Admission::Ticket> ticket_{0};  // of the place; 0: none
-  std::shared_ptr<HistogramCall> self_;       // reset by OnDone
+  Caller caller_;                        // set before Run
+  std::shared_ptr<HistogramCall> self_;  // reset by OnDone
 };
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
     isoscope::v1::ListDatasetsResponse* response) {
-  const auto record =
-      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
-  return rpc::AnswerUnary(
-      context, *request,
-      [&]() -> absl::Status {
-        ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-        record->caller = caller.name();
-        ISOSCOPE_ASSIGN_OR_RETURN(
-            Page page, Page::Make("datasets", request->page_size(), request->page_token()));
-        for (const auto& [name, state] : registry_->datasets(caller)) {
-          if (state.is_served && page.Offer(name)) {
-            *response->add_datasets() = state.dataset;
-          }
-        }
-        response->set_next_page_token(page.next_token());
-        return absl::OkStatus();
-      },
-      Counter(RequestMethod::kListDatasets, record));
+  const auto answer = [&](const rpc::Peer& peer, AuditRecord* record) -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
+    record->caller = caller.name();
+    ISOSCOPE_ASSIGN_OR_RETURN(Page page,
+                              Page::Make("datasets", request->page_size(), request->page_token()));
+    for (const auto& [name, state] : registry_->datasets(caller)) {
+      if (state.is_served && page.Offer(name)) {
+        *response->add_datasets() = state.dataset;
+      }
+    }
+    response->set_next_page_token(page.next_token());
+    return absl::OkStatus();
+  };
+  return AnswerAtOnce(runner_, RequestMethod::kListDatasets, context, *request, "", answer);
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     grpc::CallbackServerContext* context, const isoscope::v1::GetDatasetRequest* request,
     isoscope::v1::GetDatasetResponse* response) {
-  const auto record =
-      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
-  record->dataset = request->name();
-  return rpc::AnswerUnary(
-      context, *request,
-      [&]() -> absl::Status {
-        ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-        record->caller = caller.name();
-        ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
-                                  registry_->Find(request->name(), caller));
-        record->dataset = state->dataset.name();
-        record->dataset_id = state->dataset.dataset_id();
-        *response->mutable_dataset() = state->dataset;
-        return absl::OkStatus();
-      },
-      Counter(RequestMethod::kGetDataset, record));
+  const auto answer = [&](const rpc::Peer& peer, AuditRecord* record) -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
+    record->caller = caller.name();
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
+                              registry_->Find(request->name(), caller));
+    record->dataset = state->dataset.name();
+    record->dataset_id = state->dataset.dataset_id();
+    *response->mutable_dataset() = state->dataset;
+    return absl::OkStatus();
+  };
+  return AnswerAtOnce(runner_, RequestMethod::kGetDataset, context, *request, request->name(),
+                      answer);
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
     grpc::CallbackServerContext* context, const isoscope::v1::GetHistogramRequest* request,
     isoscope::v1::GetHistogramResponse* response) {
   return HistogramCall::Start(this, context, request, response);
-}
-
-rpc::OnCallEnd DatasetServiceImpl::Counter(RequestMethod method,
-                                           std::shared_ptr<AuditRecord> record) const {
-  return
-      [runner = runner_, method, record = std::move(record)](
-          const absl::Status& status, absl::Duration duration, const base::TraceContext& identity) {
-        runner->EndRequest(method, *record, identity, status, duration);
-      };
 }
 
 absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,

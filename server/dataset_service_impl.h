@@ -10,7 +10,6 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/trace_context.h"
-#include "core/rpc/unary_call.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "server/access/access_control.h"
 #include "server/access/audit_log.h"
@@ -53,10 +52,6 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
                                const Caller& caller, const base::TraceContext& identity,
                                const base::Cancellation& cancellation, AuditRecord* record,
                                isoscope::v1::GetHistogramResponse* response);
-
-  // Counts the calls of a method, and writes their lines of the audit log.
-  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method,
-                                       std::shared_ptr<AuditRecord> record) const;
 
   AgentRegistry* const registry_;
   AccessControl* const access_;

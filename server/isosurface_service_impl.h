@@ -1,24 +1,16 @@
-// IsosurfaceService over gRPC's callback API. Reactions validate and hand over; frame_coordinator
-// and surface_export do the work.
+// IsosurfaceService over gRPC's callback API. Reactions validate and hand over: to picture_job and
+// pick_job with a frame_ticket. Exports stand in export_call.cc.
 
 #ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 
-#include <cstddef>
-#include <memory>
-#include <optional>
-
 #include "absl/time/time.h"
-#include <oneapi/tbb/task_arena.h>
 
-#include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/access/access_control.h"
 #include "server/admission/admission.h"
-#include "server/admission/coordinator_memory.h"
 #include "server/cluster/agent_registry.h"
 #include "server/export/export_pace.h"
-#include "server/frame/frame_call.h"
 #include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
@@ -41,7 +33,6 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   static constexpr int kMaxQueuedExports = 16;
 
   explicit IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options);
-  ~IsosurfaceServiceImpl() override;
 
   grpc::ServerUnaryReactor* RenderIsosurface(
       grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest* request,
@@ -57,16 +48,7 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
       const isoscope::v1::ExportIsosurfaceRequest* request) override;
 
  private:
-  template <typename Response>
-  class UnaryCall;
-  class StreamCall;
   class ExportCall;
-
-  [[nodiscard]] std::unique_ptr<FrameCall> MakeCall(
-      grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest& request,
-      Delivery delivery) const;
-  // Gives the call its caller; errors as AccessControl::Identify.
-  absl::Status Identify(const grpc::CallbackServerContext& context, FrameCall* frame) const;
 
   const IsosurfaceServiceOptions options_;
   Admission exports_;  // last: its threads use the members above

@@ -104,7 +104,6 @@ UNTESTED_HEADERS = {
     "core/extract/vertex_placement-inl.h": "inside of block_extractor_test",
     "core/extract/block_kernels.h": "inside of block_extractor_test",
     "core/extract/block_shape.h": "inside of block_extractor_test",
-    "server/frame/frame_call.h": "every call of isosurface_service_test and tests/integration/planes_test.cc",
     "core/index/interval_tree_builder.h": "inside of interval_tree_test",
     "core/index/interval_tree_format.h": "constants; inside of interval_tree_test",
     "core/source/file_source.h": "inside of volume_source_test",

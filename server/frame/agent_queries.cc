@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
@@ -14,6 +15,7 @@
 #include <grpcpp/client_context.h>
 
 #include "core/base/mutex.h"
+#include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -61,19 +63,25 @@ struct Question {
 template <typename Request, typename Response>
 using Questions = std::vector<Question<Request, Response>>;
 
+using Async = internal::PartitionAgentService::StubInterface::async_interface;
+// Starts the call of an attempt.
+template <typename Request, typename Response>
+using Method = void (Async::*)(grpc::ClientContext* context, const Request* request,
+                               Response* response, std::function<void(grpc::Status)> on_done);
+
 // Puts questions to agents, all at the same time. An agent that fails is replaced by the next one.
 // One that is late gets company; the first answer counts, and the other attempt is cancelled.
 //
 // One thread runs it. Calls end on gRPC's threads, which only push their end into a queue.
-template <typename Request, typename Response, typename StartFn>
+template <typename Request, typename Response>
 class Inquiry {
  public:
-  // `start(request, attempt, on_done)` starts the call of an attempt. All outlive the inquiry.
+  // All of them outlive the inquiry.
   Inquiry(const base::TraceContext& identity, const base::Cancellation& cancellation,
-          const StartFn& start, Questions<Request, Response>* questions)
+          Method<Request, Response> method, Questions<Request, Response>* questions)
       : identity_(identity),
         cancellation_(cancellation),
-        start_(start),
+        method_(method),
         questions_(*questions),
         hedge_delay_(std::clamp((cancellation.deadline() - absl::Now()) / kHedgeDeadlineShare,
                                 kMinHedgeDelay, kHedgeDelay)) {}
@@ -124,14 +132,15 @@ class Inquiry {
     }
     rpc::SetTraceparent(identity_, &attempt.context);
     ++live_count_;
-    start_(question.request, &attempt,
-           [this, &question, &attempt, end = End{index, number}](const grpc::Status& status) {
-             attempt.status = rpc::CheckAnswer(question.request, rpc::ToAbslStatus(status),
-                                               attempt.response, attempt.context);
-             const base::MutexLock lock(&mutex_);
-             ends_.push_back(end);
-             changed_.SignalAll();  // with the lock: the inquiry lives no longer than its last call
-           });
+    (attempt.stub->async()->*method_)(
+        &attempt.context, &question.request, &attempt.response,
+        [this, &question, &attempt, end = End{index, number}](const grpc::Status& status) {
+          attempt.status = rpc::CheckAnswer(question.request, rpc::ToAbslStatus(status),
+                                            attempt.response, attempt.context);
+          const base::MutexLock lock(&mutex_);
+          ends_.push_back(end);
+          changed_.SignalAll();  // with the lock: the inquiry lives no longer than its last call
+        });
   }
 
   // Waits until calls have ended, a question is late, or the cancellation fires.
@@ -216,7 +225,7 @@ class Inquiry {
 
   const base::TraceContext& identity_;
   const base::Cancellation& cancellation_;
-  const StartFn& start_;
+  const Method<Request, Response> method_;
   Questions<Request, Response>& questions_;
   const absl::Duration hedge_delay_;
   QueryReport* report_ = nullptr;
@@ -228,20 +237,20 @@ class Inquiry {
   bool is_cancelled_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
-// Puts the questions. An error says why not all are answered.
-template <typename Request, typename Response, typename StartFn>
-absl::Status Ask(const base::TraceContext& identity, const base::Cancellation& cancellation,
-                 const StartFn& start, Questions<Request, Response>* questions,
-                 QueryReport* report) {
-  return Inquiry<Request, Response, StartFn>(identity, cancellation, start, questions).Run(report);
-}
-
-std::vector<AgentAssignment> AgentsOf(const FramePart& part) {
-  std::vector<AgentAssignment> agents;
-  for (std::size_t i = 0; i < part.replicas.size(); ++i) {
-    agents.push_back(part.On(i));
+// One question to each part about its shards, put to its replicas.
+template <typename Request, typename Response>
+Questions<Request, Response> QuestionsToParts(const QueryTarget& target) {
+  Questions<Request, Response> questions(target.parts.size());
+  for (std::size_t i = 0; i < questions.size(); ++i) {
+    const FramePart& part = target.parts[i];
+    for (std::size_t replica = 0; replica < part.replicas.size(); ++replica) {
+      questions[i].agents.push_back(part.On(replica));
+    }
+    questions[i].request.set_dataset_id(target.dataset_id);
+    questions[i].request.mutable_shard_indices()->Assign(part.shard_indices.begin(),
+                                                         part.shard_indices.end());
   }
-  return agents;
+  return questions;
 }
 
 // Returns some agents, each of another address: first ones of their parts before second ones. The
@@ -268,17 +277,32 @@ std::vector<AgentAssignment> AnyAgents(const QueryTarget& target) {
   return agents;
 }
 
-// The outcome of an answer that makes no sense.
-template <typename T, typename Request, typename Response>
-QueryOutcome<T> Malformed(const Question<Request, Response>& question, std::size_t index,
-                          const absl::Status& status) {
-  AgentFailure failure{
-      .part_index = index,
-      .agent = question.agents[*question.winner].identity(),
-      .stage = FrameStage::kSelectingOccluders,
-      .status = absl::InternalError(absl::StrCat("sent a malformed answer: ", status.message()))};
-  absl::Status error = failure.ToStatus();
-  return {std::move(error), {.failures = {std::move(failure)}}};
+// Puts the questions, and adds their answers to `result`, in order, by add(index, answer, result).
+// Its error says that the answer makes no sense.
+template <typename T, typename Request, typename Response, typename AddFn>
+QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation& cancellation,
+                    Method<Request, Response> method, Questions<Request, Response> questions,
+                    T result, const AddFn& add) {
+  QueryReport report;
+  absl::Status error =
+      Inquiry<Request, Response>(identity, cancellation, method, &questions).Run(&report);
+  if (!error.ok()) {
+    return {std::move(error), std::move(report)};
+  }
+  for (std::size_t i = 0; i < questions.size(); ++i) {
+    const Question<Request, Response>& question = questions[i];
+    const absl::Status added = add(i, question.answer(), &result);
+    if (!added.ok()) {
+      AgentFailure failure{.part_index = i,
+                           .agent = question.agents[*question.winner].identity(),
+                           .stage = FrameStage::kSelectingOccluders,
+                           .status = absl::InternalError(
+                               absl::StrCat("sent a malformed answer: ", added.message()))};
+      error = failure.ToStatus();
+      return {std::move(error), {.failures = {std::move(failure)}}};
+    }
+  }
+  return {std::move(result), std::move(report)};
 }
 
 }  // namespace
@@ -287,47 +311,25 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
                                                  const rpc::HistogramQuery& query,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
-  Questions<internal::GetShardHistogramRequest, internal::GetShardHistogramResponse> questions(
-      target.parts.size());
-  for (std::size_t i = 0; i < questions.size(); ++i) {
-    questions[i].agents = AgentsOf(target.parts[i]);
-    internal::GetShardHistogramRequest& request = questions[i].request;
-    request.set_dataset_id(target.dataset_id);
-    for (const int shard : target.parts[i].shard_indices) {
-      request.add_shard_indices(shard);
-    }
-    request.set_max_bin_count(static_cast<std::int32_t>(query.max_bin_count));
+  using Response = internal::GetShardHistogramResponse;
+  auto questions = QuestionsToParts<internal::GetShardHistogramRequest, Response>(target);
+  for (auto& question : questions) {
+    question.request.set_max_bin_count(static_cast<std::int32_t>(query.max_bin_count));
     if (query.value_range.has_value()) {
-      request.mutable_value_range()->set_min(query.value_range->min);
-      request.mutable_value_range()->set_max(query.value_range->max);
+      question.request.mutable_value_range()->set_min(query.value_range->min);
+      question.request.mutable_value_range()->set_max(query.value_range->max);
     }
   }
-  QueryReport report;
-  absl::Status error = Ask(
-      identity, cancellation,
-      [](const auto& request, auto* attempt, auto on_done) {
-        attempt->stub->async()->GetShardHistogram(&attempt->context, &request, &attempt->response,
-                                                  std::move(on_done));
-      },
-      &questions, &report);
-  if (!error.ok()) {
-    return {std::move(error), std::move(report)};
-  }
-  std::optional<volume::HistogramPart> whole;
-  for (std::size_t i = 0; i < questions.size(); ++i) {
-    absl::StatusOr<volume::HistogramPart> part = rpc::HistogramPartFromProto(questions[i].answer());
-    absl::Status status = part.status();
-    if (status.ok() && whole.has_value()) {
-      status = volume::AddPart(*part, &*whole);
-    }
-    if (!status.ok()) {
-      return Malformed<volume::HistogramPart>(questions[i], i, status);
-    }
-    if (!whole.has_value()) {
-      whole = *std::move(part);
-    }
-  }
-  return {*std::move(whole), std::move(report)};
+  return Ask(identity, cancellation, &Async::GetShardHistogram, std::move(questions),
+             volume::HistogramPart(),
+             [](std::size_t i, const Response& answer, volume::HistogramPart* whole) {
+               absl::StatusOr<volume::HistogramPart> part = rpc::HistogramPartFromProto(answer);
+               if (!part.ok() || i > 0) {
+                 return part.ok() ? volume::AddPart(*part, whole) : part.status();
+               }
+               *whole = *std::move(part);
+               return absl::OkStatus();
+             });
 }
 
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
@@ -336,78 +338,46 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const isoscope::v1::ClipRegion& clip,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation) {
-  Questions<internal::GetActiveBoxRequest, internal::GetActiveBoxResponse> questions(1);
+  using Response = internal::GetActiveBoxResponse;
+  Questions<internal::GetActiveBoxRequest, Response> questions(1);
   questions[0].agents = AnyAgents(target);
-  internal::GetActiveBoxRequest& request = questions[0].request;
-  request.set_dataset_id(target.dataset_id);
-  for (const double isovalue : isovalues) {
-    request.add_isovalues(isovalue);
-  }
-  *request.mutable_clip() = clip;
-  QueryReport report;
-  absl::Status error = Ask(
-      identity, cancellation,
-      [](const auto& asked, auto* attempt, auto on_done) {
-        attempt->stub->async()->GetActiveBox(&attempt->context, &asked, &attempt->response,
-                                             std::move(on_done));
-      },
-      &questions, &report);
-  if (!error.ok()) {
-    return {std::move(error), std::move(report)};
-  }
-  const internal::GetActiveBoxResponse& answer = questions[0].answer();
-  absl::StatusOr<std::optional<math::IndexBox>> box = rpc::ActiveBoxFromProto(answer, layout);
-  if (!box.ok()) {
-    return Malformed<ActiveExtent>(questions[0], 0, box.status());
-  }
-  return {ActiveExtent{.active_block_count = answer.active_block_count(), .cells = *std::move(box)},
-          std::move(report)};
+  questions[0].request.set_dataset_id(target.dataset_id);
+  questions[0].request.mutable_isovalues()->Assign(isovalues.begin(), isovalues.end());
+  *questions[0].request.mutable_clip() = clip;
+  return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
+             [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
+               ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, rpc::ActiveBoxFromProto(answer, layout));
+               extent->active_block_count = answer.active_block_count();
+               return absl::OkStatus();
+             });
 }
 
 QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
                                                  const std::vector<ShownPoint>& points,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
-  Questions<internal::GetGradientsRequest, internal::GetGradientsResponse> questions(
-      target.parts.size());
-  for (std::size_t i = 0; i < questions.size(); ++i) {
-    questions[i].agents = AgentsOf(target.parts[i]);
-    internal::GetGradientsRequest& request = questions[i].request;
-    request.set_dataset_id(target.dataset_id);
-    for (const int shard : target.parts[i].shard_indices) {
-      request.add_shard_indices(shard);
-    }
+  using Response = internal::GetGradientsResponse;
+  auto questions = QuestionsToParts<internal::GetGradientsRequest, Response>(target);
+  for (auto& question : questions) {
     for (const ShownPoint& point : points) {
-      *request.add_points() = rpc::ToProto(point.position);
-      request.add_block_ids(point.block_id);
+      *question.request.add_points() = rpc::ToProto(point.position);
+      question.request.add_block_ids(point.block_id);
     }
-  }
-  QueryReport report;
-  absl::Status error = Ask(
-      identity, cancellation,
-      [](const auto& request, auto* attempt, auto on_done) {
-        attempt->stub->async()->GetGradients(&attempt->context, &request, &attempt->response,
-                                             std::move(on_done));
-      },
-      &questions, &report);
-  if (!error.ok()) {
-    return {std::move(error), std::move(report)};
   }
   std::vector<std::optional<math::Vec3d>> gradients(points.size());
   std::vector<std::optional<int>> shards(points.size());
-  for (std::size_t i = 0; i < questions.size(); ++i) {
-    absl::Status status = rpc::AddGradients(questions[i].answer(), &gradients);
-    status.Update(
-        rpc::AddPointShards(questions[i].answer(), target.parts[i].shard_indices, &shards));
-    if (!status.ok()) {
-      return Malformed<std::vector<PointAnswer>>(questions[i], i, status);
-    }
+  auto outcome =
+      Ask(identity, cancellation, &Async::GetGradients, std::move(questions),
+          std::vector<PointAnswer>(points.size()),
+          [&](std::size_t i, const Response& answer, std::vector<PointAnswer>*) {
+            absl::Status status = rpc::AddGradients(answer, &gradients);
+            status.Update(rpc::AddPointShards(answer, target.parts[i].shard_indices, &shards));
+            return status;
+          });
+  for (std::size_t i = 0; outcome.result.ok() && i < points.size(); ++i) {
+    (*outcome.result)[i] = {.gradient = gradients[i], .shard_index = shards[i]};
   }
-  std::vector<PointAnswer> answers(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    answers[i] = {.gradient = gradients[i], .shard_index = shards[i]};
-  }
-  return {std::move(answers), std::move(report)};
+  return outcome;
 }
 
 }  // namespace isoscope::server

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <deque>
 #include <iterator>
+#include <map>
+#include <set>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -61,6 +63,13 @@ void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
 
 }  // namespace
 
+void ShowSurfacesOnCaps(AskedFrame* asked) {
+  if (asked->spec.caps.has_value()) {
+    asked->spec.caps = frame::ClipCaps();
+    asked->request.mutable_caps()->Clear();
+  }
+}
+
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
                                              const volume::GridGeometry& geometry) {
   const isoscope::v1::Dimensions& cells = dataset.block_cells();
@@ -96,71 +105,216 @@ absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
   return place;
 }
 
-absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
-                                                    frame::FrameSpec* spec,
-                                                    const base::TraceContext& identity,
-                                                    const base::Cancellation& cancellation,
-                                                    const Caller& caller) {
-  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const DatasetState> found,
-                            options_.registry->FindComplete(request->dataset(), cancellation,
-                                                            caller, request->allow_partial()));
+absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identity,
+                                                    AskedFrame* asked) {
+  ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
+  const isoscope::v1::RenderIsosurfaceRequest& request = asked->request;
+  const frame::FrameSpec& spec = asked->spec;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::shared_ptr<const DatasetState> found,
+      options_.registry->FindComplete(request.dataset(), *identity.cancellation, *identity.caller,
+                                      request.allow_partial()));
   const DatasetState& dataset = *found;
-  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request->dataset_id()));
-  ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
+  const std::string& id = dataset.dataset.dataset_id();
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request.dataset_id()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
-  std::vector<FramePart> parts = replicas_.Choose(
-      dataset.replica_sets, ReplicaKeyOf(dataset.dataset.dataset_id(), frame::IsovaluesOf(*spec)));
-  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera({dataset.dataset.dataset_id(), parts, NextTurn()}, geometry,
-                                       layout, identity, cancellation, request, spec));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
+  std::vector<FramePart> parts =
+      replicas_.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::IsovaluesOf(spec)));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(identity, {id, parts, NextTurn()}, geometry, layout, asked));
+  ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
+                            view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
   ISOSCOPE_RETURN_IF_ERROR(
-      frame::CheckOwners(frame::OwnerSurfaceCount(*spec), layout.block_count()));
-  const frame::BackEnd drawn_by = frame::DrawnBy(*spec, dataset.picture_revision.back_end);
+      frame::CheckOwners(frame::OwnerSurfaceCount(spec), layout.block_count()));
+  const frame::BackEnd drawn_by = frame::DrawnBy(spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
   return FrameTarget{std::move(found), std::move(parts), view, layout, order};
 }
 
-absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
+absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
                                       const volume::GridGeometry& geometry,
-                                      const volume::BlockLayout& layout,
-                                      const base::TraceContext& identity,
-                                      const base::Cancellation& cancellation,
-                                      isoscope::v1::RenderIsosurfaceRequest* request,
-                                      frame::FrameSpec* spec) {
+                                      const volume::BlockLayout& layout, AskedFrame* asked) {
   std::optional<math::Box3d> surface_bounds;
-  if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
-    const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
-        query, layout, frame::IsovaluesOf(*spec), request->clip(), identity, cancellation);
-    ReportQuery(identity, outcome.report);
+  if (asked->request.camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
+    const QueryOutcome<ActiveExtent> outcome =
+        AskActiveBox(query, layout, frame::IsovaluesOf(asked->spec), asked->request.clip(),
+                     *identity.request, *identity.cancellation);
+    ReportQuery(*identity.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->cells.has_value()) {
-      surface_bounds =
-          view::ClippedBounds(view::BoundsOfCells(geometry, *outcome.result->cells), spec->clip);
+      surface_bounds = view::ClippedBounds(view::BoundsOfCells(geometry, *outcome.result->cells),
+                                           asked->spec.clip);
     }
   }
-  return rpc::ResolveCamera(geometry.Bounds(), request, spec, surface_bounds);
+  return rpc::ResolveCamera(geometry.Bounds(), &asked->request, &asked->spec, surface_bounds);
 }
 
-absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
-                                             const isoscope::v1::RenderIsosurfaceRequest& request,
-                                             const frame::FrameSpec& spec,
+// One try of a frame with some parts: begins them on agents, and learns how the agents did.
+class FrameRunner::Attempt {
+ public:
+  // All of them outlive the attempt.
+  Attempt(FrameRunner* runner, const FrameIdentity& identity, const AskedFrame& asked,
+          const FrameTarget& target, const std::vector<FramePart>& parts)
+      : runner_(*runner),
+        identity_(identity),
+        spec_(asked.spec),
+        target_(target),
+        parts_(parts),
+        active_key_(ActiveKeyOf(target, parts, asked.spec)),
+        active_(runner->active_blocks_.Find(active_key_)) {
+    begin_.set_frame_number(identity.number);
+    begin_.set_dataset_id(target.dataset->dataset.dataset_id());
+    *begin_.mutable_request() = asked.request;
+    begin_.mutable_request()->clear_allow_partial();  // nothing to an agent
+    begin_.mutable_request()->clear_dataset_id();     // older agents refuse it
+    begin_.set_agent_count(static_cast<std::int32_t>(parts.size()));
+    begin_.set_report_active_blocks(active_ == nullptr);
+    begin_.set_sends_normals(spec_.sends_normals);
+    begin_.set_sends_map_steps(spec_.sends_map_steps);
+  }
+
+  // With an error, `lost_parts` are those of FrameOutcome.
+  absl::StatusOr<FrameResult> Run(std::vector<std::size_t>* lost_parts) {
+    CoordinatorMetrics& metrics = runner_.metrics_;
+    (active_ != nullptr ? metrics.active_blocks_hits : metrics.active_blocks_misses).Add();
+    FrameOutcome outcome = RunFrame(
+        Setup(),
+        [this](int part, int replica, AgentListener* listener) {
+          return Begin(static_cast<std::size_t>(part), static_cast<std::size_t>(replica), listener);
+        },
+        *identity_.cancellation);
+    Learn(outcome);
+    *lost_parts = outcome.lost_parts;
+    if (!outcome.status.ok()) {
+      return outcome.status;
+    }
+    if (identity_.trace != nullptr) {
+      identity_.agent_traces->insert(identity_.agent_traces->end(),
+                                     std::make_move_iterator(traces_.begin()),
+                                     std::make_move_iterator(traces_.end()));
+    }
+    if (active_ == nullptr && outcome.result.active != nullptr) {
+      runner_.active_blocks_.Insert(active_key_, outcome.result.active);
+    }
+    return std::move(outcome.result);
+  }
+
+ private:
+  [[nodiscard]] const std::string& AddressOf(int part, int replica) const {
+    return parts_[static_cast<std::size_t>(part)]
+        .replicas[static_cast<std::size_t>(replica)]
+        .address;
+  }
+
+  FrameSetup Setup() {
+    FrameSetup setup;
+    setup.spec = &spec_;
+    setup.view = &target_.view;
+    setup.layout = &target_.layout;
+    setup.ties = target_.order.ties;
+    setup.active = active_;
+    setup.max_waiting_bytes = WaitingBandBytes(spec_);
+    setup.images = runner_.images_.get();
+    setup.arena = runner_.options_.arena.get();
+    setup.trace = identity_.trace;
+    setup.step = identity_.step;
+    for (const FramePart& part : parts_) {
+      setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
+    }
+    setup.is_lost = [this](int part, int replica) {
+      return !runner_.options_.registry->IsReachable(AddressOf(part, replica));
+    };
+    setup.may_hedge = [this](int part, int replica) {
+      if (!runner_.replicas_.TryHedge(AddressOf(part, replica))) {
+        return false;
+      }
+      slow_.insert(AddressOf(part, replica - 1));
+      return true;
+    };
+    return setup;
+  }
+
+  absl::StatusOr<std::unique_ptr<AgentLink>> Begin(std::size_t part, std::size_t replica,
+                                                   AgentListener* listener) {
+    internal::BeginFrame of_part = begin_;
+    of_part.set_agent_index(static_cast<std::int32_t>(part));
+    const AgentAssignment agent = parts_[part].On(replica);
+    AgentTraceTarget trace_target;
+    if (identity_.trace != nullptr) {
+      trace_target = {.zero = identity_.trace_zero,
+                      .trace = &traces_.emplace_back(),
+                      .max_spans = runner_.memory_.max_trace_spans() / 4 * 3 / parts_.size()};
+    }
+    leases_.push_back(runner_.replicas_.Take(agent.address));
+    begins_.emplace(agent.address, absl::Now());
+    return BeginFrameOnAgent(agent, std::move(of_part), target_.dataset->dataset.block_count(),
+                             identity_.cancellation->deadline(), runner_.options_.mailboxes.get(),
+                             *identity_.request, trace_target, listener);
+  }
+
+  // Remembers which agents did well, so that the next frames begin with those.
+  void Learn(const FrameOutcome& outcome) {
+    using PartOutcome = CoordinatorMetrics::PartOutcome;
+    CoordinatorMetrics& metrics = runner_.metrics_;
+    runner_.ReportFailures(*identity_.request, identity_.number, outcome.failures);
+    metrics.hedged_parts.Add(outcome.hedge_count);
+    metrics.outrun_parts.Add(static_cast<std::int64_t>(outcome.outrun.size()));
+    if (outcome.status.ok()) {
+      metrics.repeated_parts.Add(static_cast<std::int64_t>(outcome.failures.size()));
+      for (const frame::AgentStatistics& agent : outcome.result.agents) {
+        runner_.replicas_.NoteSuccess(agent.agent_address);
+        metrics.CountPart(agent.agent_address, PartOutcome::kDone);
+      }
+    }
+    for (const AgentFailure& failure : outcome.failures) {
+      NoteTrouble(failure.agent.address, absl::IsDeadlineExceeded(failure.status));
+      metrics.CountPart(failure.agent.address, PartOutcome::kFailed);
+    }
+    for (const AgentIdentity& agent : outcome.outrun) {
+      NoteTrouble(agent.address, /*is_only_late=*/true);
+      metrics.CountPart(agent.address, PartOutcome::kOutrun);
+      LogOutrun(*identity_.request, identity_.number, agent);
+    }
+  }
+
+  // An agent that is only late is in no trouble, unless others were faster or it is lost.
+  void NoteTrouble(const std::string& address, bool is_only_late) {
+    const absl::Time now = absl::Now();
+    const auto begin = begins_.find(address);
+    if (!is_only_late || slow_.contains(address) ||
+        !runner_.options_.registry->IsReachable(address)) {
+      runner_.replicas_.NoteTrouble(address, now);
+    } else if (begin != begins_.end()) {
+      runner_.replicas_.NoteUnanswered(address, now - begin->second, now);
+    }
+  }
+
+  FrameRunner& runner_;
+  const FrameIdentity& identity_;
+  const frame::FrameSpec& spec_;
+  const FrameTarget& target_;
+  const std::vector<FramePart>& parts_;
+  const std::string active_key_;
+  const std::shared_ptr<const ActiveBlocks> active_;
+  internal::BeginFrame begin_;                     // but for the part
+  std::deque<isoscope::v1::ProcessTrace> traces_;  // each keeps its address
+  std::vector<ReplicaBoard::Lease> leases_;
+  std::map<std::string, absl::Time> begins_;  // of the first try on each agent, by address
+  std::set<std::string> slow_;                // addresses of agents that others were faster than
+};
+
+absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, const AskedFrame& asked,
                                              const FrameTarget& target,
-                                             const base::Cancellation& cancellation,
                                              std::vector<FramePart>* parts) {
-  isoscope::v1::RenderIsosurfaceRequest of_agents = request;
-  of_agents.clear_allow_partial();  // nothing to an agent
-  of_agents.clear_dataset_id();     // older agents refuse it
   while (true) {
     std::vector<std::size_t> lost_parts;
     absl::StatusOr<FrameResult> result =
-        RunParts(identity, of_agents, spec, target, *parts, cancellation, &lost_parts);
+        Attempt(this, identity, asked, target, *parts).Run(&lost_parts);
     const bool goes_on =
-        request.allow_partial() && !lost_parts.empty() && lost_parts.size() < parts->size();
+        asked.request.allow_partial() && !lost_parts.empty() && lost_parts.size() < parts->size();
     if (!goes_on) {
       return result;
     }
@@ -172,122 +326,26 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
   }
 }
 
-absl::StatusOr<FrameResult> FrameRunner::RunParts(
-    const FrameIdentity& identity, const isoscope::v1::RenderIsosurfaceRequest& request,
-    const frame::FrameSpec& spec, const FrameTarget& target, const std::vector<FramePart>& parts,
-    const base::Cancellation& cancellation, std::vector<std::size_t>* lost_parts) {
-  const std::string active_key = ActiveKeyOf(target, parts, spec);
-  FrameSetup setup;
-  setup.spec = &spec;
-  setup.view = &target.view;
-  setup.layout = &target.layout;
-  setup.ties = target.order.ties;
-  setup.active = active_blocks_.Find(active_key);
-  setup.max_waiting_bytes = WaitingBandBytes(spec);
-  setup.images = images_.get();
-  setup.arena = options_.arena.get();
-  setup.trace = identity.trace;
-  setup.step = identity.step;
-  for (const FramePart& part : parts) {
-    setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
+absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
+                                           const FrameTarget& target,
+                                           const std::vector<FramePart>& parts,
+                                           isoscope::v1::RenderStatistics* statistics) {
+  const isoscope::v1::Dataset& dataset = target.dataset->dataset;
+  const std::vector<int> missing = MissingShards(dataset.shard_count(), parts);
+  if (missing.empty()) {
+    return absl::OkStatus();
   }
-  const auto replica_of = [&parts](int part_index, int replica_index) -> const ServingAgent& {
-    return parts[static_cast<std::size_t>(part_index)]
-        .replicas[static_cast<std::size_t>(replica_index)];
-  };
-  setup.is_lost = [&](int part_index, int replica_index) {
-    return !options_.registry->IsReachable(replica_of(part_index, replica_index).address);
-  };
-  Attempts attempts;
-  setup.may_hedge = [&](int part_index, int replica_index) {
-    if (!replicas_.TryHedge(replica_of(part_index, replica_index).address)) {
-      return false;
-    }
-    attempts.slow.insert(replica_of(part_index, replica_index - 1).address);
-    return true;
-  };
-  (setup.active != nullptr ? metrics_.active_blocks_hits : metrics_.active_blocks_misses).Add();
-  internal::BeginFrame begin;
-  begin.set_frame_number(identity.number);
-  begin.set_dataset_id(target.dataset->dataset.dataset_id());
-  *begin.mutable_request() = request;
-  begin.set_agent_count(static_cast<std::int32_t>(parts.size()));
-  begin.set_report_active_blocks(setup.active == nullptr);
-  begin.set_sends_normals(spec.sends_normals);
-  begin.set_sends_map_steps(spec.sends_map_steps);
-  std::deque<isoscope::v1::ProcessTrace> traces;  // of the attempts, each with a place of its own
-  std::vector<ReplicaBoard::Lease> leases;
-  const auto begin_on_agent =
-      [&](int part_index, int replica_index,
-          AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
-    internal::BeginFrame of_part = begin;
-    of_part.set_agent_index(part_index);
-    const FramePart& part = parts[static_cast<std::size_t>(part_index)];
-    const AgentAssignment agent = part.On(static_cast<std::size_t>(replica_index));
-    AgentTraceTarget trace_target;
-    if (identity.trace != nullptr) {
-      trace_target = {.zero = identity.trace_zero,
-                      .trace = &traces.emplace_back(),
-                      .max_spans = memory_.max_trace_spans() / 4 * 3 / parts.size()};
-    }
-    leases.push_back(replicas_.Take(agent.address));
-    attempts.begins.emplace(agent.address, absl::Now());
-    return BeginFrameOnAgent(agent, std::move(of_part), target.dataset->dataset.block_count(),
-                             cancellation.deadline(), options_.mailboxes.get(), *identity.request,
-                             trace_target, listener);
-  };
-  FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
-  LearnFrom(identity, attempts, outcome);
-  *lost_parts = outcome.lost_parts;
-  if (!outcome.status.ok()) {
-    return outcome.status;
-  }
-  if (identity.trace != nullptr) {
-    identity.agent_traces->insert(identity.agent_traces->end(),
-                                  std::make_move_iterator(traces.begin()),
-                                  std::make_move_iterator(traces.end()));
-  }
-  if (setup.active == nullptr && outcome.result.active != nullptr) {
-    active_blocks_.Insert(active_key, outcome.result.active);
-  }
-  return std::move(outcome.result);
-}
-
-// Remembers which agents did well, so that the next frames begin with those.
-void FrameRunner::LearnFrom(const FrameIdentity& identity, const Attempts& attempts,
-                            const FrameOutcome& outcome) {
-  const absl::Time now = absl::Now();
-  const auto note_unanswered = [&](const std::string& address) {
-    const auto begin = attempts.begins.find(address);
-    if (attempts.slow.contains(address) || !options_.registry->IsReachable(address)) {
-      replicas_.NoteTrouble(address, now);
-    } else if (begin != attempts.begins.end()) {
-      replicas_.NoteUnanswered(address, now - begin->second, now);
-    }
-  };
-  ReportFailures(*identity.request, identity.number, outcome.failures);
-  metrics_.hedged_parts.Add(outcome.hedge_count);
-  metrics_.outrun_parts.Add(static_cast<std::int64_t>(outcome.outrun.size()));
-  if (outcome.status.ok()) {
-    metrics_.repeated_parts.Add(static_cast<std::int64_t>(outcome.failures.size()));
-    for (const frame::AgentStatistics& agent : outcome.result.agents) {
-      replicas_.NoteSuccess(agent.agent_address);
-      metrics_.CountPart(agent.agent_address, CoordinatorMetrics::PartOutcome::kDone);
-    }
-  }
-  for (const AgentFailure& failure : outcome.failures) {
-    if (absl::IsDeadlineExceeded(failure.status)) {
-      note_unanswered(failure.agent.address);
-    } else {
-      replicas_.NoteTrouble(failure.agent.address, now);
-    }
-    metrics_.CountPart(failure.agent.address, CoordinatorMetrics::PartOutcome::kFailed);
-  }
-  for (const AgentIdentity& agent : outcome.outrun) {
-    note_unanswered(agent.address);
-    metrics_.CountPart(agent.address, CoordinatorMetrics::PartOutcome::kOutrun);
-    LogOutrun(*identity.request, identity.number, agent);
-  }
+  const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
+      {dataset.dataset_id(), parts, NextTurn()}, target.layout, frame::IsovaluesOf(asked.spec),
+      asked.request.clip(), *identity.request, *identity.cancellation);
+  ReportQuery(*identity.request, outcome.report);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  const auto all = static_cast<double>(outcome.result->active_block_count);
+  statistics->mutable_missing_shards()->Assign(missing.begin(), missing.end());
+  statistics->set_active_block_coverage(
+      all == 0 ? 1.0 : static_cast<double>(statistics->active_block_count()) / all);
+  metrics_.partial_frames.Add();
+  return absl::OkStatus();
 }
 
 void FrameRunner::ReportQuery(const base::TraceContext& request, const QueryReport& report) {

@@ -8,10 +8,8 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -68,14 +66,26 @@ struct FrameTarget {
   image::FragmentOrder order;
 };
 
-// A frame apart from what it draws: who it is, and who looks on. All that it points to outlives the
-// frame.
+// What a client asks for: as agents read it, and converted. The two always say the same.
+struct AskedFrame {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  frame::FrameSpec spec;
+};
+
+// Lets caps show the surface. Caps with the samples have a colour, but no normal, so planes and
+// picks ask for those of the surface.
+void ShowSurfacesOnCaps(AskedFrame* asked);
+
+// A frame apart from what it draws: who asks, until when, and who looks on. All that it points to
+// outlives the frame.
 struct FrameIdentity {
   std::int64_t number = 0;
   const base::TraceContext* request = nullptr;
+  const Caller* caller = nullptr;
+  const base::Cancellation* cancellation = nullptr;
   std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
   base::TraceRecorder* trace = nullptr;    // null: none is asked for
-  base::TraceTime trace_zero;              // of the axis
+  base::TraceTime trace_zero = {};         // of the axis
   // Gets the traces of the agents, in their order, if `trace` is set.
   std::vector<isoscope::v1::ProcessTrace>* agent_traces = nullptr;
 };
@@ -116,20 +126,17 @@ class FrameRunner {
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
   // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
-  // can draw it. Resolves the camera in both `request` and `spec`. Errors as IsosurfaceService
-  // says.
-  absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
-                                         frame::FrameSpec* spec, const base::TraceContext& identity,
-                                         const base::Cancellation& cancellation,
-                                         const Caller& caller = {});
+  // can draw it. Resolves the camera. Errors as IsosurfaceService says.
+  absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked);
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
   // With allow_partial, `parts` loses those that no agent could do, and the frame is of the others.
-  absl::StatusOr<FrameResult> Run(const FrameIdentity& identity,
-                                  const isoscope::v1::RenderIsosurfaceRequest& request,
-                                  const frame::FrameSpec& spec, const FrameTarget& target,
-                                  const base::Cancellation& cancellation,
-                                  std::vector<FramePart>* parts);
+  absl::StatusOr<FrameResult> Run(const FrameIdentity& identity, const AskedFrame& asked,
+                                  const FrameTarget& target, std::vector<FramePart>* parts);
+  // Says which shards a frame of `parts` lacks, and how much of the surface it has, if it does.
+  absl::Status AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
+                                const FrameTarget& target, const std::vector<FramePart>& parts,
+                                isoscope::v1::RenderStatistics* statistics);
 
   // Returns the parts of a request that is not a frame.
   [[nodiscard]] std::vector<FramePart> PartsOf(const DatasetState& dataset) const {
@@ -162,25 +169,12 @@ class FrameRunner {
   [[nodiscard]] std::size_t TraceBytes(bool has_trace) const {
     return has_trace ? memory_.trace_bytes() : 0;
   }
-  // One try of Run, with these parts. With an error, `lost_parts` are those of FrameOutcome.
-  absl::StatusOr<FrameResult> RunParts(const FrameIdentity& identity,
-                                       const isoscope::v1::RenderIsosurfaceRequest& request,
-                                       const frame::FrameSpec& spec, const FrameTarget& target,
-                                       const std::vector<FramePart>& parts,
-                                       const base::Cancellation& cancellation,
-                                       std::vector<std::size_t>* lost_parts);
-  // What RunParts knows of the attempts beside their outcome, by address.
-  struct Attempts {
-    std::map<std::string, absl::Time> begins;  // of the first attempt on each agent
-    std::set<std::string> slow;                // agents that others were faster than
-  };
-  void LearnFrom(const FrameIdentity& identity, const Attempts& attempts,
-                 const FrameOutcome& outcome);
+  class Attempt;
+
   // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
-  absl::Status PlaceCamera(const QueryTarget& query, const volume::GridGeometry& geometry,
-                           const volume::BlockLayout& layout, const base::TraceContext& identity,
-                           const base::Cancellation& cancellation,
-                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
+  absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
+                           const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+                           AskedFrame* asked);
 
   const FrameRunnerOptions options_;
   CoordinatorMemory memory_;

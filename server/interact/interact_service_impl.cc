@@ -1,17 +1,14 @@
-// One stream is an InteractCall. Its events come on gRPC's threads (a message, the end of a write,
-// the alarm, a cancellation) and on frame threads (a frame has ended). Each takes mutex_, tells the
-// schedule, and then does what the schedule says (Proceed):
+// Events of a stream come on gRPC's threads (a message, the end of a write, the alarm, a
+// cancellation) and on frame threads (a frame has ended). Each takes mutex_, tells the schedule,
+// and then does what the schedule says (Proceed):
 //
 //   event                        tells               then
 //   view state                   OnState             Proceed
 //   frame shown                  OnShown, rate       Proceed
 //   picture drawn                OnDrawn             Proceed
-//   frame has ended              OnWorkEnded, rate   answer to outgoing_, Proceed
+//   frame has ended              OnWorkEnded, rate   answer to outbox_, Proceed
 //   alarm                        -                   Proceed
 //   write done                   -                   next answer
-//
-// outgoing_ holds answers that wait for the write under way. A newer frame replaces a waiting one,
-// and a newer error a waiting one. So a slow client holds one message in the network and two here.
 //
 // The end: the client closes its side, cancels, or sends a wrong message, the server stops, the
 // token is withdrawn, or the stream makes room for another caller's (CutOff). Then frames in work
@@ -20,23 +17,19 @@
 
 #include "server/interact/interact_service_impl.h"
 
-#include <algorithm>
 #include <cstdint>
-#include <list>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 
-#include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include <grpcpp/alarm.h>
 
-#include "core/base/error_reason.h"
 #include "core/base/log.h"
-#include "core/base/memory_budget.h"
-#include "core/base/retry_delay.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
@@ -45,8 +38,10 @@
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/write_timeout.h"
-#include "server/frame/frame_call.h"
+#include "server/frame/frame_ticket.h"
+#include "server/frame/picture_job.h"
 #include "server/interact/interact_frame.h"
+#include "server/interact/interact_outbox.h"
 #include "server/interact/interactive_schedule.h"
 #include "server/interact/rate_control.h"
 
@@ -60,8 +55,6 @@ constexpr double kMaxFramesPerSecond = 120;
 constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 // The same once the coordinator has ended the stream.
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
-// After which one who met too many streams may try again: people close pages in minutes.
-constexpr absl::Duration kFullDelay = absl::Seconds(5);
 // The depth grid of an exact frame, which is warped when the view begins to move.
 constexpr int kExactGridSide = 256;
 
@@ -80,11 +73,6 @@ absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
   return absl::OkStatus();
 }
 
-absl::Status CoordinatorStops() {
-  return base::WithReason(absl::UnavailableError("the coordinator stops: connect again"),
-                          base::ErrorReason::kServerStops);
-}
-
 void SetDepthGrid(const DepthGrid& grid, v1::DepthGrid* proto) {
   proto->set_width(grid.width);
   proto->set_height(grid.height);
@@ -93,25 +81,48 @@ void SetDepthGrid(const DepthGrid& grid, v1::DepthGrid* proto) {
   proto->set_depths(grid.depths);
 }
 
+// The end of a stream.
+struct StreamEnd {
+  absl::Status status;
+  bool is_told = false;  // gRPC has it
+};
+
+// The last line of a stream in the audit log.
+struct AuditedFrame {
+  AuditRecord record;
+  std::optional<absl::StatusCode> code;  // none: there was no line
+};
+
+// The next alarm. One that is too early asks again.
+struct Wake {
+  absl::Time time = absl::InfiniteFuture();
+  std::unique_ptr<grpc::Alarm> alarm;
+};
+
 }  // namespace
 
+// One stream.
 class InteractServiceImpl::InteractCall final
     : public grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>,
       public std::enable_shared_from_this<InteractCall> {
  public:
-  InteractCall(InteractServiceImpl* service, grpc::CallbackServerContext* context)
-      : service_(service),
+  InteractCall(const InteractServiceOptions& options, InteractStreams<InteractCall>* streams,
+               grpc::CallbackServerContext* context, const Caller& caller)
+      : options_(options),
+        streams_(*streams),
         origin_{.request = rpc::AnswerTraceContext(context),
                 .client = context->peer(),
-                .certificate = rpc::PeerOf(*context).name},
+                .certificate = rpc::PeerOf(*context).name,
+                .caller = caller},
         deadline_(rpc::DeadlineOf(*context)),
-        unsent_(&service->options_.runner->metrics()->unsent_bytes),
+        unsent_(&options.runner->metrics()->unsent_bytes),
         timeout_(context) {}
 
-  // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
-  void Start(absl::StatusOr<Caller> caller) {
+  // Begins to read, or ends with `identified` or the error of admission. REQUIRES: a shared_ptr
+  // owns the call.
+  void Start(const absl::Status& identified) {
     self_ = shared_from_this();
-    const absl::Status admitted = Admit(std::move(caller));
+    const absl::Status admitted = identified.ok() ? Admit() : identified;
     if (admitted.ok()) {
       StartRead(&request_);
     } else {
@@ -119,39 +130,40 @@ class InteractServiceImpl::InteractCall final
     }
   }
 
-  // Ends the stream although its client wants it, and waits little for what is on its way.
   void CutOff(CutReason reason, const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     if (end_.has_value()) {
       return;
     }
-    service_->options_.runner->metrics()->CountCut(reason);
+    options_.runner->metrics()->CountCut(reason);
     EndLocked(status);
-    if (is_writing_) {
+    if (outbox_.is_writing()) {
       timeout_.Start(kMaxLastWriteDuration);
     }
     FinishIfIdle();
   }
 
+  // Only the first call counts.
+  void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    EndLocked(status);
+    FinishIfIdle();
+  }
+
   void OnReadDone(bool ok) override {
-    if (!ok) {
-      End(absl::OkStatus());
-      return;
-    }
-    const absl::Status status = Handle(request_);
-    if (!status.ok()) {
+    const absl::Status status = ok ? Handle(request_) : absl::OkStatus();
+    if (ok && status.ok()) {
+      StartRead(&request_);
+    } else {
       End(status);
-      return;
     }
-    StartRead(&request_);
   }
 
   void OnWriteDone(bool ok) override {
     timeout_.Pause();
     const base::MutexLock lock(&mutex_);
-    is_writing_ = false;
     unsent_.Set(0);
-    in_flight_memory_.reset();
+    outbox_.EndWrite();
     if (!ok) {
       EndLocked(absl::CancelledError("the client has gone"));
     }
@@ -160,46 +172,26 @@ class InteractServiceImpl::InteractCall final
   }
 
   void OnCancel() override { End(absl::CancelledError("the client cancelled the stream")); }
-
   void OnDone() override {
     timeout_.Stop();
     const std::shared_ptr<InteractCall> last_use = std::move(self_);
-    service_->Remove(key_, last_use);
+    streams_.Remove(Key(), last_use);
     const base::MutexLock lock(&mutex_);
-    alarm_.reset();
+    wake_.alarm.reset();
     base::LogInfo("interact_done", {{"request", origin_.request.request_id()},
-                                    {"states", newest_sequence_},
-                                    {"frames", frame_count_},
+                                    {"states", state_.sequence_number()},
+                                    {"frames", outbox_.sent_count()},
                                     {"duration_ms", base::LogMilliseconds(absl::Now() - start_)}});
   }
 
-  // Lets the frames in work stop, and ends the stream once they have. Only the first call counts.
-  void End(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock lock(&mutex_);
-    EndLocked(status);
-    FinishIfIdle();
-  }
-
  private:
-  struct Answer {
-    v1::InteractResponse message;
-    bool is_frame = false;
-    bool is_of_exact_work = false;
-    // Of the message and of gRPC's copy, until it is written: slow clients must not add up to more
-    // than the coordinator may have.
-    std::optional<base::MemoryBudget::Reservation> memory = std::nullopt;
-  };
-
-  absl::Status Admit(absl::StatusOr<Caller> caller) {
-    ISOSCOPE_RETURN_IF_ERROR(caller.status());
-    caller_ = *std::move(caller);
-    absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kStream);
+  absl::Status Admit() {
+    absl::StatusOr<CallerSlot> slot = origin_.caller.Begin(CallerUse::kStream);
     ISOSCOPE_RETURN_IF_ERROR(
-        service_->options_.runner->metrics()->CountRefusal(TokenLimit::kStreams, slot.status()));
-    key_ = caller_.HostKey(origin_.client);
-    ISOSCOPE_RETURN_IF_ERROR(service_->Add(key_, shared_from_this()));
+        options_.runner->metrics()->CountRefusal(TokenLimit::kStreams, slot.status()));
+    ISOSCOPE_RETURN_IF_ERROR(streams_.Add(Key(), shared_from_this()));
     slot_.emplace(*std::move(slot));
-    watch_.emplace(caller_.WhenWithdrawn([weak = weak_from_this()] {
+    watch_.emplace(origin_.caller.WhenWithdrawn([weak = weak_from_this()] {
       if (const std::shared_ptr<InteractCall> self = weak.lock()) {
         self->CutOff(CutReason::kTokenWithdrawn, WithdrawnError());
       }
@@ -209,41 +201,46 @@ class InteractServiceImpl::InteractCall final
 
   absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
-    ISOSCOPE_RETURN_IF_ERROR(service_->options_.access->CheckStillValid(caller_));
+    ISOSCOPE_RETURN_IF_ERROR(options_.access->CheckStillValid(origin_.caller));
     const base::MutexLock lock(&mutex_);
-    const absl::Time now = absl::Now();
     switch (request.kind_case()) {
-      case v1::InteractRequest::kViewState: {
-        ISOSCOPE_RETURN_IF_ERROR(CheckState(request.view_state(), newest_sequence_));
-        state_ = request.view_state();
-        newest_sequence_ = state_.sequence_number();
-        rate_.SetTarget(state_.target_frames_per_second() > 0
-                            ? state_.target_frames_per_second()
-                            : RateControl::kDefaultFramesPerSecond);
-        schedule_.OnState(newest_sequence_, state_.is_at_rest(), now);
+      case v1::InteractRequest::kViewState:
+        ISOSCOPE_RETURN_IF_ERROR(HandleState(request.view_state(), absl::Now()));
         break;
-      }
-      case v1::InteractRequest::kFrameShown: {
-        const v1::FrameShown& shown = request.frame_shown();
-        const absl::Duration decode = rpc::DurationFromProto(shown.decode_duration());
-        if (decode < absl::ZeroDuration()) {
-          return absl::InvalidArgumentError(absl::StrCat("frame_shown.decode_duration is ",
-                                                         absl::FormatDuration(decode),
-                                                         ": must be at least 0"));
-        }
-        const std::optional<absl::Duration> delay = schedule_.OnShown(shown.frame_number(), now);
-        const bool is_moving = moving_frames_.erase(shown.frame_number()) > 0;
-        if (delay.has_value() && is_moving) {
-          rate_.OnShown(*delay, decode, now);
-          schedule_.SetCredits(rate_.credits());
-        }
+      case v1::InteractRequest::kFrameShown:
+        ISOSCOPE_RETURN_IF_ERROR(HandleShown(request.frame_shown(), absl::Now()));
         break;
-      }
       case v1::InteractRequest::KIND_NOT_SET:
         return absl::InvalidArgumentError(
             "kind is not set: a message needs view_state or frame_shown");
     }
     Proceed();
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleState(const v1::ViewState& state, absl::Time now)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckState(state, state_.sequence_number()));
+    state_ = state;
+    rate_.SetTarget(state.target_frames_per_second() > 0 ? state.target_frames_per_second()
+                                                         : RateControl::kDefaultFramesPerSecond);
+    schedule_.OnState(state.sequence_number(), state.is_at_rest(), now);
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleShown(const v1::FrameShown& shown, absl::Time now)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const absl::Duration decode = rpc::DurationFromProto(shown.decode_duration());
+    if (decode < absl::ZeroDuration()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "frame_shown.decode_duration is ", absl::FormatDuration(decode), ": must be at least 0"));
+    }
+    const std::optional<absl::Duration> delay = schedule_.OnShown(shown.frame_number(), now);
+    const bool is_moving = outbox_.NoteShown(shown.frame_number());
+    if (delay.has_value() && is_moving) {
+      rate_.OnShown(*delay, decode, now);
+      schedule_.SetCredits(rate_.credits());
+    }
     return absl::OkStatus();
   }
 
@@ -253,7 +250,7 @@ class InteractServiceImpl::InteractCall final
       const absl::Time now = absl::Now();
       const InteractiveSchedule::Step step = schedule_.Next(now);
       for (const std::int64_t frame_number : step.overdue) {
-        if (moving_frames_.contains(frame_number)) {
+        if (outbox_.IsUnshownMoving(frame_number)) {
           rate_.OnOverdue(now);
         }
       }
@@ -273,80 +270,85 @@ class InteractServiceImpl::InteractCall final
 
   void Begin(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const MovingQuality quality = rate_.quality();
-    absl::Status admitted = CheckInteractiveOutput(state_);
-    auto frame = std::make_shared<FrameCall>(
-        service_->options_.runner, origin_,
-        start.is_exact ? state_.frame() : MovingRequest(state_.frame(), quality), Delivery::kWhole,
-        deadline_, service_->options_.max_frame_duration);
-    frame->SetCaller(caller_, /*is_moving=*/!start.is_exact);
-    frame->AskDepthGrid(start.is_exact ? kExactGridSide : quality.depth_grid_side);
-    if (!start.is_exact) {
-      frame->LogFailuresOnly();
-    }
-    if (admitted.ok()) {
-      admitted = frame->Admit();
-    }
-    if (!admitted.ok()) {
-      Audit(*frame, admitted);
-      // The exact frame meets the same error, and tells it.
-      bool is_told = start.is_exact || absl::IsInvalidArgument(admitted);
-      if (absl::IsInvalidArgument(admitted)) {
-        // A wrong state counts as a frame: it was worked on, and is answered.
-        const absl::Status counted = service_->options_.runner->metrics()->CountRefusal(
-            TokenLimit::kFrameRate, caller_.TakeFrame(/*is_moving=*/!start.is_exact));
-        is_told = start.is_exact || counted.ok();
-        admitted = counted.ok() ? admitted : counted;
-      }
-      schedule_.OnWorkEnded(start.work, is_told, absl::Now());
-      if (is_told) {
-        Answer answer;
-        answer.message.set_sequence_number(start.sequence);
-        answer.is_of_exact_work = start.is_exact;
-        SetError(admitted, &answer.message);
-        Send(std::move(answer));
-      }
+    const v1::ViewState& state = state_;
+    const v1::RenderIsosurfaceRequest request =
+        start.is_exact ? state.frame() : MovingRequest(state.frame(), quality);
+    auto ticket =
+        std::make_shared<FrameTicket>(options_.runner, origin_,
+                                      FrameClaim{.dataset = request.dataset(),
+                                                 .has_trace = request.with_trace(),
+                                                 .is_moving = !start.is_exact,
+                                                 .client_deadline = deadline_,
+                                                 .max_duration = options_.max_frame_duration});
+    auto job = [&]() -> absl::StatusOr<std::unique_ptr<PictureJob>> {
+      ISOSCOPE_RETURN_IF_ERROR(CheckInteractiveOutput(state));
+      return PictureJob::Admit(ticket, request,
+                               start.is_exact ? kExactGridSide : quality.depth_grid_side);
+    }();
+    if (!job.ok()) {
+      Audit(*ticket, job.status());
+      Refuse(start, job.status());
       return;
     }
-    frames_[start.work] = frame;
-    frame->Schedule([self = shared_from_this(), frame, start] { self->Draw(frame.get(), start); });
+    frames_[start.work] = ticket;
+    ticket->Schedule([self = shared_from_this(), ticket,
+                      job = std::shared_ptr<PictureJob>(*std::move(job)),
+                      start]() mutable { self->Draw(ticket.get(), std::move(job), start); });
+  }
+
+  // Answers a frame that got no place.
+  void Refuse(const FrameStart& start, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    // The exact frame meets the same error, and tells it.
+    bool is_told = start.is_exact || absl::IsInvalidArgument(status);
+    if (absl::IsInvalidArgument(status)) {
+      // A wrong state counts as a frame: it was worked on, and is answered.
+      const absl::Status counted = options_.runner->metrics()->CountRefusal(
+          TokenLimit::kFrameRate, origin_.caller.TakeFrame(/*is_moving=*/!start.is_exact));
+      is_told = start.is_exact || counted.ok();
+      status = counted.ok() ? status : counted;
+    }
+    schedule_.OnWorkEnded(start.work, is_told, absl::Now());
+    if (is_told) {
+      InteractAnswer answer{.is_of_exact_work = start.is_exact};
+      answer.message.set_sequence_number(start.sequence);
+      answer.SetError(status);
+      Send(std::move(answer));
+    }
   }
 
   // On a frame thread.
-  void Draw(FrameCall* frame, const FrameStart& start) ABSL_LOCKS_EXCLUDED(mutex_) {
+  void Draw(FrameTicket* ticket, std::shared_ptr<PictureJob> job, const FrameStart& start)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
     const absl::Time begin = absl::Now();
     absl::Time drawn = begin;
-    frame->OnPictureDrawn([&] {
+    InteractAnswer answer{.is_of_exact_work = start.is_exact};
+    answer.message.set_sequence_number(start.sequence);
+    const absl::Status status = job->Run(answer.message.mutable_frame(), [&] {
       drawn = absl::Now();
       const base::MutexLock lock(&mutex_);
       schedule_.OnDrawn(start.work);
       Proceed();
     });
-    Answer answer;
-    answer.message.set_sequence_number(start.sequence);
-    const absl::Status status = frame->Render(answer.message.mutable_frame());
-    frame->OnPictureDrawn(nullptr);
     const absl::Time end = absl::Now();
-    answer.is_of_exact_work = start.is_exact;
     if (status.ok()) {
       answer.message.set_is_exact(start.is_exact);
-      answer.is_frame = true;
       if (!start.is_exact) {
         // Nobody reads them, dozens of times a second.
         answer.message.mutable_frame()->mutable_statistics()->clear_agents();
       }
-      if (frame->depth_grid().has_value()) {
-        SetDepthGrid(*frame->depth_grid(), answer.message.mutable_depth_grid());
+      if (job->depth_grid().has_value()) {
+        SetDepthGrid(*job->depth_grid(), answer.message.mutable_depth_grid());
       }
     } else {
-      SetError(status, &answer.message);
+      answer.SetError(status);
     }
-    frame->ReleaseImages();
-    if (auto memory = frame->TakeMemory(2 * answer.message.ByteSizeLong()); memory.has_value()) {
+    job.reset();  // with the images
+    if (auto memory = ticket->TakeMemory(2 * answer.message.ByteSizeLong()); memory.has_value()) {
       answer.memory.emplace(*std::move(memory));
     }
 
     const base::MutexLock lock(&mutex_);
-    Audit(*frame, status);
+    Audit(*ticket, status);
     frames_.erase(start.work);
     // A frame that was replaced is not missed. A moving one that fails is followed by an exact one
     // that does, too.
@@ -364,89 +366,43 @@ class InteractServiceImpl::InteractCall final
 
   // Writes a line of the audit log for the first frame of a dataset, and whenever what comes of the
   // frames changes: dozens come a second.
-  void Audit(const FrameCall& frame, const absl::Status& status)
+  void Audit(const FrameTicket& ticket, const absl::Status& status)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    AuditLog* const log = service_->options_.runner->audit();
+    AuditLog* const log = options_.runner->audit();
     if (log == nullptr || absl::IsCancelled(status)) {
       return;
     }
-    AuditRecord record = frame.audit_record();
-    if (audited_code_ == status.code() && record.dataset == audit_.dataset &&
-        record.dataset_id == audit_.dataset_id) {
+    AuditRecord record = ticket.audit_record();
+    if (audited_.code == status.code() && record.dataset == audited_.record.dataset &&
+        record.dataset_id == audited_.record.dataset_id) {
       return;
     }
-    audit_ = std::move(record);
-    audited_code_ = status.code();
-    log->Write(NameOf(RequestMethod::kInteract), audit_, origin_.request.request_id(), status);
+    audited_ = {.record = std::move(record), .code = status.code()};
+    log->Write(NameOf(RequestMethod::kInteract), audited_.record, origin_.request.request_id(),
+               status);
   }
 
-  static void SetError(const absl::Status& status, v1::InteractResponse* message) {
-    message->clear_frame();
-    message->mutable_error()->set_code(static_cast<std::int32_t>(status.code()));
-    message->mutable_error()->set_message(std::string(status.message()));
-  }
-
-  // Queues an answer. It replaces a waiting one of its kind, a frame or an error; a frame that is
-  // older than what was sent is dropped.
-  void Send(Answer answer) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (!answer.is_frame) {
-      schedule_.OnError(absl::Now());
-    }
-    if (end_.has_value() ||
-        (answer.is_frame && answer.message.sequence_number() < sent_sequence_)) {
-      schedule_.OnDropped(answer.is_of_exact_work);
-      return;
-    }
-    if (answer.is_frame) {
-      sent_sequence_ = answer.message.sequence_number();
-    }
-    for (auto it = outgoing_.begin(); it != outgoing_.end();) {
-      if (it->is_frame == answer.is_frame) {
-        schedule_.OnDropped(it->is_of_exact_work);
-        it = outgoing_.erase(it);
-      } else {
-        ++it;
-      }
-    }
-    outgoing_.push_back(std::move(answer));
+  void Send(InteractAnswer answer) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    outbox_.Push(std::move(answer), absl::Now());
     WriteNext();
   }
 
   void WriteNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (is_writing_ || outgoing_.empty() || end_.has_value()) {
+    const v1::InteractResponse* const message = outbox_.BeginWrite(absl::Now());
+    if (message == nullptr) {
       return;
     }
-    in_flight_ = std::move(outgoing_.front().message);
-    in_flight_memory_.reset();
-    if (outgoing_.front().memory.has_value()) {
-      in_flight_memory_.emplace(*std::move(outgoing_.front().memory));
-    }
-    // The error of an exact frame waited as one, but needs no acknowledgement as one.
-    const bool is_of_exact_work = outgoing_.front().is_of_exact_work;
-    outgoing_.pop_front();
-    in_flight_.set_frame_number(++frame_count_);
-    if (in_flight_.has_frame() && !in_flight_.is_exact()) {
-      // The client may leave frames unanswered.
-      moving_frames_.insert(frame_count_);
-      moving_frames_.erase(frame_count_ - 1000);
-    }
-    unsent_.Set(static_cast<std::int64_t>(in_flight_.ByteSizeLong()));
-    schedule_.OnSent(frame_count_, absl::Now(), is_of_exact_work);
-    if (in_flight_.has_error()) {
-      schedule_.OnShown(frame_count_, absl::Now());  // there is nothing to show
-    }
-    is_writing_ = true;
+    unsent_.Set(static_cast<std::int64_t>(message->ByteSizeLong()));
     timeout_.Start(kMaxWriteDuration);
-    StartWrite(&in_flight_);
+    StartWrite(message);
   }
 
   void WakeAt(absl::Time time) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (time == absl::InfiniteFuture() || time >= alarm_time_) {
-      return;  // an alarm that is too early asks again
+    if (time == absl::InfiniteFuture() || time >= wake_.time) {
+      return;
     }
-    alarm_time_ = time;
-    alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(absl::ToChronoTime(time), [self = shared_from_this()](bool rang) {
+    wake_ = {.time = time, .alarm = std::make_unique<grpc::Alarm>()};
+    wake_.alarm->Set(absl::ToChronoTime(time), [self = shared_from_this()](bool rang) {
       if (rang) {
         self->OnAlarm();
       }
@@ -455,8 +411,8 @@ class InteractServiceImpl::InteractCall final
 
   void OnAlarm() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
-    if (absl::Now() >= alarm_time_) {
-      alarm_time_ = absl::InfiniteFuture();
+    if (absl::Now() >= wake_.time) {
+      wake_.time = absl::InfiniteFuture();
     }
     Proceed();
     FinishIfIdle();
@@ -466,57 +422,50 @@ class InteractServiceImpl::InteractCall final
     if (end_.has_value()) {
       return;
     }
-    end_ = status;
-    outgoing_.clear();
+    end_ = StreamEnd{.status = status};
+    outbox_.Close();
     for (const auto& [work, frame] : frames_) {
       frame->Cancel();
     }
   }
 
   void FinishIfIdle() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (end_.has_value() && frames_.empty() && !is_writing_ && !is_finished_) {
-      is_finished_ = true;
-      slot_.reset();  // before the client hears of the end, and opens another stream
-      audit_.caller = caller_.name();
-      audit_.certificate = origin_.certificate;
-      audit_.peer = origin_.client;
-      service_->options_.runner->EndRequest(RequestMethod::kInteract, audit_, origin_.request,
-                                            *end_, absl::Now() - start_);
-      Finish(rpc::ToGrpcStatus(*end_));
+    if (!end_.has_value() || !frames_.empty() || outbox_.is_writing() || end_->is_told) {
+      return;
     }
+    end_->is_told = true;
+    slot_.reset();  // before the client hears of the end, and opens another stream
+    AuditRecord& record = audited_.record;
+    record.caller = origin_.caller.name();
+    record.certificate = origin_.certificate;
+    record.peer = origin_.client;
+    options_.runner->EndRequest(RequestMethod::kInteract, record, origin_.request, end_->status,
+                                absl::Now() - start_);
+    Finish(rpc::ToGrpcStatus(end_->status));
   }
 
-  InteractServiceImpl* const service_;
+  [[nodiscard]] std::string Key() const { return origin_.caller.HostKey(origin_.client); }
+
+  const InteractServiceOptions options_;
+  InteractStreams<InteractCall>& streams_;
   const FrameOrigin origin_;  // of each frame of the stream
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
   base::GaugeShare unsent_;  // of the write under way
   rpc::WriteTimeout timeout_;
-  Caller caller_;    // set by Start
-  std::string key_;  // among callers; empty: not added
   std::optional<CallerSlot> slot_;
   std::optional<WithdrawalWatch> watch_;
   v1::InteractRequest request_;  // of the read under way
 
   base::Mutex mutex_;
   v1::ViewState state_ ABSL_GUARDED_BY(mutex_);  // the newest
-  std::int64_t newest_sequence_ ABSL_GUARDED_BY(mutex_) = 0;
   InteractiveSchedule schedule_ ABSL_GUARDED_BY(mutex_);
   RateControl rate_ ABSL_GUARDED_BY(mutex_);
-  std::map<std::int64_t, std::shared_ptr<FrameCall>> frames_ ABSL_GUARDED_BY(mutex_);  // by work
-  std::list<Answer> outgoing_ ABSL_GUARDED_BY(mutex_);
-  v1::InteractResponse in_flight_ ABSL_GUARDED_BY(mutex_);
-  std::optional<base::MemoryBudget::Reservation> in_flight_memory_ ABSL_GUARDED_BY(mutex_);
-  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
-  std::int64_t frame_count_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::int64_t sent_sequence_ ABSL_GUARDED_BY(mutex_) = 0;
-  absl::flat_hash_set<std::int64_t> moving_frames_ ABSL_GUARDED_BY(mutex_);  // not shown yet
-  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
-  absl::Time alarm_time_ ABSL_GUARDED_BY(mutex_) = absl::InfiniteFuture();
-  AuditRecord audit_ ABSL_GUARDED_BY(mutex_);  // of the last line
-  std::optional<absl::StatusCode> audited_code_ ABSL_GUARDED_BY(mutex_);
-  std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);
-  bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
+  std::map<std::int64_t, std::shared_ptr<FrameTicket>> frames_ ABSL_GUARDED_BY(mutex_);  // by work
+  InteractOutbox outbox_ ABSL_GUARDED_BY(mutex_){&schedule_};
+  Wake wake_ ABSL_GUARDED_BY(mutex_);
+  AuditedFrame audited_ ABSL_GUARDED_BY(mutex_);
+  std::optional<StreamEnd> end_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<InteractCall> self_;  // reset by OnDone
 };
 
@@ -529,80 +478,13 @@ InteractServiceImpl::~InteractServiceImpl() = default;
 
 grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>* InteractServiceImpl::Interact(
     grpc::CallbackServerContext* context) {
-  const auto call = std::make_shared<InteractCall>(this, context);
-  call->Start(options_.access->Identify(rpc::PeerOf(*context)));
+  const absl::StatusOr<Caller> caller = options_.access->Identify(rpc::PeerOf(*context));
+  const auto call = std::make_shared<InteractCall>(options_, &streams_, context,
+                                                   caller.ok() ? *caller : Caller());
+  call->Start(caller.status());
   return call.get();
 }
 
-void InteractServiceImpl::EndStreams() {
-  std::vector<std::shared_ptr<InteractCall>> calls;
-  {
-    const base::MutexLock lock(&mutex_);
-    is_stopping_ = true;
-    for (const auto& [key, of_caller] : calls_) {
-      calls.insert(calls.end(), of_caller.begin(), of_caller.end());
-    }
-  }
-  for (const std::shared_ptr<InteractCall>& call : calls) {
-    call->End(CoordinatorStops());
-  }
-}
-
-absl::Status InteractServiceImpl::Add(const std::string& key,
-                                      const std::shared_ptr<InteractCall>& call) {
-  std::shared_ptr<InteractCall> evicted;
-  {
-    const base::MutexLock lock(&mutex_);
-    if (is_stopping_) {
-      return CoordinatorStops();
-    }
-    const auto own = calls_.find(key);
-    const std::size_t own_count = own == calls_.end() ? 0 : own->second.size();
-    if (call_count_ >= kMaxStreams) {
-      const auto most = std::max_element(
-          calls_.begin(), calls_.end(),
-          [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
-      if (most->second.size() < own_count + 2) {
-        return base::WithRetryDelay(absl::ResourceExhaustedError(absl::StrCat(
-                                        kMaxStreams, " interactive streams are open, ", own_count,
-                                        " of them of this caller: retry later, with back-off")),
-                                    kFullDelay);
-      }
-      evicted = most->second.back();
-      most->second.pop_back();
-      --call_count_;
-    }
-    calls_[key].push_back(call);
-    ++call_count_;
-  }
-  if (evicted != nullptr) {
-    evicted->CutOff(CutReason::kMadeRoom,
-                    base::WithRetryDelay(
-                        absl::ResourceExhaustedError(absl::StrCat(
-                            kMaxStreams,
-                            " interactive streams are open, and this one made room for that of "
-                            "another caller, which has fewer: retry later, with back-off")),
-                        kFullDelay));
-  }
-  return absl::OkStatus();
-}
-
-void InteractServiceImpl::Remove(const std::string& key,
-                                 const std::shared_ptr<InteractCall>& call) {
-  const base::MutexLock lock(&mutex_);
-  const auto of_caller = calls_.find(key);
-  if (of_caller == calls_.end()) {
-    return;
-  }
-  const auto it = std::find(of_caller->second.begin(), of_caller->second.end(), call);
-  if (it == of_caller->second.end()) {
-    return;  // it made room, or was not added
-  }
-  of_caller->second.erase(it);
-  --call_count_;
-  if (of_caller->second.empty()) {
-    calls_.erase(of_caller);
-  }
-}
+void InteractServiceImpl::EndStreams() { streams_.EndAll(); }
 
 }  // namespace isoscope::server

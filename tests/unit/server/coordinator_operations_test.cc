@@ -31,7 +31,7 @@
 #include "server/coordinator_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/server/fake_agent.h"
+#include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {
 namespace {
@@ -53,61 +53,29 @@ constexpr char kOtherId[] = "fedcba9876543210fedcba9876543210";
 constexpr absl::Duration kLong = absl::Seconds(60);
 
 v1::RenderIsosurfaceRequest FrameRequest(const std::string& dataset_id) {
-  v1::RenderIsosurfaceRequest request;
-  request.set_dataset("head");
-  request.set_isovalue(100);
-  request.mutable_viewport()->set_width_px(32);
-  request.mutable_viewport()->set_height_px(16);
+  v1::RenderIsosurfaceRequest request = testing::FrameRequest();
   request.set_dataset_id(dataset_id);
   return request;
 }
 
-// A coordinator in this process, and agents of a script.
-class CoordinatorOperationsTest : public ::testing::Test {
+class CoordinatorOperationsTest : public testing::FakeClusterTest {
  protected:
-  FakeAgent* AddAgent(std::vector<internal::ShardDescription> shards) {
-    agents_.push_back(std::make_unique<FakeAgent>(std::move(shards)));
-    FakeAgent* const agent = agents_.back().get();
-    agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-      return PlayEmptyFrame(stream);
-    };
-    return agent;
-  }
-
-  void Start(bool waits = true) {
-    options_.poll_interval = absl::Milliseconds(20);
-    for (const std::unique_ptr<FakeAgent>& agent : agents_) {
-      agent->Start();
-      options_.agents.push_back({agent->address(), nullptr});
-    }
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options_));
-    if (waits) {
-      ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + kLong));
-    }
-    const auto channel = coordinator_->InProcessChannel();
-    frames_ = v1::IsosurfaceService::NewStub(channel);
-    interact_ = v1::InteractService::NewStub(channel);
-    datasets_ = v1::DatasetService::NewStub(channel);
-    cluster_ = v1::ClusterService::NewStub(channel);
-  }
+  CoordinatorOperationsTest() { options_.poll_interval = absl::Milliseconds(20); }
 
   absl::Status Render(const v1::RenderIsosurfaceRequest& request) {
-    grpc::ClientContext context;
-    v1::RenderIsosurfaceResponse response;
-    return rpc::ToAbslStatus(frames_->RenderIsosurface(&context, request, &response));
+    return FakeClusterTest::Render(request, kLong).status();
   }
   absl::Status Pick(const v1::RenderIsosurfaceRequest& frame) {
-    grpc::ClientContext context;
     v1::PickSurfaceRequest request;
     *request.mutable_frame() = frame;
     request.add_pixels();
-    v1::PickSurfaceResponse response;
-    return rpc::ToAbslStatus(frames_->PickSurface(&context, request, &response));
+    return Call(frames_, &v1::IsosurfaceService::Stub::PickSurface, request).status();
   }
   // The error or the exact frame of one view.
   v1::InteractResponse Interact(const v1::RenderIsosurfaceRequest& frame) {
     grpc::ClientContext context;
-    const auto stream = interact_->Interact(&context);
+    const auto stub = v1::InteractService::NewStub(channel_);
+    const auto stream = stub->Interact(&context);
     v1::InteractRequest request;
     request.mutable_view_state()->set_sequence_number(1);
     request.mutable_view_state()->set_is_at_rest(true);
@@ -121,54 +89,23 @@ class CoordinatorOperationsTest : public ::testing::Test {
     return response;
   }
   absl::Status Export(const std::string& dataset_id) {
-    grpc::ClientContext context;
-    v1::ExportIsosurfaceRequest request;
-    request.set_dataset("head");
-    request.set_isovalue(100);
+    v1::ExportIsosurfaceRequest request = testing::ExportRequest();
     request.set_dataset_id(dataset_id);
-    const auto stream = frames_->ExportIsosurface(&context, request);
-    v1::ExportIsosurfaceResponse response;
-    while (stream->Read(&response)) {
-    }
-    return rpc::ToAbslStatus(stream->Finish());
+    return testing::Export(frames_.get(), "", request).Finish();
   }
   absl::Status Histogram(const std::string& dataset_id) {
-    grpc::ClientContext context;
     v1::GetHistogramRequest request;
     request.set_dataset("head");
     request.set_dataset_id(dataset_id);
-    v1::GetHistogramResponse response;
-    return rpc::ToAbslStatus(datasets_->GetHistogram(&context, request, &response));
-  }
-  absl::StatusOr<v1::ListDatasetsResponse> List(int page_size, const std::string& token) {
-    grpc::ClientContext context;
-    v1::ListDatasetsRequest request;
-    request.set_page_size(page_size);
-    request.set_page_token(token);
-    v1::ListDatasetsResponse response;
-    const absl::Status status =
-        rpc::ToAbslStatus(datasets_->ListDatasets(&context, request, &response));
-    return status.ok() ? absl::StatusOr<v1::ListDatasetsResponse>(response) : status;
+    return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, request).status();
   }
   absl::StatusOr<v1::GetClusterStatusResponse> Status(int page_size = 0,
                                                       const std::string& token = "") {
-    grpc::ClientContext context;
     v1::GetClusterStatusRequest request;
     request.set_page_size(page_size);
     request.set_page_token(token);
-    v1::GetClusterStatusResponse response;
-    const absl::Status status =
-        rpc::ToAbslStatus(cluster_->GetClusterStatus(&context, request, &response));
-    return status.ok() ? absl::StatusOr<v1::GetClusterStatusResponse>(response) : status;
+    return FakeClusterTest::Status("", request);
   }
-
-  std::vector<std::unique_ptr<FakeAgent>> agents_;
-  CoordinatorServerOptions options_;
-  std::unique_ptr<CoordinatorServer> coordinator_;
-  std::unique_ptr<v1::IsosurfaceService::Stub> frames_;
-  std::unique_ptr<v1::InteractService::Stub> interact_;
-  std::unique_ptr<v1::DatasetService::Stub> datasets_;
-  std::unique_ptr<v1::ClusterService::Stub> cluster_;
 };
 
 std::vector<std::string> NamesOf(const v1::ListDatasetsResponse& response) {

@@ -3,34 +3,18 @@
 
 #include <algorithm>
 #include <atomic>
-#include <functional>
 #include <memory>
 #include <string>
 #include <thread>
-#include <utility>
 #include <vector>
 
-#include "absl/strings/escaping.h"
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
-#include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/retry_delay.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/peer.h"
-#include "isoscope/v1/dataset_service.grpc.pb.h"
-#include "isoscope/v1/interact_service.grpc.pb.h"
-#include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "isoscope/v1/trace.pb.h"
-#include "server/access/access_tokens.h"
-#include "server/coordinator_server.h"
-#include "tests/support/certificates.h"
-#include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
-#include "tests/unit/server/fake_agent.h"
+#include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {
 namespace {
@@ -40,163 +24,46 @@ namespace v1 = isoscope::v1;
 
 using ::testing::AllOf;
 using testing::FakeAgent;
+using testing::FrameRequest;
 using ::testing::HasSubstr;
+using testing::HeldFrames;
 using testing::IsOk;
+using testing::kLimit;
 using testing::MakeShard;
 using testing::PlayEmptyFrame;
 using testing::StatusIs;
+using testing::TokenEntry;
+using testing::WaitFor;
 
-// A guard against a hang; nothing is measured by it.
-constexpr absl::Duration kLimit = absl::Seconds(20);
+constexpr absl::StatusCode kRefused = absl::StatusCode::kResourceExhausted;
 
-v1::RenderIsosurfaceRequest Request(int width = 32, int height = 16) {
-  v1::RenderIsosurfaceRequest request;
-  request.set_dataset("head");
-  request.set_isovalue(100);
-  request.mutable_viewport()->set_width_px(width);
-  request.mutable_viewport()->set_height_px(height);
-  return request;
+// The mesh of these blocks, 1.2 MiB each.
+auto SendLargeSurface(std::int64_t first_block, std::int64_t end_block) {
+  return [=](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    return testing::WriteBlocks(first_block, end_block, /*triangles=*/100'000, writer);
+  };
 }
 
-bool WaitFor(const std::function<bool()>& condition) {
-  const absl::Time end = absl::Now() + kLimit;
-  while (!condition() && absl::Now() < end) {
-    absl::SleepFor(absl::Milliseconds(1));
-  }
-  return condition();
-}
-
-std::string Entry(const std::string& token, const std::string& limits = "") {
-  return absl::StrCat(R"({"name": ")", token, R"(", "sha256": ")",
-                      absl::BytesToHexString(DigestOfToken(token)), R"(", "datasets": ["*"])",
-                      limits.empty() ? "" : ", ", limits, "}");
-}
-
-// The mesh of blocks, 1.2 MiB each.
-grpc::Status WriteLargeSurface(std::int64_t first_block, std::int64_t end_block,
-                               FakeAgent::SurfaceWriter* writer) {
-  constexpr int kTriangles = 100'000;
-  for (std::int64_t id = first_block; id < end_block; ++id) {
-    internal::ExtractSurfaceResponse message;
-    internal::BlockSurface* block = message.add_blocks();
-    block->set_block_id(id);
-    const std::vector<float> positions = {1, 1, 1.5F, 2, 1, 1.5F, 1, 2, 1.5F};
-    const std::int64_t edge = 3 * (91 + 20 * id) + 2;
-    const std::vector<std::int64_t> keys = {edge, edge + 3, edge + 27};
-    std::vector<std::uint32_t> triangles;
-    for (int i = 0; i < kTriangles; ++i) {
-      triangles.insert(triangles.end(), {0, 1, 2});
-    }
-    block->set_positions(positions.data(), positions.size() * sizeof(float));
-    block->set_normals(positions.data(), positions.size() * sizeof(float));
-    block->set_edge_keys(keys.data(), keys.size() * sizeof(std::int64_t));
-    block->set_triangles(triangles.data(), triangles.size() * sizeof(std::uint32_t));
-    if (!writer->Write(message)) {
-      return grpc::Status::CANCELLED;
-    }
-  }
-  return grpc::Status::OK;
-}
-
-// Two agents with a shard each, and the tokens that a test wants.
-class RudeCallersTest : public ::testing::Test {
+class RudeCallersTest : public testing::TwoAgentsTest {
  protected:
-  void SetUp() override {
-    for (FakeAgent* agent : {&first_, &second_}) {
-      agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-        return PlayEmptyFrame(stream);
-      };
-    }
-    first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-      return WriteLargeSurface(0, 4, writer);
-    };
-    second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-      return WriteLargeSurface(4, 8, writer);
-    };
-    options_.poll_interval = absl::Hours(1);
+  RudeCallersTest() {
+    first_.on_surface = SendLargeSurface(0, 4);
+    second_.on_surface = SendLargeSurface(4, 8);
   }
 
-  void WriteTokens(const std::vector<std::string>& entries) {
-    testing::ReplaceFile(folder_.Sub("tokens.json"),
-                         absl::StrCat(R"({"tokens": [)", absl::StrJoin(entries, ","), "]}"));
-    options_.token_file = folder_.Sub("tokens.json");
+  absl::Status RenderAs(const std::string& token,
+                        const v1::RenderIsosurfaceRequest& request = FrameRequest()) {
+    return Render(request, kLimit, token).status();
   }
-
-  void StartCluster() {
-    first_.Start();
-    second_.Start();
-    options_.agents = {{first_.address(), nullptr}, {second_.address(), nullptr}};
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options_));
-    ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + kLimit));
-    channel_ = coordinator_->InProcessChannel();
-    stub_ = v1::IsosurfaceService::NewStub(channel_);
+  testing::Export ExportAs(const std::string& token) {
+    return testing::Export(frames_.get(), token);
   }
-
-  absl::Status Render(const std::string& token, const v1::RenderIsosurfaceRequest& request,
-                      absl::Duration timeout = kLimit) {
-    grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
-    rpc::SendToken(token, &context);
-    v1::RenderIsosurfaceResponse response;
-    return rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response));
+  bool AwaitFrames(int working, int queued) {
+    return WaitFor([&] {
+      return Metric("isoscope_admission_frames", "working") == working &&
+             Metric("isoscope_admission_frames", "queued") == queued;
+    });
   }
-
-  // Returns the value of a metric, of the sample with this label value if one is given.
-  double Metric(const std::string& name, const std::string& label = "") {
-    for (const base::MetricFamily& family : coordinator_->CollectMetrics()) {
-      for (const base::MetricSample& sample : family.samples) {
-        const bool is_wanted =
-            label.empty() || std::any_of(sample.labels.begin(), sample.labels.end(),
-                                         [&](const auto& one) { return one.second == label; });
-        if (family.name == name && is_wanted) {
-          return sample.value;
-        }
-      }
-    }
-    ADD_FAILURE() << "no metric " << name << " " << label;
-    return -1;
-  }
-
-  testing::TempDir folder_;
-  FakeAgent first_{{MakeShard("head", 0, 2)}};
-  FakeAgent second_{{MakeShard("head", 1, 2)}};
-  CoordinatorServerOptions options_;
-  std::unique_ptr<CoordinatorServer> coordinator_;
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<v1::IsosurfaceService::Stub> stub_;
-};
-
-// One export, which a test reads chunk by chunk.
-class Export {
- public:
-  Export(v1::IsosurfaceService::Stub* stub, const std::string& token) {
-    rpc::SendToken(token, &context_);
-    v1::ExportIsosurfaceRequest request;
-    request.set_dataset("head");
-    request.set_isovalue(100);
-    reader_ = stub->ExportIsosurface(&context_, request);
-  }
-  ~Export() {
-    if (!is_finished_) {
-      context_.TryCancel();
-      Finish().IgnoreError();
-    }
-  }
-  bool Read() {
-    v1::ExportIsosurfaceResponse chunk;
-    return reader_->Read(&chunk);
-  }
-  absl::Status Finish() {
-    while (Read()) {
-    }
-    is_finished_ = true;
-    return rpc::ToAbslStatus(reader_->Finish());
-  }
-
- private:
-  grpc::ClientContext context_;
-  std::unique_ptr<grpc::ClientReader<v1::ExportIsosurfaceResponse>> reader_;
-  bool is_finished_ = false;
 };
 
 // One interactive stream.
@@ -222,6 +89,24 @@ class Stream {
     return stream_->Write(request);
   }
   bool Read(v1::InteractResponse* response) { return stream_->Read(response); }
+  // Sends this state every `pause` for a second, and counts the answers of one kind meanwhile.
+  int CountFor(const v1::RenderIsosurfaceRequest& frame, absl::Duration pause,
+               bool (v1::InteractResponse::*is_counted)() const) {
+    std::atomic<int> count{0};
+    std::thread reader([&] {
+      v1::InteractResponse response;
+      while (Read(&response)) {
+        count += (response.*is_counted)() ? 1 : 0;
+      }
+    });
+    const absl::Time end = absl::Now() + absl::Seconds(1);
+    while (absl::Now() < end && Send(frame)) {
+      absl::SleepFor(pause);
+    }
+    Cancel();
+    reader.join();
+    return count;
+  }
   absl::Status Finish() {
     v1::InteractResponse response;
     while (stream_->Read(&response)) {
@@ -241,7 +126,7 @@ class Stream {
 
 // A state whose frame can't be shown: its output is no PNG.
 v1::RenderIsosurfaceRequest InvalidState() {
-  v1::RenderIsosurfaceRequest frame = Request();
+  v1::RenderIsosurfaceRequest frame = FrameRequest();
   frame.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
   return frame;
 }
@@ -249,12 +134,12 @@ v1::RenderIsosurfaceRequest InvalidState() {
 // Symptom: an export reserved the memory of frames, and a client that took no chunk kept it.
 TEST_F(RudeCallersTest, ASlowReaderOfAnExportDoesNotStopFrames) {
   options_.memory_limit_bytes = std::size_t{96} * 1024 * 1024;
-  StartCluster();
-  Export slow(stub_.get(), "");
+  Start();
+  testing::Export slow = ExportAs("");
   ASSERT_TRUE(slow.Read());
   absl::SleepFor(absl::Milliseconds(200));  // until all that may wait for it does
   for (int i = 0; i < 3; ++i) {
-    EXPECT_THAT(Render("", Request(1024, 1024), absl::Seconds(10)), IsOk()) << i;
+    EXPECT_THAT(Render(FrameRequest(1024, 1024), absl::Seconds(10)), IsOk()) << i;
   }
   EXPECT_TRUE(slow.Read()) << "the export goes on";
 }
@@ -263,35 +148,23 @@ TEST_F(RudeCallersTest, ASlowReaderOfAnExportDoesNotStopFrames) {
 TEST_F(RudeCallersTest, ASlowReaderOfAnExportOfEightyAgentsLeavesFramesTheirMemory) {
   constexpr int kAgentCount = 80;
   constexpr int kBlockCount = 8;
-  std::vector<std::unique_ptr<FakeAgent>> agents;
-  options_.agents.clear();
+  agents_.clear();
   for (int i = 0; i < kAgentCount; ++i) {
-    agents.push_back(std::make_unique<FakeAgent>(
-        std::vector<internal::ShardDescription>{MakeShard("head", i, kAgentCount)}));
-    agents.back()->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-      return PlayEmptyFrame(stream);
-    };
-    agents.back()->on_surface = [i](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-      return i < kBlockCount ? WriteLargeSurface(i, i + 1, writer) : grpc::Status::OK;
-    };
-    agents.back()->Start();
-    options_.agents.push_back({agents.back()->address(), nullptr});
+    AddAgent({MakeShard("head", i, kAgentCount)})->on_surface =
+        SendLargeSurface(i, i < kBlockCount ? i + 1 : i);
   }
   options_.memory_limit_bytes = std::size_t{1024} * 1024 * 1024;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options_));
-  ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + kLimit));
-  stub_ = v1::IsosurfaceService::NewStub(coordinator_->InProcessChannel());
-  Export slow(stub_.get(), "");
+  Start();
+  testing::Export slow = ExportAs("");
   ASSERT_TRUE(slow.Read());
   EXPECT_GT(Metric("isoscope_export_memory_bytes"), 0);
   EXPECT_LE(Metric("isoscope_export_memory_bytes"), 128 * 1024 * 1024);
   EXPECT_EQ(Metric("isoscope_frame_memory_bytes"), 0);
   for (int i = 0; i < 3; ++i) {
-    EXPECT_THAT(Render("", Request(2048, 2048)), IsOk()) << i;
+    EXPECT_THAT(Render(FrameRequest(2048, 2048)), IsOk()) << i;
   }
   EXPECT_THAT(slow.Finish(), IsOk());
   EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_export_memory_bytes") == 0; }));
-  coordinator_.reset();  // before the agents
 }
 
 // Symptom: traces were beside the memory limit, 32 768 spans of each agent.
@@ -311,18 +184,15 @@ TEST_F(RudeCallersTest, ATraceCountsAgainstTheMemoryLimit) {
     };
   }
   options_.memory_limit_bytes = std::size_t{96} * 1024 * 1024;
-  StartCluster();
-  v1::RenderIsosurfaceRequest request = Request(1200, 1200);
-  EXPECT_THAT(Render("", request), IsOk());
+  Start();
+  v1::RenderIsosurfaceRequest request = FrameRequest(1200, 1200);
+  EXPECT_THAT(Render(request), IsOk());
   request.set_with_trace(true);
-  EXPECT_THAT(Render("", request),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("or for no trace")));
+  EXPECT_THAT(Render(request), StatusIs(kRefused, HasSubstr("or for no trace")));
 
-  request = Request();
+  request = FrameRequest();
   request.set_with_trace(true);
-  grpc::ClientContext context;
-  v1::RenderIsosurfaceResponse response;
-  ASSERT_THAT(rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response)), IsOk());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
   ASSERT_EQ(response.trace().processes_size(), 3);
   int of_both_agents = 0;
   for (int i = 1; i < 3; ++i) {
@@ -338,13 +208,13 @@ TEST_F(RudeCallersTest, ATraceCountsAgainstTheMemoryLimit) {
 // Symptom: the bytes of image, occlusion map and bands stayed reserved until the client had taken
 // the last part.
 TEST_F(RudeCallersTest, AFrameThatIsBeingSentReservesOnlyItsResponse) {
-  StartCluster();
+  Start();
   grpc::ClientContext context;
   v1::RenderIsosurfaceStreamRequest request;
-  *request.mutable_request() = Request(1024, 1024);
+  *request.mutable_request() = FrameRequest(1024, 1024);
   request.mutable_request()->mutable_output()->set_image_format(
       v1::OutputOptions::IMAGE_FORMAT_RGBA8);
-  const auto reader = stub_->RenderIsosurfaceStream(&context, request);
+  const auto reader = frames_->RenderIsosurfaceStream(&context, request);
   v1::RenderIsosurfaceStreamResponse part;
   ASSERT_TRUE(reader->Read(&part));
   constexpr double kMostBytes = 8 * 1024 * 1024;  // the response has 4 MiB; the frame took 31
@@ -359,33 +229,22 @@ TEST_F(RudeCallersTest, AFrameThatIsBeingSentReservesOnlyItsResponse) {
 
 // Symptom: a caller over its rate was admitted first, and pushed another's frame out of the line.
 TEST_F(RudeCallersTest, ACallerOverItsRateTakesNobodysPlace) {
-  absl::Notification release;
-  std::atomic<bool> is_held{false};
-  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-    if (is_held.load()) {
-      release.WaitForNotification();
-    }
-    return PlayEmptyFrame(stream);
-  };
+  HeldFrames held(&second_, /*is_holding=*/false);
   options_.max_concurrent_frames = 1;
   options_.max_queued_frames = 2;
-  WriteTokens({Entry("rude", R"("max_frames_per_second": 0.001)"), Entry("patient")});
-  StartCluster();
-  EXPECT_THAT(Render("rude", Request()), IsOk());
-  EXPECT_THAT(Render("rude", Request()), IsOk());
-  is_held.store(true);
+  WriteTokens({TokenEntry("rude", R"("max_frames_per_second": 0.001)"), TokenEntry("patient")});
+  Start();
+  EXPECT_THAT(RenderAs("rude"), IsOk());
+  EXPECT_THAT(RenderAs("rude"), IsOk());
+  held.Hold();
   std::vector<absl::Status> ends(3);
   std::vector<std::thread> clients;
   for (absl::Status& end : ends) {
-    clients.emplace_back([&] { end = Render("patient", Request()); });
+    clients.emplace_back([&] { end = RenderAs("patient"); });
   }
-  EXPECT_TRUE(WaitFor([&] {
-    return Metric("isoscope_admission_frames", "working") == 1 &&
-           Metric("isoscope_admission_frames", "queued") == 2;
-  }));
-  EXPECT_THAT(Render("rude", Request()),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("frames a second")));
-  release.Notify();
+  EXPECT_TRUE(AwaitFrames(/*working=*/1, /*queued=*/2));
+  EXPECT_THAT(RenderAs("rude"), StatusIs(kRefused, HasSubstr("frames a second")));
+  held.Release();
   for (std::thread& client : clients) {
     client.join();
   }
@@ -395,41 +254,30 @@ TEST_F(RudeCallersTest, ACallerOverItsRateTakesNobodysPlace) {
 }
 
 TEST_F(RudeCallersTest, ARefusedFrameIsNotCountedAgainstTheRate) {
-  absl::Notification release;
-  std::atomic<bool> is_held{true};
-  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-    if (is_held.load()) {
-      release.WaitForNotification();
-    }
-    return PlayEmptyFrame(stream);
-  };
+  HeldFrames held(&second_);
   options_.max_concurrent_frames = 1;
   options_.max_queued_frames = 0;
-  WriteTokens({Entry("limited", R"("max_frames_per_second": 0.001)"), Entry("other")});
-  StartCluster();
-  std::thread client([&] { EXPECT_THAT(Render("other", Request()), IsOk()); });
-  EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_admission_frames", "working") == 1; }));
+  WriteTokens({TokenEntry("limited", R"("max_frames_per_second": 0.001)"), TokenEntry("other")});
+  Start();
+  std::thread client([&] { EXPECT_THAT(RenderAs("other"), IsOk()); });
+  EXPECT_TRUE(AwaitFrames(/*working=*/1, /*queued=*/0));
   for (int i = 0; i < 4; ++i) {
-    EXPECT_THAT(Render("limited", Request()),
-                StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("frames are in work")));
+    EXPECT_THAT(RenderAs("limited"), StatusIs(kRefused, HasSubstr("frames are in work")));
   }
-  is_held.store(false);
-  release.Notify();
+  held.Release();
   client.join();
-  EXPECT_THAT(Render("limited", Request()), IsOk());
-  EXPECT_THAT(Render("limited", Request()), IsOk());
-  EXPECT_THAT(Render("limited", Request()),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("frames a second")));
+  EXPECT_THAT(RenderAs("limited"), IsOk());
+  EXPECT_THAT(RenderAs("limited"), IsOk());
+  EXPECT_THAT(RenderAs("limited"), StatusIs(kRefused, HasSubstr("frames a second")));
 }
 
 TEST_F(RudeCallersTest, ExportsCountAgainstTheRate) {
-  WriteTokens({Entry("limited", R"("max_frames_per_second": 0.001)")});
-  StartCluster();
+  WriteTokens({TokenEntry("limited", R"("max_frames_per_second": 0.001)")});
+  Start();
   for (int i = 0; i < 2; ++i) {
-    EXPECT_THAT(Export(stub_.get(), "limited").Finish(), IsOk());
+    EXPECT_THAT(ExportAs("limited").Finish(), IsOk());
   }
-  EXPECT_THAT(Export(stub_.get(), "limited").Finish(),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("frames a second")));
+  EXPECT_THAT(ExportAs("limited").Finish(), StatusIs(kRefused, HasSubstr("frames a second")));
 }
 
 // Symptom: histograms waited in one queue for all, and one caller's hundred came before another's.
@@ -449,28 +297,24 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "a script");
   };
   second_.on_histogram = first_.on_histogram;
-  WriteTokens({Entry("rude"), Entry("other")});
-  StartCluster();
-  const auto stub = v1::DatasetService::NewStub(channel_);
+  WriteTokens({TokenEntry("rude"), TokenEntry("other")});
+  Start();
   const auto ask = [&](const std::string& token, int bins) {
-    grpc::ClientContext context;
-    rpc::SendToken(token, &context);
     v1::GetHistogramRequest request;
     request.set_dataset("head");
     request.set_max_bin_count(bins);
-    v1::GetHistogramResponse response;
-    return stub->GetHistogram(&context, request, &response);
+    return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, request, token).status();
   };
   std::vector<std::thread> clients;
   for (int i = 0; i < kRude; ++i) {
-    clients.emplace_back([&] { ask("rude", 100); });
+    clients.emplace_back([&] { ask("rude", 100).IgnoreError(); });
   }
   EXPECT_TRUE(WaitFor([&] {
     const absl::MutexLock lock(&mutex);
     return !asked.empty();
   }));
   absl::SleepFor(absl::Milliseconds(200));  // until the others wait
-  clients.emplace_back([&] { ask("other", kOfTheOther); });
+  clients.emplace_back([&] { ask("other", kOfTheOther).IgnoreError(); });
   absl::SleepFor(absl::Milliseconds(200));
   release.Notify();
   for (std::thread& client : clients) {
@@ -486,61 +330,37 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
 
 // Symptom: a client that sent nothing but wrong states got an error for each, read or not.
 TEST_F(RudeCallersTest, WrongStatesGetFewErrors) {
-  StartCluster();
+  Start();
   Stream rude(channel_, "");
-  std::atomic<int> errors{0};
-  std::thread reader([&] {
-    v1::InteractResponse response;
-    while (rude.Read(&response)) {
-      errors += response.has_error() ? 1 : 0;
-    }
-  });
-  int states = 0;
   const absl::Time begin = absl::Now();
-  while (absl::Now() < begin + absl::Seconds(1) && rude.Send(InvalidState())) {
-    ++states;
-  }
-  rude.Cancel();
-  reader.join();
+  const int errors =
+      rude.CountFor(InvalidState(), absl::ZeroDuration(), &v1::InteractResponse::has_error);
   const double seconds = absl::ToDoubleSeconds(absl::Now() - begin);
-  RecordProperty("states", states);
-  RecordProperty("errors", errors.load());
-  EXPECT_GE(errors.load(), 1);
-  EXPECT_LE(errors.load(), 10 * seconds + 5) << "for " << states << " states";
+  RecordProperty("errors", errors);
+  EXPECT_GE(errors, 1);
+  EXPECT_LE(errors, 10 * seconds + 5);
 }
 
 // Symptom: exact frames needed no acknowledgement, and a client that never gave one got as many as
 // could be drawn.
 TEST_F(RudeCallersTest, ExactFramesWaitForTheClientToShowThem) {
-  StartCluster();
+  Start();
   Stream rude(channel_, "");
-  std::atomic<int> frames{0};
-  std::thread reader([&] {
-    v1::InteractResponse response;
-    while (rude.Read(&response)) {
-      frames += response.is_exact() ? 1 : 0;
-    }
-  });
-  const absl::Time end = absl::Now() + absl::Seconds(1);
-  while (absl::Now() < end && rude.Send(Request())) {
-    absl::SleepFor(absl::Milliseconds(5));
-  }
-  rude.Cancel();
-  reader.join();
-  RecordProperty("exact_frames", frames.load());
-  EXPECT_GE(frames.load(), 1);
-  EXPECT_LE(frames.load(), 10) << "in a second or so, none of them shown";
+  const int frames =
+      rude.CountFor(FrameRequest(), absl::Milliseconds(5), &v1::InteractResponse::is_exact);
+  RecordProperty("exact_frames", frames);
+  EXPECT_GE(frames, 1);
+  EXPECT_LE(frames, 10) << "in a second or so, none of them shown";
 }
 
 // Symptom: wrong states cost neither a place nor a frame of the rate.
 TEST_F(RudeCallersTest, WrongStatesCountAgainstTheRate) {
-  WriteTokens({Entry("limited", R"("max_frames_per_second": 0.001)")});
-  StartCluster();
+  WriteTokens({TokenEntry("limited", R"("max_frames_per_second": 0.001)")});
+  Start();
   Stream rude(channel_, "limited");
   v1::InteractResponse response;
   for (const absl::StatusCode code :
-       {absl::StatusCode::kInvalidArgument, absl::StatusCode::kInvalidArgument,
-        absl::StatusCode::kResourceExhausted}) {
+       {absl::StatusCode::kInvalidArgument, absl::StatusCode::kInvalidArgument, kRefused}) {
     ASSERT_TRUE(rude.Send(InvalidState()));
     ASSERT_TRUE(rude.Read(&response));
     EXPECT_EQ(response.error().code(), static_cast<int>(code)) << response.error().message();
@@ -549,39 +369,37 @@ TEST_F(RudeCallersTest, WrongStatesCountAgainstTheRate) {
 
 // Symptom: 256 streams for all callers together; whoever came first had them all.
 TEST_F(RudeCallersTest, ACallerWithAllStreamsGivesOneToAnother) {
-  WriteTokens({Entry("rude"), Entry("other")});
-  StartCluster();
+  WriteTokens({TokenEntry("rude"), TokenEntry("other")});
+  Start();
   std::vector<std::unique_ptr<Stream>> streams;
   v1::InteractResponse response;
   for (int i = 0; i < 256; ++i) {
     streams.push_back(std::make_unique<Stream>(channel_, "rude"));
-    ASSERT_TRUE(streams.back()->Send(Request()));
+    ASSERT_TRUE(streams.back()->Send(FrameRequest()));
     ASSERT_TRUE(streams.back()->Read(&response));
   }
   Stream other(channel_, "other");
-  ASSERT_TRUE(other.Send(Request()));
+  ASSERT_TRUE(other.Send(FrameRequest()));
   EXPECT_TRUE(other.Read(&response)) << other.Finish();
-  EXPECT_THAT(streams.back()->Finish(),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("made room")));
+  EXPECT_THAT(streams.back()->Finish(), StatusIs(kRefused, HasSubstr("made room")));
   Stream one_more(channel_, "rude");
-  EXPECT_THAT(one_more.Finish(), StatusIs(absl::StatusCode::kResourceExhausted,
-                                          HasSubstr("interactive streams are open")));
+  EXPECT_THAT(one_more.Finish(), StatusIs(kRefused, HasSubstr("interactive streams are open")));
 }
 
 // Symptom: the rights of a token were looked at when a message came. What sent none kept them.
 TEST_F(RudeCallersTest, AWithdrawnTokenEndsItsExportsAndIdleStreams) {
-  WriteTokens({Entry("leaver"), Entry("stayer")});
-  StartCluster();
-  Export mesh(stub_.get(), "leaver");
+  WriteTokens({TokenEntry("leaver"), TokenEntry("stayer")});
+  Start();
+  testing::Export mesh = ExportAs("leaver");
   ASSERT_TRUE(mesh.Read());
   Stream view(channel_, "leaver");
   Stream other(channel_, "stayer");
   v1::InteractResponse response;
   for (Stream* stream : {&view, &other}) {
-    ASSERT_TRUE(stream->Send(Request()));
+    ASSERT_TRUE(stream->Send(FrameRequest()));
     ASSERT_TRUE(stream->Read(&response));
   }
-  WriteTokens({Entry("stayer")});
+  WriteTokens({TokenEntry("stayer")});
   std::atomic<bool> is_over{false};
   std::thread guard([&] {
     WaitFor([&] { return is_over.load(); });
@@ -591,15 +409,15 @@ TEST_F(RudeCallersTest, AWithdrawnTokenEndsItsExportsAndIdleStreams) {
   EXPECT_THAT(mesh.Finish(), StatusIs(absl::StatusCode::kUnauthenticated, HasSubstr("withdrawn")));
   is_over.store(true);
   guard.join();
-  ASSERT_TRUE(other.Send(Request()));
+  ASSERT_TRUE(other.Send(FrameRequest()));
   EXPECT_TRUE(other.Read(&response)) << "another's stream goes on";
 }
 
 TEST_F(RudeCallersTest, AnExportWhoseClientIsTooSlowEndsAndSaysWhy) {
   options_.export_limits.allowance = absl::Milliseconds(100);
   options_.export_limits.least_bytes_per_second = std::size_t{1} << 30;
-  StartCluster();
-  Export slow(stub_.get(), "");
+  Start();
+  testing::Export slow = ExportAs("");
   ASSERT_TRUE(slow.Read());
   EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_cut_calls_total", "too_slow") == 1; }));
   EXPECT_THAT(slow.Finish(), StatusIs(absl::StatusCode::kDeadlineExceeded,
@@ -609,78 +427,68 @@ TEST_F(RudeCallersTest, AnExportWhoseClientIsTooSlowEndsAndSaysWhy) {
 
 TEST_F(RudeCallersTest, AnExportHasALimitOfTime) {
   options_.export_limits.max_duration = absl::Milliseconds(300);
-  first_.on_surface = [](grpc::ServerContext* context, FakeAgent::SurfaceWriter*) {
-    EXPECT_TRUE(WaitFor([&] { return context->IsCancelled(); }));
-    return grpc::Status::CANCELLED;
+  std::atomic<int> cancelled_count{0};
+  first_.on_surface = [&](grpc::ServerContext* context, FakeAgent::SurfaceWriter*) {
+    return testing::HangUntilCancelled(context, &cancelled_count);
   };
-  StartCluster();
-  EXPECT_THAT(Export(stub_.get(), "").Finish(),
+  Start();
+  EXPECT_THAT(ExportAs("").Finish(),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
                        AllOf(HasSubstr("it took 300ms"), HasSubstr("--max-export-seconds"))));
   EXPECT_EQ(Metric("isoscope_cut_calls_total", "too_long"), 1);
   first_.Stop();
+  EXPECT_EQ(cancelled_count, 1);
 }
 
 TEST_F(RudeCallersTest, TheLimitsOfATokenRefuseAndAreCounted) {
   WriteTokens(
-      {Entry("limited", R"("max_streams": 1, "max_exports": 1, "max_concurrent_frames": 1)"),
-       Entry("poor", R"("max_bytes_per_second": 0.1)"), Entry("free")});
-  absl::Notification release;
-  std::atomic<bool> is_held{false};
-  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-    if (is_held.load()) {
-      release.WaitForNotification();
-    }
-    return PlayEmptyFrame(stream);
-  };
-  StartCluster();
+      {TokenEntry("limited", R"("max_streams": 1, "max_exports": 1, "max_concurrent_frames": 1)"),
+       TokenEntry("poor", R"("max_bytes_per_second": 0.1)"), TokenEntry("free")});
+  HeldFrames held(&second_, /*is_holding=*/false);
+  Start();
   const auto refused = [](const std::string& part) {
-    return StatusIs(absl::StatusCode::kResourceExhausted,
-                    AllOf(HasSubstr("\"limited\""), HasSubstr(part)));
+    return StatusIs(kRefused, AllOf(HasSubstr("\"limited\""), HasSubstr(part)));
   };
   {
-    Export mesh(stub_.get(), "limited");
+    testing::Export mesh = ExportAs("limited");
     ASSERT_TRUE(mesh.Read());
-    EXPECT_THAT(Export(stub_.get(), "limited").Finish(), refused("1 exports at a time"));
-    Export other(stub_.get(), "free");
+    EXPECT_THAT(ExportAs("limited").Finish(), refused("1 exports at a time"));
+    testing::Export other = ExportAs("free");
     EXPECT_TRUE(other.Read());
     EXPECT_THAT(mesh.Finish(), IsOk());
   }
-  EXPECT_THAT(Export(stub_.get(), "limited").Finish(), IsOk()) << "the place is free again";
+  EXPECT_THAT(ExportAs("limited").Finish(), IsOk()) << "the place is free again";
 
   v1::InteractResponse response;
   Stream view(channel_, "limited");
-  ASSERT_TRUE(view.Send(Request()));
+  ASSERT_TRUE(view.Send(FrameRequest()));
   ASSERT_TRUE(view.Read(&response));
   EXPECT_THAT(Stream(channel_, "limited").Finish(), refused("1 interactive streams at a time"));
 
-  is_held.store(true);
-  std::thread client([&] { EXPECT_THAT(Render("limited", Request()), IsOk()); });
-  EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_admission_frames", "working") == 1; }));
-  const absl::Status second = Render("limited", Request());
+  held.Hold();
+  std::thread client([&] { EXPECT_THAT(RenderAs("limited"), IsOk()); });
+  EXPECT_TRUE(AwaitFrames(/*working=*/1, /*queued=*/0));
+  const absl::Status second = RenderAs("limited");
   EXPECT_THAT(second, refused("1 frames at a time"));
   EXPECT_TRUE(base::RetryDelayOf(second).has_value());
-  is_held.store(false);
-  release.Notify();
+  held.Release();
   client.join();
-  EXPECT_THAT(Render("limited", Request()), IsOk());
+  EXPECT_THAT(RenderAs("limited"), IsOk());
 
-  EXPECT_THAT(Render("poor", Request()), IsOk()) << "what comes is not known before";
-  EXPECT_THAT(Render("poor", Request()),
-              StatusIs(absl::StatusCode::kResourceExhausted,
-                       AllOf(HasSubstr("0.1 bytes a second"), HasSubstr("retry in"))));
-  EXPECT_THAT(Export(stub_.get(), "poor").Finish(),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("bytes a second")));
-  EXPECT_EQ(Metric("isoscope_token_refusals_total", "exports"), 1);
-  EXPECT_EQ(Metric("isoscope_token_refusals_total", "streams"), 1);
-  EXPECT_EQ(Metric("isoscope_token_refusals_total", "frames"), 1);
+  EXPECT_THAT(RenderAs("poor"), IsOk()) << "what comes is not known before";
+  EXPECT_THAT(RenderAs("poor"),
+              StatusIs(kRefused, AllOf(HasSubstr("0.1 bytes a second"), HasSubstr("retry in"))));
+  EXPECT_THAT(ExportAs("poor").Finish(), StatusIs(kRefused, HasSubstr("bytes a second")));
+  for (const char* limit : {"exports", "streams", "frames"}) {
+    EXPECT_EQ(Metric("isoscope_token_refusals_total", limit), 1) << limit;
+  }
   EXPECT_EQ(Metric("isoscope_token_refusals_total", "bytes"), 2);
 }
 
 TEST_F(RudeCallersTest, MovingFramesLeaveOutTheAgentsAndExactOnesKeepThem) {
-  StartCluster();
+  Start();
   Stream stream(channel_, "");
-  ASSERT_TRUE(stream.Send(Request(), /*is_at_rest=*/false));
+  ASSERT_TRUE(stream.Send(FrameRequest(), /*is_at_rest=*/false));
   v1::InteractResponse response;
   ASSERT_TRUE(stream.Read(&response));
   ASSERT_FALSE(response.is_exact());

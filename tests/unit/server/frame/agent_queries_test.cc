@@ -3,22 +3,15 @@
 #include "server/frame/agent_queries.h"
 
 #include <atomic>
-#include <memory>
 #include <string>
 
-#include "absl/time/clock.h"
-#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/mutex.h"
-#include "core/rpc/grpc_status.h"
+#include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera_fit.h"
-#include "isoscope/v1/dataset_service.grpc.pb.h"
-#include "isoscope/v1/isosurface_service.grpc.pb.h"
-#include "server/coordinator_server.h"
-#include "tests/support/status_matchers.h"
-#include "tests/unit/server/fake_agent.h"
+#include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {
 namespace {
@@ -28,7 +21,9 @@ namespace v1 = isoscope::v1;
 
 using ::testing::AllOf;
 using testing::FakeAgent;
+using testing::HangUntilCancelled;
 using ::testing::HasSubstr;
+using testing::kLimit;
 using testing::MakeShard;
 using testing::StatusIs;
 
@@ -47,27 +42,31 @@ void FillPart(std::int64_t lower, std::int64_t upper,
   response->mutable_samples()->set_nan_count(lower);
 }
 
+// An agent whose part has these counts, once `change` has changed it.
+template <typename Change>
+auto AnswerWith(std::int64_t lower, std::int64_t upper, const Change& change) {
+  return [=](grpc::ServerContext*, const auto& request, auto* response) {
+    FillPart(lower, upper, response);
+    change(request, response);
+    return grpc::Status::OK;
+  };
+}
+auto AnswerWith(std::int64_t lower, std::int64_t upper) {
+  return AnswerWith(lower, upper, [](const auto&, auto*) {});
+}
+
 v1::RenderIsosurfaceRequest RequestThatFits() {
-  v1::RenderIsosurfaceRequest request;
-  request.set_isovalue(100);
-  request.mutable_viewport()->set_width_px(8);
-  request.mutable_viewport()->set_height_px(8);
+  v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
   request.set_culling(v1::CULLING_NONE);
   request.set_camera_fit(v1::CAMERA_FIT_SURFACE);
   return request;
 }
 
-class AgentQueriesTest : public ::testing::Test {
+class AgentQueriesTest : public testing::TwoAgentsTest {
  protected:
-  void SetUp() override {
-    first_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
-      FillPart(1, 2, response);
-      return grpc::Status::OK;
-    };
-    second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
-      FillPart(3, 4, response);
-      return grpc::Status::OK;
-    };
+  AgentQueriesTest() {
+    first_.on_histogram = AnswerWith(1, 2);
+    second_.on_histogram = AnswerWith(3, 4);
     for (FakeAgent* agent : {&first_, &second_}) {
       agent->on_frame = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
         internal::RenderFrameRequest request;
@@ -90,39 +89,12 @@ class AgentQueriesTest : public ::testing::Test {
     }
   }
 
-  void StartCluster() {
-    first_.Start();
-    second_.Start();
-    CoordinatorServerOptions options;
-    options.poll_interval = absl::Hours(1);
-    options.agents = {{first_.address(), nullptr}, {second_.address(), nullptr}};
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options));
-    ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + absl::Seconds(20)));
-    channel_ = coordinator_->InProcessChannel();
+  absl::StatusOr<v1::GetHistogramResponse> Ask(absl::Duration timeout = kLimit) {
+    return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, {}, "", timeout);
   }
-
-  absl::StatusOr<v1::GetHistogramResponse> Ask(absl::Duration timeout = absl::Seconds(20)) {
-    grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
-    v1::GetHistogramResponse response;
-    const absl::Status status = rpc::ToAbslStatus(
-        v1::DatasetService::NewStub(channel_)->GetHistogram(&context, {}, &response));
-    if (!status.ok()) {
-      return status;
-    }
-    return response;
-  }
-
-  absl::StatusOr<v1::Camera> Render(const v1::RenderIsosurfaceRequest& request,
-                                    absl::Duration timeout = absl::Seconds(20)) {
-    grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
-    v1::RenderIsosurfaceResponse response;
-    const absl::Status status = rpc::ToAbslStatus(
-        v1::IsosurfaceService::NewStub(channel_)->RenderIsosurface(&context, request, &response));
-    if (!status.ok()) {
-      return status;
-    }
+  absl::StatusOr<v1::Camera> RenderedCamera(const v1::RenderIsosurfaceRequest& request,
+                                            absl::Duration timeout = kLimit) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const auto response, Render(request, timeout));
     return response.camera();
   }
 
@@ -132,21 +104,13 @@ class AgentQueriesTest : public ::testing::Test {
   internal::GetActiveBoxResponse answer_;
   base::Mutex begin_mutex_;
   internal::BeginFrame begin_;
-
-  FakeAgent first_{{MakeShard("head", 0, 2)}};
-  FakeAgent second_{{MakeShard("head", 1, 2)}};
-  std::unique_ptr<CoordinatorServer> coordinator_;
-  std::shared_ptr<grpc::Channel> channel_;
 };
 
 TEST_F(AgentQueriesTest, PartsOfAllAgentsAddUpAndEachIsAskedForItsOwnShards) {
   std::string shards;
-  second_.on_histogram = [&](grpc::ServerContext*, const auto& request, auto* response) {
-    shards = request.ShortDebugString();
-    FillPart(3, 4, response);
-    return grpc::Status::OK;
-  };
-  StartCluster();
+  second_.on_histogram =
+      AnswerWith(3, 4, [&](const auto& request, auto*) { shards = request.ShortDebugString(); });
+  Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_THAT(shards, AllOf(HasSubstr("shard_indices: 1"), HasSubstr("max_bin_count: 256")));
   ASSERT_EQ(response.bins_size(), 2);
@@ -162,12 +126,9 @@ TEST_F(AgentQueriesTest, PartsOfAllAgentsAddUpAndEachIsAskedForItsOwnShards) {
 }
 
 TEST_F(AgentQueriesTest, AnAgentWithoutCountsLeavesTheVolumeWithout) {
-  second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
-    FillPart(3, 4, response);
-    response->clear_samples();
-    return grpc::Status::OK;
-  };
-  StartCluster();
+  second_.on_histogram =
+      AnswerWith(3, 4, [](const auto&, auto* response) { response->clear_samples(); });
+  Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_FALSE(response.has_sample_counts());
   EXPECT_EQ(response.bins(0).sample_count(), 0);
@@ -183,13 +144,12 @@ TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
   for (const Row& row : {Row{grpc::StatusCode::DATA_LOSS, absl::StatusCode::kDataLoss},
                          Row{grpc::StatusCode::UNAVAILABLE, absl::StatusCode::kUnavailable},
                          Row{grpc::StatusCode::CANCELLED, absl::StatusCode::kUnavailable}}) {
-    SetUp();
     second_.Stop();
     first_.Stop();
     second_.on_histogram = [&row](grpc::ServerContext*, const auto&, auto*) {
       return grpc::Status(row.sent, "the disk smokes");
     };
-    StartCluster();
+    Start();
     EXPECT_THAT(Ask(), StatusIs(row.seen, AllOf(HasSubstr(second_.address()), HasSubstr("shard 1"),
                                                 HasSubstr("the disk smokes"))));
   }
@@ -198,8 +158,7 @@ TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
 // Both agents have all of the dataset; whoever is asked first fails.
 class ReplicaQueriesTest : public AgentQueriesTest {
  protected:
-  void SetUp() override {
-    AgentQueriesTest::SetUp();
+  ReplicaQueriesTest() {
     for (FakeAgent* agent : {&first_, &second_}) {
       agent->SetShards({MakeShard("head", 0, 1)});
       agent->on_histogram = [this](grpc::ServerContext*, const auto&, auto* response) {
@@ -217,7 +176,7 @@ class ReplicaQueriesTest : public AgentQueriesTest {
 };
 
 TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhereOneFails) {
-  StartCluster();
+  Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_EQ(asked_count_, 2);
   ASSERT_EQ(response.bins_size(), 2);
@@ -226,18 +185,9 @@ TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhereOneFails) {
 
 TEST_F(ReplicaQueriesTest, WhereAllFailTheErrorIsTheLastOnes) {
   failing_count_ = 2;
-  StartCluster();
+  Start();
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the disk smokes")));
   EXPECT_EQ(asked_count_, 2);
-}
-
-// Returns once the call is cancelled, or no test would wait any longer. A script that hangs.
-grpc::Status HangUntilCancelled(grpc::ServerContext* context) {
-  const absl::Time limit = absl::Now() + absl::Seconds(60);
-  while (!context->IsCancelled() && absl::Now() < limit) {
-    absl::SleepFor(absl::Milliseconds(2));
-  }
-  return grpc::Status::CANCELLED;
 }
 
 TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhileOneHangs) {
@@ -245,15 +195,13 @@ TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhileOneHangs) {
   for (FakeAgent* agent : {&first_, &second_}) {
     agent->on_histogram = [&](grpc::ServerContext* context, const auto&, auto* response) {
       if (++asked_count_ == 1) {
-        const grpc::Status status = HangUntilCancelled(context);
-        cancelled_count += context->IsCancelled() ? 1 : 0;
-        return status;
+        return HangUntilCancelled(context, &cancelled_count);
       }
       FillPart(1, 2, response);
       return grpc::Status::OK;
     };
   }
-  StartCluster();
+  Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_EQ(asked_count_, 2);
   EXPECT_EQ(response.bins(0).sample_count(), 1000);
@@ -270,7 +218,7 @@ TEST_F(ReplicaQueriesTest, WhereAllHangTheErrorIsTheDeadlines) {
       return HangUntilCancelled(context);
     };
   }
-  StartCluster();
+  Start();
   EXPECT_THAT(Ask(absl::Milliseconds(800)), StatusIs(absl::StatusCode::kDeadlineExceeded));
   EXPECT_EQ(asked_count_, 2);
 }
@@ -290,7 +238,7 @@ TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
       return testing::PlayEmptyFrame(stream);
     };
   }
-  StartCluster();
+  Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   request.clear_camera_fit();
   ISOSCOPE_ASSERT_OK(Render(request));
@@ -317,7 +265,7 @@ TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails
                              : grpc::Status::OK;
     };
   }
-  StartCluster();
+  Start();
   for (int i = 0; i < 6; ++i) {
     ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
   }
@@ -331,29 +279,20 @@ TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails
 
 TEST_F(AgentQueriesTest, AnAgentThatHangsIsNamedAtTheDeadlineAndACallerThatLeavesIsLetGo) {
   second_.on_histogram = [](grpc::ServerContext* context, const auto&, auto*) {
-    while (!context->IsCancelled()) {
-      absl::SleepFor(absl::Milliseconds(2));
-    }
-    return grpc::Status::CANCELLED;
+    return HangUntilCancelled(context);
   };
-  StartCluster();
+  Start();
   EXPECT_THAT(Ask(absl::Milliseconds(300)), StatusIs(absl::StatusCode::kDeadlineExceeded));
 }
 
 TEST_F(AgentQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
-  second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
-    FillPart(3, 4, response);
-    response->set_active_block_counts(0, -1);
-    return grpc::Status::OK;
-  };
-  StartCluster();
+  second_.on_histogram = AnswerWith(
+      3, 4, [](const auto&, auto* response) { response->set_active_block_counts(0, -1); });
+  Start();
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal,
                               AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
-  second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
-    FillPart(3, 4, response);
-    response->set_first_bin(11);
-    return grpc::Status::OK;
-  };
+  second_.on_histogram =
+      AnswerWith(3, 4, [](const auto&, auto* response) { response->set_first_bin(11); });
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("different datasets")));
 }
 
@@ -373,9 +312,9 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
     corner->set_y(at);
     corner->set_z(at);
   }
-  StartCluster();
+  Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera by_default, Render(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera by_default, RenderedCamera(request));
   EXPECT_EQ(box_count_, 1) << "one agent knows all ranges";
   EXPECT_EQ(asked_.isovalues_size(), 1);
   EXPECT_EQ(asked_.isovalues(0), 100);
@@ -388,7 +327,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   view::Azimuth(0.5, &given);
   view::Zoom(2, &given);
   *request.mutable_camera() = rpc::ToProto(given);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera moved, Render(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera moved, RenderedCamera(request));
   const view::Camera expected = view::MoveToBox(
       rpc::CameraFromProto(request.camera(), "camera").value(), BoxOf(0, 8), BoxOf(4, 8));
   EXPECT_EQ(moved.SerializeAsString(), rpc::ToProto(expected).SerializeAsString());
@@ -396,7 +335,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   // The answer makes the picture again.
   request.set_camera_fit(v1::CAMERA_FIT_VOLUME);
   *request.mutable_camera() = moved;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera again, Render(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera again, RenderedCamera(request));
   EXPECT_EQ(again.SerializeAsString(), moved.SerializeAsString());
   EXPECT_EQ(box_count_, 2);
 }
@@ -407,21 +346,21 @@ TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
   answer_.mutable_end_cell()->set_x(8);
   answer_.mutable_end_cell()->set_y(8);
   answer_.mutable_end_cell()->set_z(8);
-  StartCluster();
+  Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   v1::ClipRegion* const clip = request.mutable_clip();
   clip->add_half_spaces()->mutable_normal()->set_x(1);
   *clip->mutable_box()->mutable_min() = rpc::ToProto(math::Vec3d{2, 2, 2});
   *clip->mutable_box()->mutable_max() = rpc::ToProto(math::Vec3d{6, 6, 6});
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, Render(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(request));
   EXPECT_EQ(asked_.clip().SerializeAsString(), clip->SerializeAsString());
   EXPECT_EQ(camera.SerializeAsString(),
             rpc::ToProto(view::MakeDefaultCamera(BoxOf(2, 6))).SerializeAsString());
 }
 
 TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
-  StartCluster();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, Render(RequestThatFits()));
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(RequestThatFits()));
   EXPECT_EQ(camera.SerializeAsString(),
             rpc::ToProto(view::MakeDefaultCamera(BoxOf(0, 8))).SerializeAsString());
 }
@@ -429,7 +368,7 @@ TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
 TEST_F(AgentQueriesTest, ABoxOutsideTheVolumeIsAnInternalError) {
   answer_.set_active_block_count(1);
   answer_.mutable_end_cell()->set_x(9);
-  StartCluster();
+  Start();
   EXPECT_THAT(Render(RequestThatFits()),
               StatusIs(absl::StatusCode::kInternal,
                        AllOf(HasSubstr(first_.address()), HasSubstr("malformed"))));

@@ -1,0 +1,356 @@
+// An export opens a stream to each agent, for one surface after the other, and lets ExportSurface
+// merge them, on an export thread. Its chunks wait in outgoing_. When 4 MiB wait for a slow client,
+// the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels the streams,
+// which wakes the merge.
+//
+// EndEarly does so, too, and lets the client hear why: an alarm calls it for a client that is too
+// slow (pace_alarm), or the watch of a token that is withdrawn.
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/log.h"
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/peer.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/write_queue.h"
+#include "core/rpc/write_timeout.h"
+#include "server/admission/call_turn.h"
+#include "server/admission/coordinator_memory.h"
+#include "server/export/surface_export.h"
+#include "server/frame/agent_client.h"
+#include "server/isosurface_service_impl.h"
+#include "server/pace_alarm.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// If this many bytes of chunks wait for a slow client, the merge waits too.
+constexpr std::size_t kMaxQueuedExportBytes = 2 * base::kMiB;
+// In which a client must take a chunk of a mesh.
+constexpr absl::Duration kMaxChunkDuration = absl::Minutes(1);
+// In which a client whose token was withdrawn must take what is on its way.
+constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
+
+std::int64_t BytesOf(const v1::ExportIsosurfaceResponse& message) {
+  return static_cast<std::int64_t>(message.positions().size() + message.normals().size() +
+                                   message.triangles().size());
+}
+
+// Who asks for what. OnCancel may end the call while the export finds its dataset. Thread-safe.
+class AuditNote {
+ public:
+  explicit AuditNote(AuditRecord record) : record_(std::move(record)) {}
+
+  [[nodiscard]] AuditRecord Get() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return record_;
+  }
+
+  void SetCaller(const std::string& name) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    record_.caller = name;
+  }
+
+  void SetDataset(const std::string& name, const std::string& id) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    record_.dataset = name;
+    record_.dataset_id = id;
+  }
+
+ private:
+  mutable base::Mutex mutex_;
+  AuditRecord record_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace
+
+class IsosurfaceServiceImpl::ExportCall final
+    : public grpc::ServerWriteReactor<v1::ExportIsosurfaceResponse>,
+      public std::enable_shared_from_this<ExportCall> {
+ public:
+  ExportCall(const IsosurfaceServiceOptions& options, Admission* exports,
+             grpc::CallbackServerContext* context, const v1::ExportIsosurfaceRequest& request)
+      : options_(options),
+        request_(request),
+        identity_(rpc::AnswerTraceContext(context)),
+        turn_(exports, rpc::DeadlineOf(*context)),
+        unsent_(&options.runner->metrics()->unsent_bytes),
+        timeout_(context),
+        outgoing_(
+            kMaxQueuedExportBytes,
+            [this](const v1::ExportIsosurfaceResponse* message) { StartWrite(message); },
+            [this](const absl::Status& status) { End(status); }),
+        audit_(RecordOf(rpc::PeerOf(*context), context->peer())) {
+    audit_.SetDataset(request.dataset(), "");
+  }
+
+  // REQUIRES: a shared_ptr owns the call.
+  void Start(const grpc::CallbackServerContext& context) {
+    self_ = shared_from_this();
+    const absl::Status admitted = Admit(context);
+    if (!admitted.ok()) {
+      outgoing_.Finish(admitted);
+      return;
+    }
+    watch_.emplace(caller_.WhenWithdrawn([weak = weak_from_this()] {
+      if (const std::shared_ptr<ExportCall> self = weak.lock()) {
+        const base::MutexLock lock(&self->end_mutex_);
+        self->EndEarly(CutReason::kTokenWithdrawn, WithdrawnError());
+        self->timeout_.Start(kMaxLastWriteDuration);
+      }
+    }));
+    turn_.Schedule([self = shared_from_this()](const absl::Status& turn) { self->Run(turn); });
+  }
+
+  void OnWriteDone(bool ok) override {
+    timeout_.Pause();
+    pace_.OnWriteDone();
+    unsent_.Add(-in_flight_unsent_bytes_.exchange(0));
+    outgoing_.OnWriteDone(ok);
+  }
+
+  void OnCancel() override {
+    outgoing_.Close();
+    turn_.Cancel();
+    outgoing_.Finish(absl::CancelledError("the client cancelled the export"));
+  }
+
+  void OnDone() override {
+    timeout_.Stop();
+    const std::shared_ptr<ExportCall> last_use = std::move(self_);
+    const base::MutexLock lock(&end_mutex_);  // the service may go after this
+    pace_.Stop();
+  }
+
+ private:
+  absl::Status Admit(const grpc::CallbackServerContext& context) {
+    ISOSCOPE_ASSIGN_OR_RETURN(caller_, options_.access->Identify(rpc::PeerOf(context)));
+    audit_.SetCaller(caller_.name());
+    ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
+    // First what the caller may: above it, it must not take a place that another could have.
+    CoordinatorMetrics* const metrics = options_.runner->metrics();
+    ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller_.CheckBytes()));
+    absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kExport);
+    ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kExports, slot.status()));
+    ISOSCOPE_RETURN_IF_ERROR(
+        metrics->CountRefusal(TokenLimit::kFrameRate, caller_.TakeFrame(/*is_moving=*/false)));
+    absl::Status placed = turn_.TakePlace(caller_.QueueKey(context.peer()));
+    if (!placed.ok()) {
+      caller_.ReturnFrame();
+      return placed;
+    }
+    slot_.emplace(*std::move(slot));
+    return absl::OkStatus();
+  }
+
+  // Gets the reason if the turn of the export did not come.
+  void Run(const absl::Status& turn) ABSL_LOCKS_EXCLUDED(end_mutex_) {
+    const absl::Time start = absl::Now();
+    if (turn.ok()) {
+      pace_.Start(options_.export_limits, [self = shared_from_this()] { self->JudgePace(); });
+    } else if (absl::IsResourceExhausted(turn)) {
+      caller_.ReturnFrame();  // it made room for another
+    }
+    absl::Status status = turn.ok() ? Export() : turn;
+    {
+      const base::MutexLock lock(&end_mutex_);
+      if (!end_.ok()) {
+        status = end_;
+      }
+    }
+    if (memory_.has_value()) {
+      memory_->ShrinkTo(CoordinatorMemory::kExportAnswerBytes);
+    }
+    turn_.GiveBack();
+    outgoing_.Finish(status);
+    base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              status.ok() ? "export_done" : "export_failed",
+              {{"request", identity_.request_id()},
+               {"dataset", request_.dataset()},
+               {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
+               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
+               {"bytes", sent_bytes_.load()},
+               {"caller", caller_.name()},
+               {"peer", audit_.Get().peer},
+               {"status", status}});
+  }
+
+  absl::Status Export() {
+    const base::Cancellation& cancellation = turn_.cancellation();
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::shared_ptr<const DatasetState> found,
+        options_.registry->FindComplete(request_.dataset(), cancellation, caller_));
+    const v1::Dataset& dataset = found->dataset;
+    audit_.SetDataset(dataset.name(), dataset.dataset_id());
+    ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset, request_.dataset_id()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout, LayoutOf(dataset, geometry));
+
+    ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
+                              options_.runner->ReserveExportMemory(
+                                  options_.runner->PartsOf(*found).size(), cancellation));
+    memory_.emplace(std::move(memory));
+    const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
+    std::int64_t vertex_count = 0;
+    for (std::size_t i = 0; i < spec_.isovalues.size(); ++i) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t added,
+                                ExportOne(*found, volume, i, vertex_count));
+      vertex_count += added;
+    }
+    return absl::OkStatus();
+  }
+
+  // Sends one surface. Returns the number of its vertices.
+  absl::StatusOr<std::int64_t> ExportOne(const DatasetState& dataset, const ExportedVolume& volume,
+                                         std::size_t surface_index, std::int64_t first_vertex) {
+    isoscope::internal::v1::ExtractSurfaceRequest request;
+    request.set_dataset_id(dataset.dataset.dataset_id());
+    request.set_isovalue(spec_.isovalues[surface_index]);
+    if (request_.has_clip()) {
+      *request.mutable_clip() = request_.clip();
+    }
+    std::vector<std::unique_ptr<SurfaceStream>> streams;
+    std::vector<SurfaceSource*> sources;
+    for (FramePart& part : options_.runner->PartsOf(dataset)) {
+      streams.push_back(std::make_unique<SurfaceStream>(std::move(part), volume.layout, request,
+                                                        turn_.cancellation().deadline(),
+                                                        options_.max_agent_silence, identity_));
+      sources.push_back(streams.back().get());
+    }
+    const absl::StatusOr<std::int64_t> vertex_count = [&] {
+      const base::Cancellation::Callback stop(turn_.cancellation(), [&streams] {
+        for (const std::unique_ptr<SurfaceStream>& stream : streams) {
+          stream->Cancel();
+        }
+      });
+      return ExportSurface(volume, sources, first_vertex, [&](SurfaceChunk chunk) {
+        return Send(std::move(chunk), static_cast<std::int32_t>(surface_index));
+      });
+    }();
+    std::vector<AgentFailure> failures;
+    for (const std::unique_ptr<SurfaceStream>& stream : streams) {
+      failures.insert(failures.end(), stream->failures().begin(), stream->failures().end());
+    }
+    options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
+    return vertex_count;
+  }
+
+  absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
+    ISOSCOPE_RETURN_IF_ERROR(turn_.cancellation().Check());
+    sent_bytes_ += chunk.size_bytes();
+    caller_.CountBytes(chunk.size_bytes());
+    v1::ExportIsosurfaceResponse message;
+    message.set_positions(std::move(chunk.positions));
+    message.set_normals(std::move(chunk.normals));
+    message.set_triangles(std::move(chunk.triangles));
+    message.set_surface_index(surface_index);
+    unsent_.Add(BytesOf(message));  // what is never written goes with the call
+    if (outgoing_.Push(std::move(message))) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(turn_.cancellation().Check());
+    return absl::CancelledError("the stream has ended");
+  }
+
+  void StartWrite(const v1::ExportIsosurfaceResponse* message) {
+    timeout_.Start(kMaxChunkDuration);
+    in_flight_unsent_bytes_ = BytesOf(*message);
+    pace_.OnWriteBegun(message->ByteSizeLong());
+    ServerWriteReactor::StartWrite(message);
+  }
+
+  void End(const absl::Status& status) {
+    slot_.reset();  // before the client hears of the end, and asks for another
+    options_.runner->EndRequest(RequestMethod::kExportIsosurface, audit_.Get(), identity_, status,
+                                absl::Now() - arrival_);
+    Finish(rpc::ToGrpcStatus(status));
+  }
+
+  // Ends the export after the chunk that is on its way, and says why.
+  void EndEarly(CutReason reason, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(end_mutex_) {
+    if (pace_.is_stopped() || !end_.ok()) {
+      return;
+    }
+    end_ = status;
+    options_.runner->metrics()->CountCut(reason);
+    outgoing_.Finish(status);  // first: what stops would say less
+    turn_.Cancel();
+  }
+
+  void JudgePace() ABSL_LOCKS_EXCLUDED(end_mutex_) {
+    const base::MutexLock lock(&end_mutex_);
+    const ExportPace::Verdict verdict = pace_.Judge();
+    if (verdict == ExportPace::Verdict::kGoesOn) {
+      return;
+    }
+    const ExportLimits& limits = options_.export_limits;
+    const std::string so_far =
+        absl::StrCat("the export ended after ", sent_bytes_.load(), " bytes: ");
+    if (verdict == ExportPace::Verdict::kTooSlow) {
+      EndEarly(CutReason::kTooSlow,
+               absl::DeadlineExceededError(absl::StrCat(
+                   so_far, "its client took less than ", limits.least_bytes_per_second,
+                   " bytes a second: read chunks as they come, or ask for a clip region")));
+    } else {
+      EndEarly(CutReason::kTooLong,
+               absl::DeadlineExceededError(absl::StrCat(
+                   so_far, "it took ", absl::FormatDuration(limits.max_duration),
+                   ", the most that one may: ask for a clip region, or raise the coordinator's "
+                   "--max-export-seconds")));
+    }
+  }
+
+  const IsosurfaceServiceOptions& options_;
+  const v1::ExportIsosurfaceRequest request_;
+  const base::TraceContext identity_;
+  const absl::Time arrival_ = absl::Now();
+  Caller caller_;  // set before Run
+  std::optional<CallerSlot> slot_;
+  std::optional<WithdrawalWatch> watch_;
+  CallTurn turn_;
+  rpc::ExportSpec spec_;  // set before Run
+  // Kept until the client has the last chunk: many slow clients hold as many queues.
+  std::optional<base::MemoryBudget::Reservation> memory_;
+  base::GaugeShare unsent_;
+  std::atomic<std::int64_t> in_flight_unsent_bytes_{0};
+  rpc::WriteTimeout timeout_;
+  PaceAlarm pace_;
+  rpc::WriteQueue<v1::ExportIsosurfaceResponse> outgoing_;
+  std::atomic<std::size_t> sent_bytes_{0};
+  base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; the first taken
+  absl::Status end_ ABSL_GUARDED_BY(end_mutex_);  // why it was ended early
+  AuditNote audit_;
+  std::shared_ptr<ExportCall> self_;  // reset by OnDone
+};
+
+grpc::ServerWriteReactor<v1::ExportIsosurfaceResponse>* IsosurfaceServiceImpl::ExportIsosurface(
+    grpc::CallbackServerContext* context, const v1::ExportIsosurfaceRequest* request) {
+  const auto call = std::make_shared<ExportCall>(options_, &exports_, context, *request);
+  call->Start(*context);
+  return call.get();
+}
+
+}  // namespace isoscope::server

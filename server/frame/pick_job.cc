@@ -1,0 +1,113 @@
+#include "server/frame/pick_job.h"
+
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/status_macros.h"
+#include "core/picture/layer_blending.h"
+#include "core/rpc/proto_convert.h"
+#include "server/frame/agent_queries.h"
+#include "server/frame/render_statistics.h"
+#include "server/picture/frame_output.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+v1::PickedPoint ToProto(const std::optional<PixelPoint>& point) {
+  v1::PickedPoint proto;
+  if (!point.has_value()) {
+    return proto;
+  }
+  proto.set_is_hit(true);
+  *proto.mutable_position() = rpc::ToProto(point->position);
+  proto.set_depth(point->distance);
+  proto.set_surface_index(static_cast<std::int32_t>(point->surface_index));
+  if (point->normal.has_value()) {
+    *proto.mutable_normal() = rpc::ToProto(*point->normal);
+  }
+  proto.set_block_id(point->block_id);
+  return proto;
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTicket> ticket,
+                                                        const Request& request) {
+  ISOSCOPE_ASSIGN_OR_RETURN(rpc::PickSpec pick, rpc::PickSpecFromProto(request));
+  if (pick.request.with_trace()) {
+    return absl::InvalidArgumentError(
+        "frame.with_trace is set: must be unset, picks have no trace");
+  }
+  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(pick.frame));
+  return std::unique_ptr<PickJob>(new PickJob(std::move(ticket), std::move(pick)));
+}
+
+PickJob::PickJob(std::shared_ptr<FrameTicket> ticket, rpc::PickSpec pick)
+    : ticket_(std::move(ticket)),
+      asked_{std::move(pick.request), std::move(pick.frame)},
+      pixels_(std::move(pick.pixels)) {}
+
+absl::Status PickJob::Run(Response* response) {
+  return ticket_->Run(asked_, response, [&] { return TryRun(response); });
+}
+
+absl::Status PickJob::TryRun(Response* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, /*trace=*/nullptr));
+  *response->mutable_camera() = asked_.request.camera();
+  asked_.spec.sends_normals = true;
+  ShowSurfacesOnCaps(&asked_);
+  std::vector<FramePart> parts = target.parts;
+  FrameRunner* const runner = ticket_->runner();
+  const FrameIdentity identity = ticket_->Identity();
+  ISOSCOPE_ASSIGN_OR_RETURN(drawn_, runner->Run(identity, asked_, target, &parts));
+  *response->mutable_statistics() = StatisticsOf(drawn_);
+  ISOSCOPE_RETURN_IF_ERROR(
+      runner->AddMissingShards(identity, asked_, target, parts, response->mutable_statistics()));
+  runner->arena()->execute([&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  for (const rpc::PixelPosition& pixel : pixels_) {
+    *response->add_points() = ToProto(PointAt(drawn_.image, pixel.x - asked_.spec.region->x,
+                                              pixel.y - asked_.spec.region->y, target.view,
+                                              target.order, asked_.spec.sends_normals));
+  }
+  return AskAgentsOfPoints(target, parts, response);
+}
+
+absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
+                                        const std::vector<FramePart>& parts, Response* response) {
+  std::vector<ShownPoint> points;
+  std::vector<v1::PickedPoint*> hits;
+  for (v1::PickedPoint& point : *response->mutable_points()) {
+    if (point.is_hit()) {
+      hits.push_back(&point);
+      points.push_back(
+          {.position = {point.position().x(), point.position().y(), point.position().z()},
+           .block_id = static_cast<volume::BlockId>(point.block_id())});
+    }
+  }
+  if (points.empty()) {
+    return absl::OkStatus();
+  }
+  const QueryOutcome<std::vector<PointAnswer>> outcome =
+      AskPoints({target.dataset->dataset.dataset_id(), parts}, points, ticket_->request(),
+                ticket_->cancellation());
+  ticket_->runner()->ReportQuery(ticket_->request(), outcome.report);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  for (std::size_t i = 0; i < hits.size(); ++i) {
+    const PointAnswer& answer = (*outcome.result)[i];
+    if (!answer.shard_index.has_value()) {
+      return absl::InternalError(
+          absl::StrCat("a pixel shows block ", hits[i]->block_id(), ", which no agent has"));
+    }
+    hits[i]->set_shard_index(*answer.shard_index);
+    if (answer.gradient.has_value()) {
+      *hits[i]->mutable_gradient() = rpc::ToProto(*answer.gradient);
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::server

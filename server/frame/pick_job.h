@@ -1,0 +1,50 @@
+// What one call picks: the points that some pixels show. A pick is a frame of the smallest region
+// that holds its pixels. The agents then tell which shards hold the blocks that the pixels show,
+// and the gradients there.
+
+#ifndef ISOSCOPE_SERVER_FRAME_PICK_JOB_H_
+#define ISOSCOPE_SERVER_FRAME_PICK_JOB_H_
+
+#include <memory>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/rpc/pick_convert.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "server/frame/frame_runner.h"
+#include "server/frame/frame_ticket.h"
+
+namespace isoscope::server {
+
+// Holds the images, as PictureJob does. For one thread at a time.
+class PickJob {
+ public:
+  using Request = isoscope::v1::PickSurfaceRequest;
+  using Response = isoscope::v1::PickSurfaceResponse;
+
+  // As PictureJob::Admit.
+  static absl::StatusOr<std::unique_ptr<PickJob>> Admit(std::shared_ptr<FrameTicket> ticket,
+                                                        const Request& request);
+
+  // Fills `response`. Blocks. Errors as IsosurfaceService says. Call once.
+  absl::Status Run(Response* response);
+
+ private:
+  PickJob(std::shared_ptr<FrameTicket> ticket, rpc::PickSpec pick);
+
+  absl::Status TryRun(Response* response);
+  // Adds the shards and gradients of all points that were hit.
+  absl::Status AskAgentsOfPoints(const FrameTarget& target, const std::vector<FramePart>& parts,
+                                 Response* response);
+
+  const std::shared_ptr<FrameTicket> ticket_;
+  AskedFrame asked_;  // has a region
+  const std::vector<rpc::PixelPosition> pixels_;
+  FrameResult drawn_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_PICK_JOB_H_

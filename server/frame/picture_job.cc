@@ -1,0 +1,312 @@
+#include "server/frame/picture_job.h"
+
+#include <string>
+#include <utility>
+
+#include "absl/time/clock.h"
+
+#include "core/base/status_macros.h"
+#include "core/picture/deferred_shading.h"
+#include "core/picture/layer_blending.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/trace_convert.h"
+#include "server/frame/render_statistics.h"
+#include "server/picture/picture_finish.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// How a picture is encoded: its name in a trace, and its field.
+struct Encoding {
+  const char* name = "no picture";
+  std::string* (v1::RenderIsosurfaceResponse::*field)() = nullptr;
+};
+
+Encoding EncodingOf(frame::ImageFormat format) {
+  switch (format) {
+    case frame::ImageFormat::kPng:
+      return {"png", &v1::RenderIsosurfaceResponse::mutable_png};
+    case frame::ImageFormat::kJpeg:
+      return {"jpeg", &v1::RenderIsosurfaceResponse::mutable_jpeg};
+    case frame::ImageFormat::kRgba8:
+      return {"raw picture", &v1::RenderIsosurfaceResponse::mutable_rgba8};
+    case frame::ImageFormat::kNone:
+      break;
+  }
+  return {};
+}
+
+// Whether planes were asked for that `output` does not have yet.
+bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
+  return (wanted.depth && output.depth.empty()) ||
+         (wanted.surface_index && output.surface_index.empty()) ||
+         (wanted.position && output.position.empty()) || (wanted.normal && output.normal.empty());
+}
+
+// Whether a picture of this spec is shaded from an image that carries the plane of normals. Caps
+// with samples and layers have none, and steps of a colour map travel in their place.
+bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& layers) {
+  const bool shows_samples = spec.caps.has_value() && spec.caps->map.has_value();
+  return picture::NeedsDeferredShading(spec) && layers.empty() && !shows_samples &&
+         !frame::ShowsGradient(spec);
+}
+
+// Tells how the surfaces were coloured.
+void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geometry,
+                  v1::RenderIsosurfaceResponse* response) {
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    std::optional<frame::ColorBy> color_by = spec.surfaces[i].color_by;
+    if (!color_by.has_value()) {
+      continue;
+    }
+    if (color_by->quantity != frame::ColorBy::Quantity::kNormal) {
+      color_by->range = picture::ColorRangeOf(*color_by, geometry);
+    }
+    v1::SurfaceColoring* const coloring = response->add_colorings();
+    coloring->set_surface_index(static_cast<std::int32_t>(i));
+    *coloring->mutable_color_by() = rpc::ToProto(*color_by);
+  }
+}
+
+void MoveInto(FrameOutput output, frame::ImageFormat format,
+              v1::RenderIsosurfaceResponse* response) {
+  if (const Encoding encoding = EncodingOf(format); encoding.field != nullptr) {
+    *(response->*encoding.field)() = std::move(output.image);
+  }
+  response->set_depth(std::move(output.depth));
+  response->set_surface_index(std::move(output.surface_index));
+  response->set_position(std::move(output.position));
+  response->set_normal(std::move(output.normal));
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(std::shared_ptr<FrameTicket> ticket,
+                                                              const Request& request,
+                                                              int depth_grid_side) {
+  ISOSCOPE_ASSIGN_OR_RETURN(frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
+  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(spec));
+  return std::unique_ptr<PictureJob>(
+      new PictureJob(std::move(ticket), {request, std::move(spec)}, depth_grid_side));
+}
+
+PictureJob::PictureJob(std::shared_ptr<FrameTicket> ticket, AskedFrame asked, int depth_grid_side)
+    : ticket_(std::move(ticket)), asked_(std::move(asked)), depth_grid_side_(depth_grid_side) {
+  if (asked_.request.with_trace()) {
+    trace_ = std::make_unique<Trace>(ticket_->runner()->max_own_spans());
+  }
+}
+
+FrameIdentity PictureJob::Identity() {
+  FrameIdentity identity = ticket_->Identity();
+  if (trace_ != nullptr) {
+    identity.trace = &trace_->recorder;
+    identity.trace_zero = trace_->zero;
+    identity.agent_traces = &trace_->of_agents;
+  }
+  return identity;
+}
+
+void PictureJob::ReleaseImages() {
+  image_ = image::FrameImage();
+  drawn_ = image::FrameImage();
+  layers_ = image::LayerStack();
+}
+
+absl::Status PictureJob::Run(Response* response, absl::FunctionRef<void()> on_drawn) {
+  return ticket_->Run(asked_, response, [&]() -> absl::Status {
+    const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
+    ISOSCOPE_RETURN_IF_ERROR(TryRun(response, on_drawn));
+    if (trace_ != nullptr) {
+      AddTrace(begin, response);
+    }
+    return absl::OkStatus();
+  });
+}
+
+void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
+  base::TraceRecorder& recorder = trace_->recorder;
+  recorder.NameThisThread("frame");
+  recorder.AddTo("queue", "queue", trace_->zero, begin);
+  recorder.Add("frame", begin, base::TraceClock::now());
+  v1::FrameTrace* const trace = response->mutable_trace();
+  trace->set_frame_number(ticket_->Identity().number);
+  trace->set_request_id(ticket_->request().request_id());
+  *trace->add_processes() = rpc::ToProto(recorder.Get(), trace_->zero);
+  trace->mutable_processes(0)->set_name("coordinator");
+  for (v1::ProcessTrace& of_agent : trace_->of_agents) {
+    if (!of_agent.name().empty()) {
+      *trace->add_processes() = std::move(of_agent);
+    }
+  }
+}
+
+absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
+  ISOSCOPE_RETURN_IF_ERROR(
+      rpc::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
+  *response->mutable_camera() = asked_.request.camera();
+  *response->mutable_extent() = rpc::ToProto(target.view.image_size());
+  AddColorings(asked_.spec, target.view.geometry(), response);
+
+  parts_ = target.parts;
+  FrameOutput output;
+  v1::RenderStatistics* const statistics = response->mutable_statistics();
+  ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output, statistics));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ticket_->runner()->AddMissingShards(Identity(), asked_, target, parts_, statistics));
+  ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
+  ticket_->CountAnswer(output.size_bytes());
+  MoveInto(std::move(output), asked_.spec.output.image_format, response);
+  return absl::OkStatus();
+}
+
+absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+                                      FrameOutput* output, v1::RenderStatistics* statistics) {
+  const bool has_picture = asked_.spec.output.image_format != frame::ImageFormat::kNone;
+  if (has_picture) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output, statistics));
+  }
+  const std::size_t part_count = parts_.size();
+  if (NeedsPlanes(asked_.spec.output, *output)) {
+    ReleaseImages();
+    ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output, statistics));
+  }
+  if (!has_picture || parts_.size() == part_count) {
+    return absl::OkStatus();
+  }
+  // The planes lack shards that the picture has.
+  ReleaseImages();
+  *output = FrameOutput();
+  statistics->Clear();
+  return RenderOutput(target, on_drawn, output, statistics);
+}
+
+// Draws the picture, and fills the planes that its pixels give: all but normals, with one sample.
+absl::Status PictureJob::RenderPicture(const FrameTarget& target,
+                                       absl::FunctionRef<void()> on_drawn, FrameOutput* output,
+                                       v1::RenderStatistics* statistics) {
+  const frame::DrawnWindow window = frame::DrawnWindowOf(asked_.spec);
+  std::optional<FrameTarget> larger;
+  if (!window.is_picture_of(asked_.spec)) {
+    larger = target;
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        larger->view, view::View::Make(*asked_.spec.camera, window.viewport, target.view.geometry(),
+                                       window.region));
+  }
+  const FrameTarget& drawn = larger.has_value() ? *larger : target;
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(drawn, window, Content::kPicture));
+  *statistics = StatisticsOf(result);
+  drawn_ = std::move(result.image);
+  layers_ = std::move(result.layers);
+  on_drawn();
+  const absl::Time encode_start = absl::Now();
+  ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
+  const base::TraceScope trace(recorder(), "finish picture");
+  ISOSCOPE_RETURN_IF_ERROR(ticket_->runner()->arena()->execute(
+      [&] { return FinishAndEncode(target, window, drawn.view, output, statistics); }));
+  if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
+    statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
+  }
+  *statistics->mutable_durations()->mutable_encode_duration() =
+      rpc::ToProto(absl::Now() - encode_start);
+  return absl::OkStatus();
+}
+
+// Makes the picture of what was drawn in `window`, in the arena of the caller.
+absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
+                                         const frame::DrawnWindow& window,
+                                         const view::View& drawn_view, FrameOutput* output,
+                                         v1::RenderStatistics* statistics) {
+  const frame::FrameSpec& spec = asked_.spec;
+  const bool is_picture = window.is_picture_of(spec);
+  if (spec.output.normal && is_picture && CarriesNormalPlane(spec, layers_)) {
+    output->normal = NormalPlane(drawn_);
+  }
+  // With several samples what is drawn shows the same, finer; with a margin it shows more.
+  if (depth_grid_side_ > 0 && (is_picture || !spec.region.has_value())) {
+    depth_grid_ = MakeDepthGrid(drawn_, drawn_view, depth_grid_side_);
+  }
+  base::TraceScope shade(recorder(), "shade and blend");
+  FinishedPicture finished = FinishPicture({.spec = &spec,
+                                            .window = &window,
+                                            .drawn_view = &drawn_view,
+                                            .order = target.order,
+                                            .layers = &layers_,
+                                            .images = ticket_->runner()->images()},
+                                           &drawn_);
+  image_ = std::move(finished.image);
+  shade.End();
+  statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
+  base::TraceScope encode(recorder(), EncodingOf(spec.output.image_format).name);
+  ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec));
+  encode.End();
+  if (spec.effects.samples_per_side == 1) {
+    FillPlanes(image_, spec, target.view, target.order, output);
+  }
+  return absl::OkStatus();
+}
+
+// Draws the planes that are still missing, with one sample. A frame whose pixels carry normals has
+// the same depths and surfaces as one with colours.
+absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* output,
+                                      v1::RenderStatistics* statistics) {
+  const frame::FrameSpec& spec = asked_.spec;
+  const frame::DrawnWindow plain{.viewport = spec.viewport, .region = spec.region};
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(target, plain, Content::kPlanes));
+  const bool is_first = spec.output.image_format == frame::ImageFormat::kNone;
+  if (is_first) {
+    *statistics = StatisticsOf(result);
+  }
+  image_ = std::move(result.image);
+  layers_ = std::move(result.layers);
+  const absl::Time encode_start = absl::Now();
+  ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
+  const base::TraceScope trace(recorder(), "planes");
+  ticket_->runner()->arena()->execute([&] {
+    picture::ShowNearest(layers_, &image_);
+    if (spec.output.normal) {
+      output->normal = NormalPlane(image_);
+    }
+    if (is_first || spec.effects.samples_per_side > 1) {
+      FillPlanes(image_, spec, target.view, target.order, output);
+    }
+  });
+  if (is_first) {
+    *statistics->mutable_durations()->mutable_encode_duration() =
+        rpc::ToProto(absl::Now() - encode_start);
+  }
+  return absl::OkStatus();
+}
+
+// Lets the agents draw a window. To them it is a frame of its own, without samples and effects.
+absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
+                                             const frame::DrawnWindow& window, Content content) {
+  AskedFrame of_window = asked_;
+  frame::FrameSpec& spec = of_window.spec;
+  Request& request = of_window.request;
+  spec.viewport = window.viewport;
+  spec.region = window.region;
+  spec.effects = {};
+  if (content == Content::kPicture) {
+    spec.sends_normals = picture::NeedsDeferredShading(spec);
+    spec.sends_map_steps = frame::ShowsGradient(spec);
+  } else {
+    spec.sends_normals = spec.output.normal;
+    ShowSurfacesOnCaps(&of_window);
+  }
+  *request.mutable_viewport() = rpc::ToProto(window.viewport);
+  if (window.region.has_value()) {
+    *request.mutable_region() = rpc::ToProto(*window.region);
+  }
+  request.clear_samples();
+  request.clear_ambient_occlusion();
+  request.clear_silhouette();
+  const base::TraceScope trace(recorder(), "agents");
+  return ticket_->runner()->Run(Identity(), of_window, target, &parts_);
+}
+
+}  // namespace isoscope::server

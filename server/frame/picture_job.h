@@ -1,0 +1,109 @@
+// What one call draws: picture and planes of a frame, from the request to the response.
+//
+// 1. Admit converts the request. An error that no state of the cluster could change is answered at
+//    once. Then the ticket takes a place.
+// 2. Run waits for memory and finds the target (FrameTicket::Prepare). RunFrame does the work with
+//    the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
+//    report them; otherwise their report goes into the cache.
+// 3. Picture and planes are encoded, in the arena of the runner.
+//
+// A picture with several samples, or with effects that look around, is drawn in a larger window
+// (core/frame/drawn_window) and finished by picture_finish. Planes are those of one sample, so a
+// frame with samples and planes is drawn twice. Normals travel in place of colours: a frame with a
+// picture and normals is drawn twice, too. The picture of a frame with lights or a color_by is
+// computed from normals (core/picture/deferred_shading).
+//
+// A trace (with_trace) has the times of all this: the coordinator's own from a recorder that the
+// job passes down, the agents' from their streams. Its zero is the call's begin.
+
+#ifndef ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
+#define ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/trace_recorder.h"
+#include "core/frame/drawn_window.h"
+#include "core/image/frame_image.h"
+#include "core/image/layer_stack.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "server/frame/frame_runner.h"
+#include "server/frame/frame_ticket.h"
+#include "server/picture/depth_grid.h"
+#include "server/picture/frame_output.h"
+
+namespace isoscope::server {
+
+// Holds the images, which its destructor clears for their pool: destroy it once the client has its
+// answer. For one thread at a time.
+class PictureJob {
+ public:
+  using Request = isoscope::v1::RenderIsosurfaceRequest;
+  using Response = isoscope::v1::RenderIsosurfaceResponse;
+
+  // depth_grid_side: points on the longer side of the picture's depth grid; 0: none is made. A
+  // region that is drawn with a margin has none.
+  static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(std::shared_ptr<FrameTicket> ticket,
+                                                           const Request& request,
+                                                           int depth_grid_side = 0);
+
+  // Renders the frame into `response`. Blocks. Calls `on_drawn` once the agents have drawn a
+  // picture, before it is encoded. Errors as IsosurfaceService says. Call once.
+  absl::Status Run(
+      Response* response, absl::FunctionRef<void()> on_drawn = [] {});
+
+  [[nodiscard]] const std::optional<DepthGrid>& depth_grid() const { return depth_grid_; }
+
+ private:
+  struct Trace {
+    explicit Trace(std::size_t max_spans) : recorder(max_spans) {}
+    base::TraceRecorder recorder;
+    const base::TraceTime zero = base::TraceClock::now();
+    std::vector<isoscope::v1::ProcessTrace> of_agents = {};
+  };
+
+  // What pixels are drawn for. Pictures have colours, or normals to shade; planes have normals if
+  // they are asked for.
+  enum class Content { kPicture, kPlanes };
+
+  PictureJob(std::shared_ptr<FrameTicket> ticket, AskedFrame asked, int depth_grid_side);
+
+  absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
+  absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+                            FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+  absl::Status RenderPicture(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+  absl::Status FinishAndEncode(const FrameTarget& target, const frame::DrawnWindow& window,
+                               const view::View& drawn_view, FrameOutput* output,
+                               isoscope::v1::RenderStatistics* statistics);
+  absl::Status RenderPlanes(const FrameTarget& target, FrameOutput* output,
+                            isoscope::v1::RenderStatistics* statistics);
+  absl::StatusOr<FrameResult> Draw(const FrameTarget& target, const frame::DrawnWindow& window,
+                                   Content content);
+  [[nodiscard]] FrameIdentity Identity();
+  void AddTrace(base::TraceTime begin, Response* response);
+  void ReleaseImages();
+  [[nodiscard]] base::TraceRecorder* recorder() const {
+    return trace_ == nullptr ? nullptr : &trace_->recorder;
+  }
+
+  const std::shared_ptr<FrameTicket> ticket_;
+  AskedFrame asked_;  // FindTarget resolves its camera
+  const int depth_grid_side_;
+  std::optional<DepthGrid> depth_grid_;
+  std::unique_ptr<Trace> trace_;  // null: none is asked for
+  std::vector<FramePart> parts_;  // of the target, without those that were lost on the way
+  image::FrameImage image_;
+  image::FrameImage drawn_;   // if the picture is another one
+  image::LayerStack layers_;  // of what was drawn
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_

@@ -1,0 +1,74 @@
+#include "server/interact/interact_outbox.h"
+
+#include <string>
+#include <utility>
+
+namespace isoscope::server {
+
+namespace v1 = isoscope::v1;
+
+void InteractAnswer::SetError(const absl::Status& status) {
+  message.clear_frame();
+  message.mutable_error()->set_code(static_cast<std::int32_t>(status.code()));
+  message.mutable_error()->set_message(std::string(status.message()));
+}
+
+void InteractOutbox::Push(InteractAnswer answer, absl::Time now) {
+  const bool is_frame = answer.message.has_frame();
+  const std::int64_t sequence = answer.message.sequence_number();
+  if (!is_frame) {
+    schedule_.OnError(now);
+  }
+  if (is_closed_ || (is_frame && sequence < newest_sequence_)) {
+    schedule_.OnDropped(answer.is_of_exact_work);
+    return;
+  }
+  if (is_frame) {
+    newest_sequence_ = sequence;
+  }
+  waiting_.remove_if([&](const InteractAnswer& older) {
+    const bool is_replaced = older.message.has_frame() == is_frame;
+    if (is_replaced) {
+      schedule_.OnDropped(older.is_of_exact_work);
+    }
+    return is_replaced;
+  });
+  waiting_.push_back(std::move(answer));
+}
+
+const v1::InteractResponse* InteractOutbox::BeginWrite(absl::Time now) {
+  if (is_writing_ || waiting_.empty()) {
+    return nullptr;
+  }
+  is_writing_ = true;
+  in_flight_.message = std::move(waiting_.front().message);
+  in_flight_.memory.reset();
+  if (waiting_.front().memory.has_value()) {
+    in_flight_.memory.emplace(*std::move(waiting_.front().memory));
+  }
+  // The error of an exact frame waited as one, but needs no acknowledgement as one.
+  schedule_.OnSent(++sent_count_, now, waiting_.front().is_of_exact_work);
+  waiting_.pop_front();
+  v1::InteractResponse& message = in_flight_.message;
+  message.set_frame_number(sent_count_);
+  if (message.has_error()) {
+    schedule_.OnShown(sent_count_, now);  // there is nothing to show
+  } else if (!message.is_exact()) {
+    constexpr std::int64_t kMaxUnshown = 1000;  // the client may leave frames unanswered
+    moving_.insert(sent_count_);
+    moving_.erase(sent_count_ - kMaxUnshown);
+  }
+  return &message;
+}
+
+void InteractOutbox::EndWrite() {
+  is_writing_ = false;
+  in_flight_.memory.reset();
+}
+
+void InteractOutbox::Close() {
+  is_closed_ = true;
+  waiting_.clear();
+}
+
+}  // namespace isoscope::server

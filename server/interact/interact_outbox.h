@@ -1,0 +1,75 @@
+// The answers of an interactive stream on their way to its client. No gRPC, no threads, no clock of
+// its own. Tells the schedule what became of each.
+//
+// One answer is written at a time. Others wait: one frame and one error at most, because a newer
+// one replaces a waiting one of its kind. So a slow client holds one message in the network and two
+// here.
+
+#ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_OUTBOX_H_
+#define ISOSCOPE_SERVER_INTERACT_INTERACT_OUTBOX_H_
+
+#include <cstdint>
+#include <list>
+#include <optional>
+
+#include "absl/container/flat_hash_set.h"
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+
+#include "core/base/memory_budget.h"
+#include "isoscope/v1/interact_service.pb.h"
+#include "server/interact/interactive_schedule.h"
+
+namespace isoscope::server {
+
+// A frame, or an error.
+struct InteractAnswer {
+  isoscope::v1::InteractResponse message = {};
+  bool is_of_exact_work = false;
+  // Of the message and of gRPC's copy, until it is written: slow clients must not add up to more
+  // than the coordinator may have.
+  std::optional<base::MemoryBudget::Reservation> memory = std::nullopt;
+
+  // Puts the error in place of a frame.
+  void SetError(const absl::Status& status);
+};
+
+// Thread-compatible. Times never go back.
+class InteractOutbox {
+ public:
+  // `schedule` outlives the outbox.
+  explicit InteractOutbox(InteractiveSchedule* schedule) : schedule_(*schedule) {}
+
+  // Lets an answer wait. Drops a frame that is older than one before it, and all after Close.
+  void Push(InteractAnswer answer, absl::Time now);
+  // Begins the write of the next answer, which then has its frame_number. It lives until EndWrite.
+  // Null: one is under way, or none waits.
+  const isoscope::v1::InteractResponse* BeginWrite(absl::Time now);
+  void EndWrite();
+  // Drops what waits. From now on nothing is written.
+  void Close();
+
+  // Whether a frame that was sent is a moving one, and was not shown.
+  [[nodiscard]] bool IsUnshownMoving(std::int64_t frame_number) const {
+    return moving_.contains(frame_number);
+  }
+  // The client has shown a frame. Returns what IsUnshownMoving said of it.
+  bool NoteShown(std::int64_t frame_number) { return moving_.erase(frame_number) > 0; }
+
+  [[nodiscard]] bool is_writing() const { return is_writing_; }
+  [[nodiscard]] std::int64_t sent_count() const { return sent_count_; }
+
+ private:
+  InteractiveSchedule& schedule_;
+  std::list<InteractAnswer> waiting_;
+  InteractAnswer in_flight_;
+  bool is_writing_ = false;
+  bool is_closed_ = false;
+  std::int64_t sent_count_ = 0;       // the number of the last answer that was sent
+  std::int64_t newest_sequence_ = 0;  // of the frames so far
+  absl::flat_hash_set<std::int64_t> moving_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_INTERACT_INTERACT_OUTBOX_H_

@@ -1,0 +1,90 @@
+// Rings when the pace of an export's client must be judged (server/export/export_pace.h).
+
+#ifndef ISOSCOPE_SERVER_PACE_ALARM_H_
+#define ISOSCOPE_SERVER_PACE_ALARM_H_
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/time/clock.h"
+#include <grpcpp/alarm.h>
+
+#include "core/base/mutex.h"
+#include "server/export/export_pace.h"
+
+namespace isoscope::server {
+
+// Thread-safe. Part of a call's reactor, which calls Stop in OnDone.
+class PaceAlarm {
+ public:
+  // Judges from now on. `ring` is called on gRPC's threads until Stop, and then calls Judge. It may
+  // own the alarm.
+  void Start(const ExportLimits& limits, std::function<void()> ring) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (!is_stopped_) {
+      ring_ = std::move(ring);
+      pace_.emplace(limits, absl::Now());
+      SetAlarm();
+    }
+  }
+  void OnWriteBegun(std::size_t bytes) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    in_flight_bytes_ = bytes;
+    if (pace_.has_value()) {
+      pace_->OnWriteBegun(absl::Now());
+    }
+  }
+  void OnWriteDone() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (pace_.has_value()) {
+      pace_->OnWriteDone(in_flight_bytes_, absl::Now());
+    }
+  }
+  // Sets the next alarm if the export goes on, as it does after Stop.
+  ExportPace::Verdict Judge() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (is_stopped_) {
+      return ExportPace::Verdict::kGoesOn;
+    }
+    const ExportPace::Verdict verdict = pace_->Judge(absl::Now());
+    if (verdict == ExportPace::Verdict::kGoesOn) {
+      SetAlarm();
+    }
+    return verdict;
+  }
+  void Stop() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    is_stopped_ = true;
+    alarm_.reset();
+    ring_ = nullptr;
+  }
+  [[nodiscard]] bool is_stopped() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return is_stopped_;
+  }
+
+ private:
+  void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    alarm_ = std::make_unique<grpc::Alarm>();
+    alarm_->Set(absl::ToChronoTime(pace_->NextJudgement(absl::Now())), [ring = ring_](bool rang) {
+      if (rang) {
+        ring();
+      }
+    });
+  }
+
+  base::Mutex mutex_;
+  std::optional<ExportPace> pace_ ABSL_GUARDED_BY(mutex_);  // none: it has not begun
+  std::function<void()> ring_ ABSL_GUARDED_BY(mutex_);
+  std::size_t in_flight_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
+  bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_PACE_ALARM_H_
