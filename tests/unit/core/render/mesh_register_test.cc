@@ -15,7 +15,8 @@ ShadedMesh MeshOf(std::size_t triangle_count) {
   block.positions = {{0, 0, 0}};
   block.normals = {{0, 0, 1}};
   block.indices.assign(3 * triangle_count, 0);
-  ShadedMesh shaded{.mesh = mesh::Compact(block)};
+  ShadedMesh shaded;
+  shaded.mesh = mesh::Compact(block);
   shaded.triangles = shaded.mesh->triangles;
   return shaded;
 }
