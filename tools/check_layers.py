@@ -114,6 +114,7 @@ UNTESTED_HEADERS = {
     "core/mesh/block_mesh.h": "plain data",
     "core/frame/appearance.h": "plain data",
     "core/frame/color.h": "plain data",
+    "core/render/fragment_shader.h": "inside of renderer_test and layer_pass_test",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
     "core/render/gl_objects.h": "inside of renderer_test",
     "core/render/gl_thread.h": "inside of renderer_test",

@@ -24,15 +24,11 @@ void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_color
   std::uint32_t is_tied = 0;
   for (int x = 0; x < count; ++x) {
     is_nearer |= std::uint32_t{from_keys[x] < keys[x]};
-    is_tied |= std::uint32_t{image::HaveEqualDepth(from_keys[x], keys[x])} &
-               std::uint32_t{from_keys[x] != keys[x]};
+    is_tied |= std::uint32_t{image::AreTied(from_keys[x], keys[x])};
   }
   if (is_tied != 0) [[unlikely]] {
     for (int x = 0; x < count; ++x) {
-      if (order.IsBefore(from_keys[x], from_colors[x], keys[x], colors[x])) {
-        keys[x] = from_keys[x];
-        colors[x] = from_colors[x];
-      }
+      order.KeepFirst(from_keys[x], from_colors[x], keys + x, colors + x);
     }
   } else if (is_nearer != 0) {
     for (int x = 0; x < count; ++x) {

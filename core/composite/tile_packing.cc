@@ -181,11 +181,7 @@ void SettleTies(const TileMask& mask, const std::uint64_t* keys, const image::Rg
   for (const std::uint32_t of_row : mask) {
     for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1, ++keys, ++colors) {
       const int column = std::countr_zero(rest);
-      if (image::HaveEqualDepth(*keys, into_keys[column]) &&
-          order.IsBefore(*keys, *colors, into_keys[column], into_colors[column])) {
-        into_keys[column] = *keys;
-        into_colors[column] = *colors;
-      }
+      order.KeepFirst(*keys, *colors, into_keys + column, into_colors + column);
     }
     into_keys += stride;
     into_colors += stride;

@@ -52,6 +52,8 @@ constexpr float DepthOf(std::uint64_t key) {
 }
 constexpr std::uint32_t OwnerOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
 constexpr bool HaveEqualDepth(std::uint64_t a, std::uint64_t b) { return (a ^ b) >> 32 == 0; }
+// Whether keys alone do not tell which of two fragments comes first.
+constexpr bool AreTied(std::uint64_t a, std::uint64_t b) { return HaveEqualDepth(a, b) && a != b; }
 
 // Decides between fragments of equal depth.
 enum class TieRule {
@@ -91,6 +93,15 @@ struct FragmentOrder {
       return PackedColor(a_color) < PackedColor(b_color);
     }
     return a < b;
+  }
+
+  // Compositing of two fragments of one pixel: the first of them is kept in `into`.
+  constexpr void KeepFirst(std::uint64_t from, Rgba8 from_color, std::uint64_t* into,
+                           Rgba8* into_color) const {
+    if (IsBefore(from, from_color, *into, *into_color)) {
+      *into = from;
+      *into_color = from_color;
+    }
   }
 };
 

@@ -58,6 +58,17 @@ Projection ProjectionOf(const view::View& view) {
 
 }  // namespace
 
+std::optional<std::span<const view::HalfSpace>> CutsOf(const view::Clipper& clipper,
+                                                       const volume::BlockLayout& layout,
+                                                       volume::BlockId block_id) {
+  using Side = view::Clipper::Side;
+  const Side side = clipper.empty() ? Side::kInside : clipper.SideOf(layout, block_id);
+  if (side == Side::kOutside) {
+    return std::nullopt;
+  }
+  return side == Side::kCut ? clipper.half_spaces() : std::span<const view::HalfSpace>();
+}
+
 CpuRasterizer::ClipVertex CpuRasterizer::ToClip(const math::Vec3f& position) const {
   const std::array<double, 16>& m = projection_.clip_from_index;
   const double x = static_cast<double>(position.x);

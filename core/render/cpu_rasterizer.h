@@ -12,6 +12,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -41,6 +42,12 @@ enum class ClipWeights {
   // BarycentricsNearPixel: what frames with caps need, so that no gap opens along a cap.
   kNearPixel,
 };
+
+// Returns the half-spaces that fragments of a block must be tested with: none if it lies inside of
+// the clip region as a whole, no value if it lies outside.
+std::optional<std::span<const view::HalfSpace>> CutsOf(const view::Clipper& clipper,
+                                                       const volume::BlockLayout& layout,
+                                                       volume::BlockId block_id);
 
 // Scratch space of one thread, reused from block to block. Thread-compatible.
 class CpuRasterizer {

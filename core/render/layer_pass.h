@@ -7,20 +7,17 @@
 
 #include <cstddef>
 #include <memory>
-#include <optional>
 #include <span>
 #include <utility>
-#include <vector>
 
 #include "absl/status/status.h"
 
 #include "core/composite/pixel_codec.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/layer_stack.h"
-#include "core/render/map_level.h"
+#include "core/render/fragment_shader.h"
 #include "core/render/pass_resources.h"
 #include "core/render/renderer.h"
-#include "core/render/shade_kernel.h"
 #include "core/view/clip_region.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
@@ -59,21 +56,14 @@ class LayerPass {
 
  private:
   void Draw(const MeshToDraw& item, PassResources::Scratch* scratch);
-  void Insert(const FragmentBatch& batch, const MeshToDraw& item, PassResources::Scratch* scratch);
-  void Shade(const MeshToDraw& item, std::span<const std::uint32_t> triangles,
-             std::span<const std::uint32_t> pixels, PassResources::Scratch* scratch) const;
-  void AddMapSteps(const mesh::CompactMesh& mesh, std::span<const std::uint32_t> triangles,
-                   std::span<const std::uint32_t> pixels, PassResources::Scratch* scratch) const;
+  void Insert(const FragmentBatch& batch, const ShadedMesh& mesh, ShadeList* list);
 
   const view::View view_;
   const volume::BlockLayout layout_;
   const view::Clipper clipper_;
-  const bool sends_normals_;
-  const std::vector<std::optional<MapScale>> map_scales_;  // by surface
-  const PixelRays rays_;
   PassResources& resources_;
-  std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
   image::LayerStack layers_;
+  const FragmentShader shader_;
   composite::RowLocks row_locks_;  // of the layers
 };
 

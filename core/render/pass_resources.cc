@@ -39,7 +39,7 @@ std::unique_ptr<PassBuffers> PassResources::TakeBuffers(int width, int height) {
   {
     const base::MutexLock lock(&mutex_);
     const auto found = std::find_if(unused_.rbegin(), unused_.rend(), [&](const auto& unused) {
-      return unused->width == width && unused->height == height;
+      return unused->plane.width() == width && unused->plane.height() == height;
     });
     if (found != unused_.rend()) {
       std::unique_ptr<PassBuffers> buffers = std::move(*found);
@@ -75,7 +75,7 @@ void PassResources::GiveBack(std::unique_ptr<PassBuffers> buffers) {
 
 void PassResources::PrepareBuffers(int width, int height) {
   const std::size_t fragment_bytes =
-      static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
+      static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(DepthPrimitive);
   {
     const base::MutexLock lock(&mutex_);
     if (unused_bytes_ + fragment_bytes > max_unused_buffer_bytes_) {

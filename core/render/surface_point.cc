@@ -31,9 +31,7 @@ SurfacePoint SurfacePointAt(const view::View& view, const mesh::CompactMesh& mes
   return point;
 }
 
-std::uint32_t ShadeStepAt(const view::View& view, const mesh::CompactMesh& mesh,
-                          std::uint32_t triangle, int x, int y) {
-  const SurfacePoint point = SurfacePointAt(view, mesh, triangle, x, y);
+std::uint32_t ShadeStepAt(const view::View& view, const SurfacePoint& point) {
   const math::Vec3d& normal = point.normal;
   const math::Vec3d& position = point.position;
   math::Vec3d to_eye = -view.forward();

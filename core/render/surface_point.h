@@ -31,9 +31,8 @@ inline float MixLevels(const SurfacePoint& point, const std::array<float, 3>& le
 SurfacePoint SurfacePointAt(const view::View& view, const mesh::CompactMesh& mesh,
                             std::uint32_t triangle, int x, int y);
 
-// Returns the step of |n . v|, 0 to kShadeSteps, as ComputeShadeSteps does.
-std::uint32_t ShadeStepAt(const view::View& view, const mesh::CompactMesh& mesh,
-                          std::uint32_t triangle, int x, int y);
+// Returns the step of |n . v| at the point, 0 to kShadeSteps, as ComputeShadeSteps does.
+std::uint32_t ShadeStepAt(const view::View& view, const SurfacePoint& point);
 
 }  // namespace isoscope::render
 

@@ -23,7 +23,7 @@ TEST(SurfacePointTest, ThePointLiesOnTheTriangleBehindThePixelsCentre) {
   EXPECT_NEAR(point.position.x, 10.5, 1e-5);
   EXPECT_NEAR(point.position.y, 64 - 50.5, 1e-5);
   EXPECT_NEAR(point.position.z, 30, 1e-5);
-  EXPECT_EQ(ShadeStepAt(view, *mesh, 0, 10, 50), kShadeSteps) << "it faces the eye";
+  EXPECT_EQ(ShadeStepAt(view, point), kShadeSteps) << "it faces the eye";
 }
 
 TEST(SurfacePointTest, TheStepIsTheCosineToTheEye) {
@@ -31,9 +31,11 @@ TEST(SurfacePointTest, TheStepIsTheCosineToTheEye) {
   const view::View view = MakeOrthographicView(scene, 64, 64, 64, {32, 32, 32});
   const float c = std::sqrt(0.5F);
   const MeshPtr tilted = MakeTriangle(0, {0, 0, 30}, {64, 0, 30}, {0, 64, 30}, {c, 0, c});
-  EXPECT_NEAR(ShadeStepAt(view, *tilted, 0, 10, 50), kShadeSteps * std::sqrt(0.5), 1);
+  EXPECT_NEAR(ShadeStepAt(view, SurfacePointAt(view, *tilted, 0, 10, 50)),
+              kShadeSteps * std::sqrt(0.5), 1);
   const MeshPtr none = MakeTriangle(0, {0, 0, 30}, {64, 0, 30}, {0, 64, 30}, {0, 0, 0});
-  EXPECT_EQ(ShadeStepAt(view, *none, 0, 10, 50), kShadeSteps) << "as if it faced the eye";
+  EXPECT_EQ(ShadeStepAt(view, SurfacePointAt(view, *none, 0, 10, 50)), kShadeSteps)
+      << "as if it faced the eye";
 }
 
 }  // namespace
