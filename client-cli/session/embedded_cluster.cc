@@ -65,8 +65,10 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
   const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
 
-  // With two agents a thread or more, no thread is idle for long while the last one draws.
+  // With two agents a thread or more, no thread is idle for long while the last one draws. Threads
+  // of steps compute beside those of the arena; so with --threads 1 there are none.
   const bool one_thread_a_step =
+      arena->max_concurrency() > 1 &&
       dataset.shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes

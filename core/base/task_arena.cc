@@ -119,6 +119,9 @@ class Placement final : public tbb::task_scheduler_observer {
   int inside_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
+// The arena of the scope that this thread is in.
+thread_local tbb::task_arena* scope_arena = nullptr;
+
 struct PlacedArena {
   // TBB makes more threads than there are CPUs only if this allows them.
   std::optional<tbb::global_control> allowed_threads;
@@ -145,20 +148,15 @@ std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count) {
   return {std::move(placed), arena};
 }
 
-OneThreadScope::OneThreadScope() : before_(internal::OneThreadOfThisThread().arena) {
+OneThreadScope::OneThreadScope() : before_(scope_arena) {
   thread_local tbb::task_arena alone(1);
-  internal::OneThreadOfThisThread().arena = &alone;
+  scope_arena = &alone;
 }
 
-OneThreadScope::~OneThreadScope() { internal::OneThreadOfThisThread().arena = before_; }
+OneThreadScope::~OneThreadScope() { scope_arena = before_; }
 
-int ConcurrencyOf(const tbb::task_arena& arena) {
-  return internal::OneThreadOfThisThread().arena != nullptr ? 1 : arena.max_concurrency();
-}
-
-internal::OneThread& internal::OneThreadOfThisThread() {
-  thread_local OneThread scope;
-  return scope;
+tbb::task_arena& ArenaOfThisThread(tbb::task_arena* arena) {
+  return scope_arena != nullptr ? *scope_arena : *arena;
 }
 
 }  // namespace isoscope::base

@@ -161,7 +161,7 @@ TEST(AgentRegistryTest, BadEndpointsAreRefused) {
               StatusIs(absl::StatusCode::kInvalidArgument));
   EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"a:1", "a:1"})),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("twice")));
-  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"dns:///x"})),
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"dns:///:1"})),
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
