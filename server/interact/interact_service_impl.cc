@@ -280,11 +280,12 @@ class InteractServiceImpl::InteractCall final
                                                  .is_moving = !start.is_exact,
                                                  .client_deadline = deadline_,
                                                  .max_duration = options_.max_frame_duration});
-    auto job = [&]() -> absl::StatusOr<std::unique_ptr<PictureJob>> {
-      ISOSCOPE_RETURN_IF_ERROR(CheckInteractiveOutput(state));
-      return PictureJob::Admit(ticket, request,
-                               start.is_exact ? kExactGridSide : quality.depth_grid_side);
-    }();
+    using Job = absl::StatusOr<std::unique_ptr<PictureJob>>;
+    const absl::Status output = CheckInteractiveOutput(state);
+    Job job = output.ok()
+                  ? PictureJob::Admit(ticket, request,
+                                      start.is_exact ? kExactGridSide : quality.depth_grid_side)
+                  : Job(output);
     if (!job.ok()) {
       Audit(*ticket, job.status());
       Refuse(start, job.status());
