@@ -1,4 +1,4 @@
-// What one thread of a MeshSupply collects, and how it reaches the sink.
+// The meshes that one thread of a MeshSupply collects, and how they reach the sink.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_WORKER_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_WORKER_H_

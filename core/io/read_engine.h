@@ -1,4 +1,4 @@
-// What reads bytes that are not in memory: threads that block in pread, or io_uring. Internal to
+// Reads bytes that are not in memory: threads that block in pread, or io_uring. Internal to
 // ReadQueue, whose test covers both.
 
 #ifndef ISOSCOPE_CORE_IO_READ_ENGINE_H_

@@ -8,7 +8,7 @@ namespace isoscope::render {
 namespace {
 
 constexpr int kTilePx = image::TileSet::kTilePx;
-// Of a lock tile.
+// Room for so many ties stays with an idle lock tile.
 constexpr std::size_t kMaxIdleTies = 256;
 
 }  // namespace

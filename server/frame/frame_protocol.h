@@ -99,7 +99,7 @@ struct ReplicaSetup {
   std::function<bool(int part_index, int replica_index)> may_hedge;
 };
 
-// What a frame learnt of its agents.
+// A frame's report on its agents.
 struct AgentReport {
   // The agents that failed, also those whose part another one then did.
   std::vector<AgentFailure> failures = {};

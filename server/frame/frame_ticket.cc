@@ -21,7 +21,7 @@ namespace v1 = isoscope::v1;
 // The room in a message for all but picture and planes.
 constexpr std::size_t kOtherFieldsBytes = base::kMiB;
 
-// Of an answer in parts, those that are copied to be sent.
+// The bytes of an answer in parts that are copied to be sent.
 constexpr std::size_t kPartsUnderWayBytes = 2 * base::kMiB;
 
 // Returns when a frame that begins now must end so that its client still hears which agent is late.

@@ -48,7 +48,7 @@ struct FrameOrigin {
   Caller caller = {};
 };
 
-// What a call asks for, apart from the pixels.
+// A call's request for a place: all but the pixels.
 struct FrameClaim {
   const char* noun = "frame";  // in logs and messages: "frame" or "pick"
   std::string dataset = {};

@@ -1,4 +1,4 @@
-// What one call picks: the points that some pixels show. A pick is a frame of the smallest region
+// The picks of one call: the points that some pixels show. A pick is a frame of the smallest region
 // that holds its pixels. The agents then tell which shards hold the blocks that the pixels show,
 // and the gradients there.
 

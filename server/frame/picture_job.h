@@ -1,4 +1,4 @@
-// What one call draws: picture and planes of a frame, from the request to the response.
+// The drawing of one call: picture and planes of a frame, from the request to the response.
 //
 // 1. Admit converts the request. An error that no state of the cluster could change is answered at
 //    once. Then the ticket takes a place.

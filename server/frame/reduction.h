@@ -80,9 +80,8 @@ class Reduction {
   // `active`: those of the part, if they were asked for.
   void AddRayHits(std::size_t part_index, const std::vector<volume::BlockId>& hits,
                   std::vector<volume::BlockId> active);
-  // What has come so far: the union of the hits, and the active blocks by part.
+  // The union of the hits that have come.
   [[nodiscard]] const volume::BlockSet& ray_hits() const { return hits_; }
-  const ActiveBlocks& JoinActive();
   // Does what SelectOccluders needs of known active blocks; else nothing.
   void Prepare();
   void SelectOccluders(const PartReady& ready);
