@@ -239,7 +239,7 @@ class IsosurfaceServiceImpl::ExportCall final
                                                         options_.max_agent_silence, identity_));
       sources.push_back(streams.back().get());
     }
-    const absl::StatusOr<std::int64_t> vertex_count = [&] {
+    absl::StatusOr<std::int64_t> vertex_count = [&] {
       const base::Cancellation::Callback stop(turn_.cancellation(), [&streams] {
         for (const std::unique_ptr<SurfaceStream>& stream : streams) {
           stream->Cancel();

@@ -66,9 +66,9 @@ class ShardSet {
   absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard,
                                                   const HistogramBuilder& histograms,
                                                   const base::Cancellation& cancellation);
-  absl::StatusOr<store::ShardSummary> Compress(std::size_t shard, const store::ShardSummary& raw,
-                                               store::BlockEncoding encoding,
-                                               const base::Cancellation& cancellation) const;
+  [[nodiscard]] absl::StatusOr<store::ShardSummary> Compress(
+      std::size_t shard, const store::ShardSummary& raw, store::BlockEncoding encoding,
+      const base::Cancellation& cancellation) const;
 
   const std::string directory_;
   const volume::BlockLayout& layout_;

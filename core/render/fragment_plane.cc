@@ -27,7 +27,9 @@ void FragmentPlane::ForEachLockTile(const view::PixelRect& rect, const Visit& vi
   const int end_column = (rect.end_x - 1) / kLockTilePx;
   for (int row = rect.begin_y / kLockTilePx; row <= end_row; ++row) {
     for (int column = rect.begin_x / kLockTilePx; column <= end_column; ++column) {
-      visit(row, column, lock_tiles_[static_cast<std::size_t>(row * lock_columns_ + column)]);
+      visit(row, column,
+            lock_tiles_[static_cast<std::size_t>(row) * static_cast<std::size_t>(lock_columns_) +
+                        static_cast<std::size_t>(column)]);
     }
   }
 }
@@ -47,7 +49,8 @@ void FragmentPlane::LockTile::Touch(const view::PixelRect& rect, int row, int co
     const int end = std::min(end_y - r * kTilePx, kTilePx);
     const auto rows = static_cast<std::uint16_t>((1U << end) - (1U << begin));
     for (int c = begin_column; c < end_column; ++c) {
-      touched_rows[static_cast<std::size_t>(r * kImageTileColumns + c)] |= rows;
+      touched_rows[static_cast<std::size_t>(r) * kImageTileColumns + static_cast<std::size_t>(c)] |=
+          rows;
     }
   }
 }

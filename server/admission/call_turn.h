@@ -29,11 +29,12 @@ class CallTurn {
   absl::Status TakePlace(const std::string& client) { return Keep(admission_.Admit(client)); }
   // Keeps a place that was taken of the admission. Returns why there is none.
   absl::Status Keep(absl::StatusOr<Admission::Place> place) {
-    if (place.ok()) {
-      ticket_.store(place->ticket());
-      place_.emplace(*std::move(place));
+    if (!place.ok()) {
+      return place.status();
     }
-    return place.status();
+    ticket_.store(place->ticket());
+    place_.emplace(*std::move(place));
+    return absl::OkStatus();
   }
   // Runs `work` as Admission does. The caller owns the turn until this returns. REQUIRES: a place
   // is kept.

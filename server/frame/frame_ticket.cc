@@ -59,7 +59,7 @@ absl::Status FrameTicket::TakePlaceUncounted(const frame::FrameSpec& spec) {
   const Caller& caller = origin_.caller;
   ISOSCOPE_RETURN_IF_ERROR(caller.CheckViewport(spec.viewport.width_px, spec.viewport.height_px));
   ISOSCOPE_RETURN_IF_ERROR(TakeShare());
-  const absl::Status placed = turn_.Keep(
+  absl::Status placed = turn_.Keep(
       runner_.Admit(caller.QueueKey(origin_.client), spec, claim_.delivery, claim_.has_trace));
   if (!placed.ok()) {
     caller.ReturnFrame();

@@ -86,8 +86,8 @@ class FrameTicket {
   absl::Status Run(const AskedFrame& asked, Response* response,
                    absl::FunctionRef<absl::Status()> work) {
     BeginWork();
-    const absl::Status status = base::OrNoMemory(
-        absl::StrCat("the ", claim_.noun), [&] { return lost_turn_.ok() ? work() : lost_turn_; });
+    absl::Status status = base::OrNoMemory(absl::StrCat("the ", claim_.noun),
+                                           [&] { return lost_turn_.ok() ? work() : lost_turn_; });
     EndWork(asked.spec, status, response->statistics());
     return status;
   }
