@@ -73,10 +73,8 @@ absl::StatusOr<std::vector<mesh::BlockMesh>> SurfaceExtraction::Extract(
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
             [&](std::size_t a, std::size_t b) { return block_of(a) < block_of(b); });
-  std::vector<BlockToRead> blocks;
-  for (const std::size_t i : order) {
-    blocks.push_back(block_of(i));
-  }
+  std::vector<BlockToRead> blocks(batch.size());
+  std::transform(order.begin(), order.end(), blocks.begin(), block_of);
   std::vector<mesh::BlockMesh> meshes(batch.size());
   ISOSCOPE_RETURN_IF_ERROR(
       BlockReads(blocks_.shards(), blocks)
