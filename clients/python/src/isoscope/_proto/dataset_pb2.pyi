@@ -17,11 +17,13 @@ SAMPLE_TYPE_UINT8: SampleType
 SAMPLE_TYPE_UNSPECIFIED: SampleType
 
 class Dataset(_message.Message):
-    __slots__ = ["block_cells", "block_count", "dataset_id", "geometry", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "value_range"]
+    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "geometry", "length_unit", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
     BLOCK_CELLS_FIELD_NUMBER: _ClassVar[int]
     BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
+    FIELDS_FIELD_NUMBER: _ClassVar[int]
     GEOMETRY_FIELD_NUMBER: _ClassVar[int]
+    LENGTH_UNIT_FIELD_NUMBER: _ClassVar[int]
     MAX_GRADIENT_MAGNITUDE_FIELD_NUMBER: _ClassVar[int]
     MISSING_SHARDS_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
@@ -30,11 +32,15 @@ class Dataset(_message.Message):
     SAMPLE_TYPE_FIELD_NUMBER: _ClassVar[int]
     SHARD_COUNT_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_STEPS_FIELD_NUMBER: _ClassVar[int]
+    TIME_UNIT_FIELD_NUMBER: _ClassVar[int]
     VALUE_RANGE_FIELD_NUMBER: _ClassVar[int]
     block_cells: Dimensions
     block_count: int
     dataset_id: str
+    fields: _containers.RepeatedCompositeFieldContainer[Field]
     geometry: GridGeometry
+    length_unit: str
     max_gradient_magnitude: float
     missing_shards: _containers.RepeatedScalarFieldContainer[int]
     name: str
@@ -43,8 +49,10 @@ class Dataset(_message.Message):
     samples_digest: str
     shard_count: int
     source: str
+    time_steps: _containers.RepeatedCompositeFieldContainer[TimeStep]
+    time_unit: str
     value_range: ValueRange
-    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ...) -> None: ...
 
 class Dimensions(_message.Message):
     __slots__ = ["x", "y", "z"]
@@ -55,6 +63,44 @@ class Dimensions(_message.Message):
     y: int
     z: int
     def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ..., z: _Optional[int] = ...) -> None: ...
+
+class Field(_message.Message):
+    __slots__ = ["components", "long_name", "name", "time_steps", "unit"]
+    COMPONENTS_FIELD_NUMBER: _ClassVar[int]
+    LONG_NAME_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    TIME_STEPS_FIELD_NUMBER: _ClassVar[int]
+    UNIT_FIELD_NUMBER: _ClassVar[int]
+    components: _containers.RepeatedCompositeFieldContainer[FieldComponent]
+    long_name: str
+    name: str
+    time_steps: _containers.RepeatedScalarFieldContainer[int]
+    unit: str
+    def __init__(self, name: _Optional[str] = ..., long_name: _Optional[str] = ..., unit: _Optional[str] = ..., components: _Optional[_Iterable[_Union[FieldComponent, _Mapping]]] = ..., time_steps: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class FieldComponent(_message.Message):
+    __slots__ = ["max_gradient_magnitude", "name", "sample_type", "value_range"]
+    MAX_GRADIENT_MAGNITUDE_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    SAMPLE_TYPE_FIELD_NUMBER: _ClassVar[int]
+    VALUE_RANGE_FIELD_NUMBER: _ClassVar[int]
+    max_gradient_magnitude: float
+    name: str
+    sample_type: SampleType
+    value_range: ValueRange
+    def __init__(self, name: _Optional[str] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., max_gradient_magnitude: _Optional[float] = ...) -> None: ...
+
+class FieldSelection(_message.Message):
+    __slots__ = ["component", "field", "time", "time_step"]
+    COMPONENT_FIELD_NUMBER: _ClassVar[int]
+    FIELD_FIELD_NUMBER: _ClassVar[int]
+    TIME_FIELD_NUMBER: _ClassVar[int]
+    TIME_STEP_FIELD_NUMBER: _ClassVar[int]
+    component: str
+    field: str
+    time: float
+    time_step: int
+    def __init__(self, field: _Optional[str] = ..., component: _Optional[str] = ..., time_step: _Optional[int] = ..., time: _Optional[float] = ...) -> None: ...
 
 class GridGeometry(_message.Message):
     __slots__ = ["direction_columns", "origin", "sample_dims", "spacing"]
@@ -67,6 +113,14 @@ class GridGeometry(_message.Message):
     sample_dims: Dimensions
     spacing: _geometry_pb2.Vec3
     def __init__(self, sample_dims: _Optional[_Union[Dimensions, _Mapping]] = ..., spacing: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., origin: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., direction_columns: _Optional[_Iterable[_Union[_geometry_pb2.Vec3, _Mapping]]] = ...) -> None: ...
+
+class TimeStep(_message.Message):
+    __slots__ = ["number", "value"]
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    number: int
+    value: float
+    def __init__(self, value: _Optional[float] = ..., number: _Optional[int] = ...) -> None: ...
 
 class ValueRange(_message.Message):
     __slots__ = ["max", "min"]

@@ -11,74 +11,75 @@ from google.protobuf import symbol_database as _symbol_database
 _sym_db = _symbol_database.Default()
 
 
+from isoscope._proto import dataset_pb2 as isoscope_dot_v1_dot_dataset__pb2
 from isoscope._proto import frame_pb2 as isoscope_dot_v1_dot_frame__pb2
 from isoscope._proto import geometry_pb2 as isoscope_dot_v1_dot_geometry__pb2
 from isoscope._proto import trace_pb2 as isoscope_dot_v1_dot_trace__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n$isoscope/v1/isosurface_service.proto\x12\x0bisoscope.v1\x1a\x17isoscope/v1/frame.proto\x1a\x1aisoscope/v1/geometry.proto\x1a\x17isoscope/v1/trace.proto\"\xf9\x05\n\x17RenderIsosurfaceRequest\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x10\n\x08isovalue\x18\x02 \x01(\x01\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12\'\n\x08viewport\x18\x04 \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12%\n\x07\x63ulling\x18\x05 \x01(\x0e\x32\x14.isoscope.v1.Culling\x12&\n\nbase_color\x18\x06 \x01(\x0b\x32\x12.isoscope.v1.Color\x12,\n\x10\x62\x61\x63kground_color\x18\x07 \x01(\x0b\x32\x12.isoscope.v1.Color\x12\x10\n\x08ray_seed\x18\x08 \x01(\x03\x12&\n\x08surfaces\x18\t \x03(\x0b\x32\x14.isoscope.v1.Surface\x12%\n\x04\x63lip\x18\n \x01(\x0b\x32\x17.isoscope.v1.ClipRegion\x12\"\n\x06lights\x18\x0b \x03(\x0b\x32\x12.isoscope.v1.Light\x12*\n\ncamera_fit\x18\x0c \x01(\x0e\x32\x16.isoscope.v1.CameraFit\x12#\n\x06region\x18\r \x01(\x0b\x32\x13.isoscope.v1.Region\x12*\n\x06output\x18\x0e \x01(\x0b\x32\x1a.isoscope.v1.OutputOptions\x12\x38\n\x11\x61mbient_occlusion\x18\x0f \x01(\x0b\x32\x1d.isoscope.v1.AmbientOcclusion\x12+\n\nsilhouette\x18\x10 \x01(\x0b\x32\x17.isoscope.v1.Silhouette\x12\x0f\n\x07samples\x18\x11 \x01(\x05\x12\x12\n\nmax_layers\x18\x12 \x01(\x05\x12#\n\x04\x63\x61ps\x18\x13 \x01(\x0b\x32\x15.isoscope.v1.ClipCaps\x12\x12\n\nwith_trace\x18\x14 \x01(\x08\x12\x15\n\rallow_partial\x18\x15 \x01(\x08\x12\x12\n\ndataset_id\x18\x16 \x01(\t\"\x8f\x01\n\x07Surface\x12\x10\n\x08isovalue\x18\x01 \x01(\x01\x12!\n\x05\x63olor\x18\x02 \x01(\x0b\x32\x12.isoscope.v1.Color\x12\'\n\x08material\x18\x03 \x01(\x0b\x32\x15.isoscope.v1.Material\x12&\n\x08\x63olor_by\x18\x04 \x01(\x0b\x32\x14.isoscope.v1.ColorBy\"\x98\x01\n\x08Material\x12\x14\n\x07\x61mbient\x18\x01 \x01(\x02H\x00\x88\x01\x01\x12\x14\n\x07\x64iffuse\x18\x02 \x01(\x02H\x01\x88\x01\x01\x12\x15\n\x08specular\x18\x03 \x01(\x02H\x02\x88\x01\x01\x12\x16\n\tshininess\x18\x04 \x01(\x02H\x03\x88\x01\x01\x42\n\n\x08_ambientB\n\n\x08_diffuseB\x0b\n\t_specularB\x0c\n\n_shininess\"\xe0\x01\n\x05Light\x12$\n\tdirection\x18\x01 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\'\n\x05space\x18\x02 \x01(\x0e\x32\x18.isoscope.v1.Light.Space\x12\x16\n\tintensity\x18\x03 \x01(\x02H\x00\x88\x01\x01\x12!\n\x05\x63olor\x18\x04 \x01(\x0b\x32\x12.isoscope.v1.Color\"?\n\x05Space\x12\x15\n\x11SPACE_UNSPECIFIED\x10\x00\x12\x0e\n\nSPACE_VIEW\x10\x01\x12\x0f\n\x0bSPACE_WORLD\x10\x02\x42\x0c\n\n_intensity\"\\\n\x08\x43lipCaps\x12(\n\tcolor_map\x18\x01 \x01(\x0e\x32\x15.isoscope.v1.ColorMap\x12&\n\x05range\x18\x02 \x01(\x0b\x32\x17.isoscope.v1.ColorRange\"\xde\x02\n\x07\x43olorBy\x12/\n\x08quantity\x18\x01 \x01(\x0e\x32\x1d.isoscope.v1.ColorBy.Quantity\x12(\n\tcolor_map\x18\x02 \x01(\x0e\x32\x15.isoscope.v1.ColorMap\x12&\n\x05range\x18\x03 \x01(\x0b\x32\x17.isoscope.v1.ColorRange\x12(\n\x07opacity\x18\x04 \x01(\x0b\x32\x17.isoscope.v1.MapOpacity\"\xa5\x01\n\x08Quantity\x12\x18\n\x14QUANTITY_UNSPECIFIED\x10\x00\x12\x17\n\x13QUANTITY_POSITION_X\x10\x01\x12\x17\n\x13QUANTITY_POSITION_Y\x10\x02\x12\x17\n\x13QUANTITY_POSITION_Z\x10\x03\x12\x13\n\x0fQUANTITY_NORMAL\x10\x04\x12\x1f\n\x1bQUANTITY_GRADIENT_MAGNITUDE\x10\x05\",\n\nMapOpacity\x12\x0e\n\x06\x61t_min\x18\x01 \x01(\x02\x12\x0e\n\x06\x61t_max\x18\x02 \x01(\x02\"&\n\nColorRange\x12\x0b\n\x03min\x18\x01 \x01(\x01\x12\x0b\n\x03max\x18\x02 \x01(\x01\"X\n\nClipRegion\x12+\n\x0bhalf_spaces\x18\x01 \x03(\x0b\x32\x16.isoscope.v1.HalfSpace\x12\x1d\n\x03\x62ox\x18\x02 \x01(\x0b\x32\x10.isoscope.v1.Box\">\n\tHalfSpace\x12!\n\x06normal\x18\x01 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\x0e\n\x06offset\x18\x02 \x01(\x01\"I\n\x10\x41mbientOcclusion\x12\x11\n\tradius_px\x18\x01 \x01(\x05\x12\x15\n\x08strength\x18\x02 \x01(\x02H\x00\x88\x01\x01\x42\x0b\n\t_strength\"A\n\nSilhouette\x12\x10\n\x08width_px\x18\x01 \x01(\x05\x12!\n\x05\x63olor\x18\x02 \x01(\x0b\x32\x12.isoscope.v1.Color\"\xb5\x02\n\rOutputOptions\x12<\n\x0cimage_format\x18\x01 \x01(\x0e\x32&.isoscope.v1.OutputOptions.ImageFormat\x12\x14\n\x0cjpeg_quality\x18\x02 \x01(\x05\x12\r\n\x05\x64\x65pth\x18\x03 \x01(\x08\x12\x15\n\rsurface_index\x18\x04 \x01(\x08\x12\x10\n\x08position\x18\x05 \x01(\x08\x12\x0e\n\x06normal\x18\x06 \x01(\x08\"\x87\x01\n\x0bImageFormat\x12\x1c\n\x18IMAGE_FORMAT_UNSPECIFIED\x10\x00\x12\x14\n\x10IMAGE_FORMAT_PNG\x10\x01\x12\x15\n\x11IMAGE_FORMAT_JPEG\x10\x02\x12\x16\n\x12IMAGE_FORMAT_RGBA8\x10\x03\x12\x15\n\x11IMAGE_FORMAT_NONE\x10\x04\"\xe4\x02\n\x18RenderIsosurfaceResponse\x12\x0b\n\x03png\x18\x01 \x01(\x0c\x12\x31\n\nstatistics\x18\x02 \x01(\x0b\x32\x1d.isoscope.v1.RenderStatistics\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12\x0c\n\x04jpeg\x18\x04 \x01(\x0c\x12\r\n\x05rgba8\x18\x05 \x01(\x0c\x12\r\n\x05\x64\x65pth\x18\x06 \x01(\x0c\x12\x15\n\rsurface_index\x18\x07 \x01(\x0c\x12\x10\n\x08position\x18\x08 \x01(\x0c\x12\x0e\n\x06normal\x18\t \x01(\x0c\x12%\n\x06\x65xtent\x18\n \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12/\n\tcolorings\x18\x0b \x03(\x0b\x32\x1c.isoscope.v1.SurfaceColoring\x12&\n\x05trace\x18\x0c \x01(\x0b\x32\x17.isoscope.v1.FrameTrace\"P\n\x0fSurfaceColoring\x12\x15\n\rsurface_index\x18\x01 \x01(\x05\x12&\n\x08\x63olor_by\x18\x02 \x01(\x0b\x32\x14.isoscope.v1.ColorBy\"V\n\x1dRenderIsosurfaceStreamRequest\x12\x35\n\x07request\x18\x01 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\"U\n\x1eRenderIsosurfaceStreamResponse\x12\x33\n\x04part\x18\x01 \x01(\x0b\x32%.isoscope.v1.RenderIsosurfaceResponse\"m\n\x12PickSurfaceRequest\x12\x33\n\x05\x66rame\x18\x01 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\x12\"\n\x06pixels\x18\x02 \x03(\x0b\x32\x12.isoscope.v1.Pixel\"\x1d\n\x05Pixel\x12\t\n\x01x\x18\x01 \x01(\x05\x12\t\n\x01y\x18\x02 \x01(\x05\"\x97\x01\n\x13PickSurfaceResponse\x12(\n\x06points\x18\x01 \x03(\x0b\x32\x18.isoscope.v1.PickedPoint\x12#\n\x06\x63\x61mera\x18\x02 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12\x31\n\nstatistics\x18\x03 \x01(\x0b\x32\x1d.isoscope.v1.RenderStatistics\"\xec\x01\n\x0bPickedPoint\x12\x0e\n\x06is_hit\x18\x01 \x01(\x08\x12#\n\x08position\x18\x02 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\r\n\x05\x64\x65pth\x18\x03 \x01(\x02\x12\x15\n\rsurface_index\x18\x04 \x01(\x05\x12!\n\x06normal\x18\x05 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\x10\n\x08\x62lock_id\x18\x06 \x01(\x03\x12\x18\n\x0bshard_index\x18\x07 \x01(\x05H\x00\x88\x01\x01\x12#\n\x08gradient\x18\x08 \x01(\x0b\x32\x11.isoscope.v1.Vec3B\x0e\n\x0c_shard_index\"\x9f\x01\n\x17\x45xportIsosurfaceRequest\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x10\n\x08isovalue\x18\x02 \x01(\x01\x12&\n\x08surfaces\x18\x03 \x03(\x0b\x32\x14.isoscope.v1.Surface\x12%\n\x04\x63lip\x18\x04 \x01(\x0b\x32\x17.isoscope.v1.ClipRegion\x12\x12\n\ndataset_id\x18\x05 \x01(\t\"h\n\x18\x45xportIsosurfaceResponse\x12\x11\n\tpositions\x18\x01 \x01(\x0c\x12\x0f\n\x07normals\x18\x02 \x01(\x0c\x12\x11\n\ttriangles\x18\x03 \x01(\x0c\x12\x15\n\rsurface_index\x18\x04 \x01(\x05*\xaa\x01\n\x08\x43olorMap\x12\x19\n\x15\x43OLOR_MAP_UNSPECIFIED\x10\x00\x12\x15\n\x11\x43OLOR_MAP_VIRIDIS\x10\x01\x12\x13\n\x0f\x43OLOR_MAP_MAGMA\x10\x02\x12\x15\n\x11\x43OLOR_MAP_CIVIDIS\x10\x03\x12\x13\n\x0f\x43OLOR_MAP_TURBO\x10\x04\x12\x17\n\x13\x43OLOR_MAP_COOL_WARM\x10\x05\x12\x12\n\x0e\x43OLOR_MAP_GREY\x10\x06*V\n\tCameraFit\x12\x1a\n\x16\x43\x41MERA_FIT_UNSPECIFIED\x10\x00\x12\x15\n\x11\x43\x41MERA_FIT_VOLUME\x10\x01\x12\x16\n\x12\x43\x41MERA_FIT_SURFACE\x10\x02\x32\x9e\x03\n\x11IsosurfaceService\x12_\n\x10RenderIsosurface\x12$.isoscope.v1.RenderIsosurfaceRequest\x1a%.isoscope.v1.RenderIsosurfaceResponse\x12s\n\x16RenderIsosurfaceStream\x12*.isoscope.v1.RenderIsosurfaceStreamRequest\x1a+.isoscope.v1.RenderIsosurfaceStreamResponse0\x01\x12P\n\x0bPickSurface\x12\x1f.isoscope.v1.PickSurfaceRequest\x1a .isoscope.v1.PickSurfaceResponse\x12\x61\n\x10\x45xportIsosurface\x12$.isoscope.v1.ExportIsosurfaceRequest\x1a%.isoscope.v1.ExportIsosurfaceResponse0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n$isoscope/v1/isosurface_service.proto\x12\x0bisoscope.v1\x1a\x19isoscope/v1/dataset.proto\x1a\x17isoscope/v1/frame.proto\x1a\x1aisoscope/v1/geometry.proto\x1a\x17isoscope/v1/trace.proto\"\xa9\x06\n\x17RenderIsosurfaceRequest\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x10\n\x08isovalue\x18\x02 \x01(\x01\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12\'\n\x08viewport\x18\x04 \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12%\n\x07\x63ulling\x18\x05 \x01(\x0e\x32\x14.isoscope.v1.Culling\x12&\n\nbase_color\x18\x06 \x01(\x0b\x32\x12.isoscope.v1.Color\x12,\n\x10\x62\x61\x63kground_color\x18\x07 \x01(\x0b\x32\x12.isoscope.v1.Color\x12\x10\n\x08ray_seed\x18\x08 \x01(\x03\x12&\n\x08surfaces\x18\t \x03(\x0b\x32\x14.isoscope.v1.Surface\x12%\n\x04\x63lip\x18\n \x01(\x0b\x32\x17.isoscope.v1.ClipRegion\x12\"\n\x06lights\x18\x0b \x03(\x0b\x32\x12.isoscope.v1.Light\x12*\n\ncamera_fit\x18\x0c \x01(\x0e\x32\x16.isoscope.v1.CameraFit\x12#\n\x06region\x18\r \x01(\x0b\x32\x13.isoscope.v1.Region\x12*\n\x06output\x18\x0e \x01(\x0b\x32\x1a.isoscope.v1.OutputOptions\x12\x38\n\x11\x61mbient_occlusion\x18\x0f \x01(\x0b\x32\x1d.isoscope.v1.AmbientOcclusion\x12+\n\nsilhouette\x18\x10 \x01(\x0b\x32\x17.isoscope.v1.Silhouette\x12\x0f\n\x07samples\x18\x11 \x01(\x05\x12\x12\n\nmax_layers\x18\x12 \x01(\x05\x12#\n\x04\x63\x61ps\x18\x13 \x01(\x0b\x32\x15.isoscope.v1.ClipCaps\x12\x12\n\nwith_trace\x18\x14 \x01(\x08\x12\x15\n\rallow_partial\x18\x15 \x01(\x08\x12\x12\n\ndataset_id\x18\x16 \x01(\t\x12.\n\tselection\x18\x17 \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\"\x8f\x01\n\x07Surface\x12\x10\n\x08isovalue\x18\x01 \x01(\x01\x12!\n\x05\x63olor\x18\x02 \x01(\x0b\x32\x12.isoscope.v1.Color\x12\'\n\x08material\x18\x03 \x01(\x0b\x32\x15.isoscope.v1.Material\x12&\n\x08\x63olor_by\x18\x04 \x01(\x0b\x32\x14.isoscope.v1.ColorBy\"\x98\x01\n\x08Material\x12\x14\n\x07\x61mbient\x18\x01 \x01(\x02H\x00\x88\x01\x01\x12\x14\n\x07\x64iffuse\x18\x02 \x01(\x02H\x01\x88\x01\x01\x12\x15\n\x08specular\x18\x03 \x01(\x02H\x02\x88\x01\x01\x12\x16\n\tshininess\x18\x04 \x01(\x02H\x03\x88\x01\x01\x42\n\n\x08_ambientB\n\n\x08_diffuseB\x0b\n\t_specularB\x0c\n\n_shininess\"\xe0\x01\n\x05Light\x12$\n\tdirection\x18\x01 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\'\n\x05space\x18\x02 \x01(\x0e\x32\x18.isoscope.v1.Light.Space\x12\x16\n\tintensity\x18\x03 \x01(\x02H\x00\x88\x01\x01\x12!\n\x05\x63olor\x18\x04 \x01(\x0b\x32\x12.isoscope.v1.Color\"?\n\x05Space\x12\x15\n\x11SPACE_UNSPECIFIED\x10\x00\x12\x0e\n\nSPACE_VIEW\x10\x01\x12\x0f\n\x0bSPACE_WORLD\x10\x02\x42\x0c\n\n_intensity\"\\\n\x08\x43lipCaps\x12(\n\tcolor_map\x18\x01 \x01(\x0e\x32\x15.isoscope.v1.ColorMap\x12&\n\x05range\x18\x02 \x01(\x0b\x32\x17.isoscope.v1.ColorRange\"\x94\x03\n\x07\x43olorBy\x12/\n\x08quantity\x18\x01 \x01(\x0e\x32\x1d.isoscope.v1.ColorBy.Quantity\x12(\n\tcolor_map\x18\x02 \x01(\x0e\x32\x15.isoscope.v1.ColorMap\x12&\n\x05range\x18\x03 \x01(\x0b\x32\x17.isoscope.v1.ColorRange\x12(\n\x07opacity\x18\x04 \x01(\x0b\x32\x17.isoscope.v1.MapOpacity\x12\r\n\x05\x66ield\x18\x05 \x01(\t\x12\x11\n\tcomponent\x18\x06 \x01(\t\"\xb9\x01\n\x08Quantity\x12\x18\n\x14QUANTITY_UNSPECIFIED\x10\x00\x12\x17\n\x13QUANTITY_POSITION_X\x10\x01\x12\x17\n\x13QUANTITY_POSITION_Y\x10\x02\x12\x17\n\x13QUANTITY_POSITION_Z\x10\x03\x12\x13\n\x0fQUANTITY_NORMAL\x10\x04\x12\x1f\n\x1bQUANTITY_GRADIENT_MAGNITUDE\x10\x05\x12\x12\n\x0eQUANTITY_FIELD\x10\x06\",\n\nMapOpacity\x12\x0e\n\x06\x61t_min\x18\x01 \x01(\x02\x12\x0e\n\x06\x61t_max\x18\x02 \x01(\x02\"&\n\nColorRange\x12\x0b\n\x03min\x18\x01 \x01(\x01\x12\x0b\n\x03max\x18\x02 \x01(\x01\"X\n\nClipRegion\x12+\n\x0bhalf_spaces\x18\x01 \x03(\x0b\x32\x16.isoscope.v1.HalfSpace\x12\x1d\n\x03\x62ox\x18\x02 \x01(\x0b\x32\x10.isoscope.v1.Box\">\n\tHalfSpace\x12!\n\x06normal\x18\x01 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\x0e\n\x06offset\x18\x02 \x01(\x01\"I\n\x10\x41mbientOcclusion\x12\x11\n\tradius_px\x18\x01 \x01(\x05\x12\x15\n\x08strength\x18\x02 \x01(\x02H\x00\x88\x01\x01\x42\x0b\n\t_strength\"A\n\nSilhouette\x12\x10\n\x08width_px\x18\x01 \x01(\x05\x12!\n\x05\x63olor\x18\x02 \x01(\x0b\x32\x12.isoscope.v1.Color\"\xb5\x02\n\rOutputOptions\x12<\n\x0cimage_format\x18\x01 \x01(\x0e\x32&.isoscope.v1.OutputOptions.ImageFormat\x12\x14\n\x0cjpeg_quality\x18\x02 \x01(\x05\x12\r\n\x05\x64\x65pth\x18\x03 \x01(\x08\x12\x15\n\rsurface_index\x18\x04 \x01(\x08\x12\x10\n\x08position\x18\x05 \x01(\x08\x12\x0e\n\x06normal\x18\x06 \x01(\x08\"\x87\x01\n\x0bImageFormat\x12\x1c\n\x18IMAGE_FORMAT_UNSPECIFIED\x10\x00\x12\x14\n\x10IMAGE_FORMAT_PNG\x10\x01\x12\x15\n\x11IMAGE_FORMAT_JPEG\x10\x02\x12\x16\n\x12IMAGE_FORMAT_RGBA8\x10\x03\x12\x15\n\x11IMAGE_FORMAT_NONE\x10\x04\"\xb0\x03\n\x18RenderIsosurfaceResponse\x12\x0b\n\x03png\x18\x01 \x01(\x0c\x12\x31\n\nstatistics\x18\x02 \x01(\x0b\x32\x1d.isoscope.v1.RenderStatistics\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12\x0c\n\x04jpeg\x18\x04 \x01(\x0c\x12\r\n\x05rgba8\x18\x05 \x01(\x0c\x12\r\n\x05\x64\x65pth\x18\x06 \x01(\x0c\x12\x15\n\rsurface_index\x18\x07 \x01(\x0c\x12\x10\n\x08position\x18\x08 \x01(\x0c\x12\x0e\n\x06normal\x18\t \x01(\x0c\x12%\n\x06\x65xtent\x18\n \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12/\n\tcolorings\x18\x0b \x03(\x0b\x32\x1c.isoscope.v1.SurfaceColoring\x12&\n\x05trace\x18\x0c \x01(\x0b\x32\x17.isoscope.v1.FrameTrace\x12.\n\tselection\x18\r \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\x12\x11\n\x04time\x18\x0e \x01(\x01H\x00\x88\x01\x01\x42\x07\n\x05_time\"P\n\x0fSurfaceColoring\x12\x15\n\rsurface_index\x18\x01 \x01(\x05\x12&\n\x08\x63olor_by\x18\x02 \x01(\x0b\x32\x14.isoscope.v1.ColorBy\"V\n\x1dRenderIsosurfaceStreamRequest\x12\x35\n\x07request\x18\x01 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\"U\n\x1eRenderIsosurfaceStreamResponse\x12\x33\n\x04part\x18\x01 \x01(\x0b\x32%.isoscope.v1.RenderIsosurfaceResponse\"m\n\x12PickSurfaceRequest\x12\x33\n\x05\x66rame\x18\x01 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\x12\"\n\x06pixels\x18\x02 \x03(\x0b\x32\x12.isoscope.v1.Pixel\"\x1d\n\x05Pixel\x12\t\n\x01x\x18\x01 \x01(\x05\x12\t\n\x01y\x18\x02 \x01(\x05\"\x97\x01\n\x13PickSurfaceResponse\x12(\n\x06points\x18\x01 \x03(\x0b\x32\x18.isoscope.v1.PickedPoint\x12#\n\x06\x63\x61mera\x18\x02 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12\x31\n\nstatistics\x18\x03 \x01(\x0b\x32\x1d.isoscope.v1.RenderStatistics\"\xec\x01\n\x0bPickedPoint\x12\x0e\n\x06is_hit\x18\x01 \x01(\x08\x12#\n\x08position\x18\x02 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\r\n\x05\x64\x65pth\x18\x03 \x01(\x02\x12\x15\n\rsurface_index\x18\x04 \x01(\x05\x12!\n\x06normal\x18\x05 \x01(\x0b\x32\x11.isoscope.v1.Vec3\x12\x10\n\x08\x62lock_id\x18\x06 \x01(\x03\x12\x18\n\x0bshard_index\x18\x07 \x01(\x05H\x00\x88\x01\x01\x12#\n\x08gradient\x18\x08 \x01(\x0b\x32\x11.isoscope.v1.Vec3B\x0e\n\x0c_shard_index\"\xcf\x01\n\x17\x45xportIsosurfaceRequest\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x10\n\x08isovalue\x18\x02 \x01(\x01\x12&\n\x08surfaces\x18\x03 \x03(\x0b\x32\x14.isoscope.v1.Surface\x12%\n\x04\x63lip\x18\x04 \x01(\x0b\x32\x17.isoscope.v1.ClipRegion\x12\x12\n\ndataset_id\x18\x05 \x01(\t\x12.\n\tselection\x18\x06 \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\"h\n\x18\x45xportIsosurfaceResponse\x12\x11\n\tpositions\x18\x01 \x01(\x0c\x12\x0f\n\x07normals\x18\x02 \x01(\x0c\x12\x11\n\ttriangles\x18\x03 \x01(\x0c\x12\x15\n\rsurface_index\x18\x04 \x01(\x05*\xaa\x01\n\x08\x43olorMap\x12\x19\n\x15\x43OLOR_MAP_UNSPECIFIED\x10\x00\x12\x15\n\x11\x43OLOR_MAP_VIRIDIS\x10\x01\x12\x13\n\x0f\x43OLOR_MAP_MAGMA\x10\x02\x12\x15\n\x11\x43OLOR_MAP_CIVIDIS\x10\x03\x12\x13\n\x0f\x43OLOR_MAP_TURBO\x10\x04\x12\x17\n\x13\x43OLOR_MAP_COOL_WARM\x10\x05\x12\x12\n\x0e\x43OLOR_MAP_GREY\x10\x06*V\n\tCameraFit\x12\x1a\n\x16\x43\x41MERA_FIT_UNSPECIFIED\x10\x00\x12\x15\n\x11\x43\x41MERA_FIT_VOLUME\x10\x01\x12\x16\n\x12\x43\x41MERA_FIT_SURFACE\x10\x02\x32\x9e\x03\n\x11IsosurfaceService\x12_\n\x10RenderIsosurface\x12$.isoscope.v1.RenderIsosurfaceRequest\x1a%.isoscope.v1.RenderIsosurfaceResponse\x12s\n\x16RenderIsosurfaceStream\x12*.isoscope.v1.RenderIsosurfaceStreamRequest\x1a+.isoscope.v1.RenderIsosurfaceStreamResponse0\x01\x12P\n\x0bPickSurface\x12\x1f.isoscope.v1.PickSurfaceRequest\x1a .isoscope.v1.PickSurfaceResponse\x12\x61\n\x10\x45xportIsosurface\x12$.isoscope.v1.ExportIsosurfaceRequest\x1a%.isoscope.v1.ExportIsosurfaceResponse0\x01\x62\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.isosurface_service_pb2', globals())
 if _descriptor._USE_C_DESCRIPTORS == False:
 
   DESCRIPTOR._options = None
-  _COLORMAP._serialized_start=3984
-  _COLORMAP._serialized_end=4154
-  _CAMERAFIT._serialized_start=4156
-  _CAMERAFIT._serialized_end=4242
-  _RENDERISOSURFACEREQUEST._serialized_start=132
-  _RENDERISOSURFACEREQUEST._serialized_end=893
-  _SURFACE._serialized_start=896
-  _SURFACE._serialized_end=1039
-  _MATERIAL._serialized_start=1042
-  _MATERIAL._serialized_end=1194
-  _LIGHT._serialized_start=1197
-  _LIGHT._serialized_end=1421
-  _LIGHT_SPACE._serialized_start=1344
-  _LIGHT_SPACE._serialized_end=1407
-  _CLIPCAPS._serialized_start=1423
-  _CLIPCAPS._serialized_end=1515
-  _COLORBY._serialized_start=1518
-  _COLORBY._serialized_end=1868
-  _COLORBY_QUANTITY._serialized_start=1703
-  _COLORBY_QUANTITY._serialized_end=1868
-  _MAPOPACITY._serialized_start=1870
-  _MAPOPACITY._serialized_end=1914
-  _COLORRANGE._serialized_start=1916
-  _COLORRANGE._serialized_end=1954
-  _CLIPREGION._serialized_start=1956
-  _CLIPREGION._serialized_end=2044
-  _HALFSPACE._serialized_start=2046
-  _HALFSPACE._serialized_end=2108
-  _AMBIENTOCCLUSION._serialized_start=2110
-  _AMBIENTOCCLUSION._serialized_end=2183
-  _SILHOUETTE._serialized_start=2185
-  _SILHOUETTE._serialized_end=2250
-  _OUTPUTOPTIONS._serialized_start=2253
-  _OUTPUTOPTIONS._serialized_end=2562
-  _OUTPUTOPTIONS_IMAGEFORMAT._serialized_start=2427
-  _OUTPUTOPTIONS_IMAGEFORMAT._serialized_end=2562
-  _RENDERISOSURFACERESPONSE._serialized_start=2565
-  _RENDERISOSURFACERESPONSE._serialized_end=2921
-  _SURFACECOLORING._serialized_start=2923
-  _SURFACECOLORING._serialized_end=3003
-  _RENDERISOSURFACESTREAMREQUEST._serialized_start=3005
-  _RENDERISOSURFACESTREAMREQUEST._serialized_end=3091
-  _RENDERISOSURFACESTREAMRESPONSE._serialized_start=3093
-  _RENDERISOSURFACESTREAMRESPONSE._serialized_end=3178
-  _PICKSURFACEREQUEST._serialized_start=3180
-  _PICKSURFACEREQUEST._serialized_end=3289
-  _PIXEL._serialized_start=3291
-  _PIXEL._serialized_end=3320
-  _PICKSURFACERESPONSE._serialized_start=3323
-  _PICKSURFACERESPONSE._serialized_end=3474
-  _PICKEDPOINT._serialized_start=3477
-  _PICKEDPOINT._serialized_end=3713
-  _EXPORTISOSURFACEREQUEST._serialized_start=3716
-  _EXPORTISOSURFACEREQUEST._serialized_end=3875
-  _EXPORTISOSURFACERESPONSE._serialized_start=3877
-  _EXPORTISOSURFACERESPONSE._serialized_end=3981
-  _ISOSURFACESERVICE._serialized_start=4245
-  _ISOSURFACESERVICE._serialized_end=4659
+  _COLORMAP._serialized_start=4237
+  _COLORMAP._serialized_end=4407
+  _CAMERAFIT._serialized_start=4409
+  _CAMERAFIT._serialized_end=4495
+  _RENDERISOSURFACEREQUEST._serialized_start=159
+  _RENDERISOSURFACEREQUEST._serialized_end=968
+  _SURFACE._serialized_start=971
+  _SURFACE._serialized_end=1114
+  _MATERIAL._serialized_start=1117
+  _MATERIAL._serialized_end=1269
+  _LIGHT._serialized_start=1272
+  _LIGHT._serialized_end=1496
+  _LIGHT_SPACE._serialized_start=1419
+  _LIGHT_SPACE._serialized_end=1482
+  _CLIPCAPS._serialized_start=1498
+  _CLIPCAPS._serialized_end=1590
+  _COLORBY._serialized_start=1593
+  _COLORBY._serialized_end=1997
+  _COLORBY_QUANTITY._serialized_start=1812
+  _COLORBY_QUANTITY._serialized_end=1997
+  _MAPOPACITY._serialized_start=1999
+  _MAPOPACITY._serialized_end=2043
+  _COLORRANGE._serialized_start=2045
+  _COLORRANGE._serialized_end=2083
+  _CLIPREGION._serialized_start=2085
+  _CLIPREGION._serialized_end=2173
+  _HALFSPACE._serialized_start=2175
+  _HALFSPACE._serialized_end=2237
+  _AMBIENTOCCLUSION._serialized_start=2239
+  _AMBIENTOCCLUSION._serialized_end=2312
+  _SILHOUETTE._serialized_start=2314
+  _SILHOUETTE._serialized_end=2379
+  _OUTPUTOPTIONS._serialized_start=2382
+  _OUTPUTOPTIONS._serialized_end=2691
+  _OUTPUTOPTIONS_IMAGEFORMAT._serialized_start=2556
+  _OUTPUTOPTIONS_IMAGEFORMAT._serialized_end=2691
+  _RENDERISOSURFACERESPONSE._serialized_start=2694
+  _RENDERISOSURFACERESPONSE._serialized_end=3126
+  _SURFACECOLORING._serialized_start=3128
+  _SURFACECOLORING._serialized_end=3208
+  _RENDERISOSURFACESTREAMREQUEST._serialized_start=3210
+  _RENDERISOSURFACESTREAMREQUEST._serialized_end=3296
+  _RENDERISOSURFACESTREAMRESPONSE._serialized_start=3298
+  _RENDERISOSURFACESTREAMRESPONSE._serialized_end=3383
+  _PICKSURFACEREQUEST._serialized_start=3385
+  _PICKSURFACEREQUEST._serialized_end=3494
+  _PIXEL._serialized_start=3496
+  _PIXEL._serialized_end=3525
+  _PICKSURFACERESPONSE._serialized_start=3528
+  _PICKSURFACERESPONSE._serialized_end=3679
+  _PICKEDPOINT._serialized_start=3682
+  _PICKEDPOINT._serialized_end=3918
+  _EXPORTISOSURFACEREQUEST._serialized_start=3921
+  _EXPORTISOSURFACEREQUEST._serialized_end=4128
+  _EXPORTISOSURFACERESPONSE._serialized_start=4130
+  _EXPORTISOSURFACERESPONSE._serialized_end=4234
+  _ISOSURFACESERVICE._serialized_start=4498
+  _ISOSURFACESERVICE._serialized_end=4912
 # @@protoc_insertion_point(module_scope)

@@ -1,3 +1,4 @@
+from isoscope._proto import dataset_pb2 as _dataset_pb2
 from isoscope._proto import frame_pb2 as _frame_pb2
 from isoscope._proto import geometry_pb2 as _geometry_pb2
 from isoscope._proto import trace_pb2 as _trace_pb2
@@ -44,11 +45,14 @@ class ClipRegion(_message.Message):
     def __init__(self, half_spaces: _Optional[_Iterable[_Union[HalfSpace, _Mapping]]] = ..., box: _Optional[_Union[_geometry_pb2.Box, _Mapping]] = ...) -> None: ...
 
 class ColorBy(_message.Message):
-    __slots__ = ["color_map", "opacity", "quantity", "range"]
+    __slots__ = ["color_map", "component", "field", "opacity", "quantity", "range"]
     class Quantity(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = []
     COLOR_MAP_FIELD_NUMBER: _ClassVar[int]
+    COMPONENT_FIELD_NUMBER: _ClassVar[int]
+    FIELD_FIELD_NUMBER: _ClassVar[int]
     OPACITY_FIELD_NUMBER: _ClassVar[int]
+    QUANTITY_FIELD: ColorBy.Quantity
     QUANTITY_FIELD_NUMBER: _ClassVar[int]
     QUANTITY_GRADIENT_MAGNITUDE: ColorBy.Quantity
     QUANTITY_NORMAL: ColorBy.Quantity
@@ -58,10 +62,12 @@ class ColorBy(_message.Message):
     QUANTITY_UNSPECIFIED: ColorBy.Quantity
     RANGE_FIELD_NUMBER: _ClassVar[int]
     color_map: ColorMap
+    component: str
+    field: str
     opacity: MapOpacity
     quantity: ColorBy.Quantity
     range: ColorRange
-    def __init__(self, quantity: _Optional[_Union[ColorBy.Quantity, str]] = ..., color_map: _Optional[_Union[ColorMap, str]] = ..., range: _Optional[_Union[ColorRange, _Mapping]] = ..., opacity: _Optional[_Union[MapOpacity, _Mapping]] = ...) -> None: ...
+    def __init__(self, quantity: _Optional[_Union[ColorBy.Quantity, str]] = ..., color_map: _Optional[_Union[ColorMap, str]] = ..., range: _Optional[_Union[ColorRange, _Mapping]] = ..., opacity: _Optional[_Union[MapOpacity, _Mapping]] = ..., field: _Optional[str] = ..., component: _Optional[str] = ...) -> None: ...
 
 class ColorRange(_message.Message):
     __slots__ = ["max", "min"]
@@ -72,18 +78,20 @@ class ColorRange(_message.Message):
     def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ...) -> None: ...
 
 class ExportIsosurfaceRequest(_message.Message):
-    __slots__ = ["clip", "dataset", "dataset_id", "isovalue", "surfaces"]
+    __slots__ = ["clip", "dataset", "dataset_id", "isovalue", "selection", "surfaces"]
     CLIP_FIELD_NUMBER: _ClassVar[int]
     DATASET_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
+    SELECTION_FIELD_NUMBER: _ClassVar[int]
     SURFACES_FIELD_NUMBER: _ClassVar[int]
     clip: ClipRegion
     dataset: str
     dataset_id: str
     isovalue: float
+    selection: _dataset_pb2.FieldSelection
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ...) -> None: ...
 
 class ExportIsosurfaceResponse(_message.Message):
     __slots__ = ["normals", "positions", "surface_index", "triangles"]
@@ -212,7 +220,7 @@ class Pixel(_message.Message):
     def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ...) -> None: ...
 
 class RenderIsosurfaceRequest(_message.Message):
-    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "lights", "max_layers", "output", "ray_seed", "region", "samples", "silhouette", "surfaces", "viewport", "with_trace"]
+    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "lights", "max_layers", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_trace"]
     ALLOW_PARTIAL_FIELD_NUMBER: _ClassVar[int]
     AMBIENT_OCCLUSION_FIELD_NUMBER: _ClassVar[int]
     BACKGROUND_COLOR_FIELD_NUMBER: _ClassVar[int]
@@ -231,6 +239,7 @@ class RenderIsosurfaceRequest(_message.Message):
     RAY_SEED_FIELD_NUMBER: _ClassVar[int]
     REGION_FIELD_NUMBER: _ClassVar[int]
     SAMPLES_FIELD_NUMBER: _ClassVar[int]
+    SELECTION_FIELD_NUMBER: _ClassVar[int]
     SILHOUETTE_FIELD_NUMBER: _ClassVar[int]
     SURFACES_FIELD_NUMBER: _ClassVar[int]
     VIEWPORT_FIELD_NUMBER: _ClassVar[int]
@@ -253,14 +262,15 @@ class RenderIsosurfaceRequest(_message.Message):
     ray_seed: int
     region: _geometry_pb2.Region
     samples: int
+    selection: _dataset_pb2.FieldSelection
     silhouette: Silhouette
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
     viewport: _geometry_pb2.Viewport
     with_trace: bool
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ...) -> None: ...
 
 class RenderIsosurfaceResponse(_message.Message):
-    __slots__ = ["camera", "colorings", "depth", "extent", "jpeg", "normal", "png", "position", "rgba8", "statistics", "surface_index", "trace"]
+    __slots__ = ["camera", "colorings", "depth", "extent", "jpeg", "normal", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     COLORINGS_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
@@ -270,8 +280,10 @@ class RenderIsosurfaceResponse(_message.Message):
     PNG_FIELD_NUMBER: _ClassVar[int]
     POSITION_FIELD_NUMBER: _ClassVar[int]
     RGBA8_FIELD_NUMBER: _ClassVar[int]
+    SELECTION_FIELD_NUMBER: _ClassVar[int]
     STATISTICS_FIELD_NUMBER: _ClassVar[int]
     SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
+    TIME_FIELD_NUMBER: _ClassVar[int]
     TRACE_FIELD_NUMBER: _ClassVar[int]
     camera: _geometry_pb2.Camera
     colorings: _containers.RepeatedCompositeFieldContainer[SurfaceColoring]
@@ -282,10 +294,12 @@ class RenderIsosurfaceResponse(_message.Message):
     png: bytes
     position: bytes
     rgba8: bytes
+    selection: _dataset_pb2.FieldSelection
     statistics: _frame_pb2.RenderStatistics
     surface_index: bytes
+    time: float
     trace: _trace_pb2.FrameTrace
-    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ...) -> None: ...
+    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ...) -> None: ...
 
 class RenderIsosurfaceStreamRequest(_message.Message):
     __slots__ = ["request"]

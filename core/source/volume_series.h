@@ -1,0 +1,65 @@
+// A source with several fields or time steps on one grid.
+
+#ifndef ISOSCOPE_CORE_SOURCE_VOLUME_SERIES_H_
+#define ISOSCOPE_CORE_SOURCE_VOLUME_SERIES_H_
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_source.h"
+
+namespace isoscope::source {
+
+struct SourceField {
+  std::string name;       // unique in the source; never empty
+  std::string long_name;  // may be empty
+  std::string unit;       // may be empty
+  // Names of its components, without a magnitude: one "" for a scalar field; x, y, z for three that
+  // the file does not name; else 0, 1, ...
+  std::vector<std::string> components = {""};
+};
+
+// Thread-compatible.
+class VolumeSeries {
+ public:
+  virtual ~VolumeSeries() = default;
+
+  // Path or name, for messages.
+  [[nodiscard]] virtual const std::string& name() const = 0;
+  // At least one.
+  [[nodiscard]] virtual const std::vector<SourceField>& fields() const = 0;
+  // By step, strictly ascending, finite; empty: one step without a time.
+  [[nodiscard]] virtual const std::vector<double>& times() const = 0;
+  [[nodiscard]] virtual const std::string& time_unit() const = 0;    // may be empty
+  [[nodiscard]] virtual const std::string& length_unit() const = 0;  // may be empty
+
+  [[nodiscard]] int step_count() const {
+    return times().empty() ? 1 : static_cast<int>(times().size());
+  }
+
+  // Opens one component of one field at one step. All have the grid of the first: INVALID_ARGUMENT
+  // names file, field, step and what differs. Otherwise errors as OpenVolumeFile.
+  // REQUIRES: indices in range.
+  virtual absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component,
+                                                             int step) = 0;
+};
+
+struct SeriesOptions {
+  // The meaning of the axes of an array, slowest first, of the letters T C Z Y X: "TCZYX". Empty:
+  // as the file says.
+  std::string axes;
+};
+
+// Opens all that the path names. A path that names one array, component or step of a file gives a
+// series of one field and one step, as does every format that holds no more. Errors as
+// OpenVolumeFile; where a choice is missing (the meaning of axes), the error lists the choices.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
+                                                               const SeriesOptions& options = {});
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_VOLUME_SERIES_H_
