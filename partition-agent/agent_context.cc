@@ -23,7 +23,7 @@ std::shared_ptr<base::Executor> FrameExecutorOf(const AgentServerOptions& option
 
 }  // namespace
 
-AgentContext::AgentContext(const AgentServerOptions& server_options, Shards served)
+AgentContext::AgentContext(const AgentServerOptions& server_options, ShardSet served)
     : options(server_options),
       shards(std::move(served)),
       cpu_renderer(
@@ -53,7 +53,7 @@ AgentGauges AgentContext::Gauges() const {
   const BlockCache& cache = *options.memory->cache();
   return {.frames = frame_count.load(),
           .max_frames = max_frames,
-          .shard_count = shards.all().size(),
+          .shard_count = shards.size(),
           .mesh_cache_bytes = cache.mesh_bytes(),
           .sample_cache_bytes = cache.sample_bytes(),
           .active_cache_bytes = cache.active_bytes(),

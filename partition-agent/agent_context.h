@@ -27,7 +27,7 @@ struct AgentContext {
   static constexpr int kMaxConcurrentQueries = 2;
   static constexpr int kMaxQueuedQueries = 64;
 
-  AgentContext(const AgentServerOptions& server_options, Shards served);
+  AgentContext(const AgentServerOptions& server_options, ShardSet served);
 
   // `trace`: of a frame that has one.
   [[nodiscard]] AgentResources Resources(base::TraceRecorder* trace);

@@ -59,8 +59,9 @@ std::size_t AgentMemory::read_bytes() const {
 
 absl::Status AgentMemory::Settle() {
   const std::size_t in_use = base::ResidentBytes();
-  const std::size_t for_frames =
-      steps_.capacity_bytes() + unused_image_bytes() + unused_layer_bytes();
+  const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes() +
+                                 unused_layer_bytes() +
+                                 (has_series_.load() ? open_volume_bytes() : 0);
   const std::size_t taken = in_use + for_frames;
   if (taken + kMinCacheBytes > limit_bytes_) {
     return absl::FailedPreconditionError(absl::StrFormat(

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_MEMORY_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_MEMORY_H_
 
+#include <atomic>
 #include <cstddef>
 #include <memory>
 
@@ -45,6 +46,11 @@ class AgentMemory {
   [[nodiscard]] std::size_t unused_layer_bytes() const { return limit_bytes_ / 32; }
   [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / (8 * step_count_); }
 
+  // Limit of the tables of scalar volumes that series keep open. The cache leaves room for them
+  // once an agent has called KeepForOpenVolumes, before Settle.
+  [[nodiscard]] std::size_t open_volume_bytes() const { return limit_bytes_ / 32; }
+  void KeepForOpenVolumes() { has_series_.store(true); }
+
   // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
   // limit with the default number of steps, at most 16 MiB (more does not pay), at least one disk
   // run.
@@ -69,6 +75,7 @@ class AgentMemory {
 
   const std::size_t limit_bytes_;
   const std::size_t step_count_;  // at least the default
+  std::atomic<bool> has_series_{false};
   base::MemoryBudget steps_;
   BlockCache cache_;
   render::LayerRenderer layers_;

@@ -9,6 +9,7 @@
 #include "core/rpc/histogram_convert.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/series_convert.h"
 #include "partition-agent/point_gradients.h"
 #include "partition-agent/shard_histogram.h"
 
@@ -16,29 +17,51 @@ namespace isoscope::agent {
 
 namespace v1 = isoscope::internal::v1;
 
-v1::DescribeShardsResponse Describe(const ShardSet& shards, const render::Renderer& renderer) {
+namespace {
+
+void SortShards(v1::DescribeShardsResponse* description) {
+  std::sort(description->mutable_shards()->begin(), description->mutable_shards()->end(),
+            [](const v1::ShardDescription& a, const v1::ShardDescription& b) {
+              return std::pair(a.dataset().name(), a.shard_index()) <
+                     std::pair(b.dataset().name(), b.shard_index());
+            });
+}
+
+}  // namespace
+
+v1::DescribeShardsResponse DescribePlain(const ShardSet& shards, const render::Renderer& renderer) {
   v1::DescribeShardsResponse description;
   description.set_version(std::string(base::Version()));
   description.set_renderer(renderer.description());
   *description.mutable_picture_revision() = rpc::ToProto(renderer.picture_revision());
-  std::vector<const store::ShardReader*> readers;
-  for (const std::shared_ptr<const Shard>& shard : shards.all()) {
-    readers.push_back(shard->reader.get());
+  for (const std::shared_ptr<const Shard>& shard : shards.plain()) {
+    const store::ShardReader& reader = *shard->reader;
+    v1::ShardDescription* const out = description.add_shards();
+    *out->mutable_dataset() = rpc::ToProto(reader.manifest());
+    out->set_manifest_crc32c(reader.manifest_crc32c());
+    out->set_range_table_crc32c(reader.manifest().range_table_crc32c);
+    out->set_shard_index(reader.shard_index());
+    out->set_block_count(reader.block_count());
   }
-  std::sort(readers.begin(), readers.end(),
-            [](const store::ShardReader* a, const store::ShardReader* b) {
-              return std::pair(a->manifest().name, a->shard_index()) <
-                     std::pair(b->manifest().name, b->shard_index());
-            });
-  for (const store::ShardReader* reader : readers) {
-    v1::ShardDescription* shard = description.add_shards();
-    *shard->mutable_dataset() = rpc::ToProto(reader->manifest());
-    shard->set_manifest_crc32c(reader->manifest_crc32c());
-    shard->set_range_table_crc32c(reader->manifest().range_table_crc32c);
-    shard->set_shard_index(reader->shard_index());
-    shard->set_block_count(reader->block_count());
-  }
+  SortShards(&description);
   return description;
+}
+
+void AddSeries(const ShardSet& shards, v1::DescribeShardsResponse* description) {
+  if (shards.series().empty()) {
+    return;
+  }
+  for (const std::unique_ptr<SeriesShard>& shard : shards.series()) {
+    shard->Refresh();
+    const std::shared_ptr<const SeriesShard::Served> served = shard->served();
+    v1::ShardDescription* const out = description->add_shards();
+    *out->mutable_dataset() = rpc::ToProto(served->manifest);
+    out->set_shard_index(shard->shard_index());
+    for (const store::ScalarVolume& volume : served->volumes) {
+      *out->add_volumes() = rpc::ToProto(volume);
+    }
+  }
+  SortShards(description);
 }
 
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequest& request,
@@ -64,8 +87,9 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& 
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                             rpc::ClipRegionFromProto(request.clip(), "clip"));
-  ISOSCOPE_ASSIGN_OR_RETURN(const Shards found, shards.FindAll(request.dataset_id()));
-  const store::ShardReader& reader = *found.front()->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
+                            shards.FindAny(request.dataset_id()));
+  const store::ShardReader& reader = *found->reader;
   const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(),
                                     {request.isovalues().begin(), request.isovalues().end()},
                                     view::Clipper(clip, reader.manifest().geometry));

@@ -14,10 +14,12 @@
 
 namespace isoscope::agent {
 
-// Describes all shards, by name and index, and the renderer. The rest of the answer changes with
-// time.
-isoscope::internal::v1::DescribeShardsResponse Describe(const ShardSet& shards,
-                                                        const render::Renderer& renderer);
+// Describes the renderer, and the shards of datasets without fields, by name and index. This never
+// changes.
+isoscope::internal::v1::DescribeShardsResponse DescribePlain(const ShardSet& shards,
+                                                             const render::Renderer& renderer);
+// Adds the shards of series as they are now, after a look for new scalar volumes.
+void AddSeries(const ShardSet& shards, isoscope::internal::v1::DescribeShardsResponse* description);
 
 // Each goes through all blocks of the shards or of the volume, and blocks its thread.
 absl::Status AnswerQuery(const ShardSet& shards,

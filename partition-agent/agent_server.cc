@@ -1,6 +1,10 @@
 #include "partition-agent/agent_server.h"
 
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
 #include <map>
+#include <memory>
 #include <set>
 #include <utility>
 
@@ -14,18 +18,38 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
+#include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/partition_agent_service_impl.h"
+#include "partition-agent/series_shard.h"
 #include "partition-agent/shard.h"
+#include "partition-agent/shard_set.h"
 
 namespace isoscope::agent {
 namespace {
+
+// Those of a dataset directory that are there; NOT_FOUND if none is.
+absl::StatusOr<std::vector<std::string>> PresentShards(
+    const std::string& directory, const std::vector<std::string>& shard_directories) {
+  std::vector<std::string> present;
+  std::copy_if(shard_directories.begin(), shard_directories.end(), std::back_inserter(present),
+               [](const std::string& shard) { return !shard.empty(); });
+  if (present.empty()) {
+    return absl::NotFoundError(absl::StrCat(directory, ": a dataset directory without any of its ",
+                                            shard_directories.size(), " shard directories"));
+  }
+  return present;
+}
 
 // Returns the shard directories of one directory of the options.
 absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory) {
   if (store::IsShardDirectory(directory)) {
     return std::vector<std::string>{directory};
+  }
+  if (store::IsSeriesDirectory(directory)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesDescription series, store::OpenSeries(directory));
+    return PresentShards(directory, series.shard_directories);
   }
   if (!store::IsDatasetDirectory(directory)) {
     // A folder that this user may not read looks empty, so this checks.
@@ -41,53 +65,65 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
                                             "; `isoscope partition` makes them"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(directory));
-  std::vector<std::string> present;
-  for (const std::string& shard_directory : dataset.shard_directories) {
-    if (!shard_directory.empty()) {
-      present.push_back(shard_directory);
-    }
+  return PresentShards(directory, dataset.shard_directories);
+}
+
+// What tells one shard from another, of datasets with and without fields.
+struct ShardLabel {
+  std::string dataset;
+  std::string dataset_id;
+  std::uint32_t content_crc32c = 0;  // 0 for series, whose manifests grow
+  int index = 0;
+  std::size_t shard_count = 0;
+  std::string directory;
+};
+
+std::vector<ShardLabel> LabelsOf(const ShardSet& shards) {
+  std::vector<ShardLabel> labels;
+  for (const std::shared_ptr<const Shard>& shard : shards.plain()) {
+    const store::ShardReader& reader = *shard->reader;
+    labels.push_back({reader.manifest().name, reader.manifest().dataset_id,
+                      reader.manifest_crc32c(), reader.shard_index(),
+                      reader.manifest().shards.size(), reader.directory()});
   }
-  if (present.empty()) {
-    return absl::NotFoundError(absl::StrCat(directory, ": a dataset directory without any of its ",
-                                            dataset.shard_directories.size(),
-                                            " shard directories"));
+  for (const std::unique_ptr<SeriesShard>& shard : shards.series()) {
+    const std::shared_ptr<const SeriesShard::Served> served = shard->served();
+    labels.push_back({served->manifest.name, served->manifest.dataset_id, 0, shard->shard_index(),
+                      static_cast<std::size_t>(served->manifest.shard_count), shard->directory()});
   }
-  return present;
+  return labels;
 }
 
 // INVALID_ARGUMENT if a shard comes twice, or if two datasets share a name.
-absl::Status CheckConsistent(const Shards& shards) {
-  std::map<std::string, const store::ShardReader*> by_name;
-  std::map<std::pair<std::string, int>, const store::ShardReader*> by_index;
-  for (const std::shared_ptr<const Shard>& shard : shards) {
-    const store::ShardReader* reader = shard->reader.get();
-    const store::Manifest& manifest = reader->manifest();
-    const auto [same_name, is_new_name] = by_name.emplace(manifest.name, reader);
-    if (!is_new_name && (same_name->second->manifest_crc32c() != reader->manifest_crc32c() ||
-                         same_name->second->manifest().dataset_id != manifest.dataset_id)) {
+absl::Status CheckConsistent(const std::vector<ShardLabel>& labels) {
+  std::map<std::string, const ShardLabel*> by_name;
+  std::map<std::pair<std::string, int>, const ShardLabel*> by_index;
+  for (const ShardLabel& label : labels) {
+    const auto [same_name, is_new_name] = by_name.emplace(label.dataset, &label);
+    if (!is_new_name && (same_name->second->content_crc32c != label.content_crc32c ||
+                         same_name->second->dataset_id != label.dataset_id)) {
       return absl::InvalidArgumentError(absl::StrCat(
-          "dataset \"", manifest.name, "\" is two different ones: ", same_name->second->directory(),
-          " has id ", same_name->second->manifest().dataset_id, ", ", reader->directory(),
-          " has id ", manifest.dataset_id, "; serve one of them"));
+          "dataset \"", label.dataset, "\" is two different ones: ", same_name->second->directory,
+          " has id ", same_name->second->dataset_id, ", ", label.directory, " has id ",
+          label.dataset_id, "; serve one of them"));
     }
     const auto [same_shard, is_new_shard] =
-        by_index.emplace(std::pair(manifest.dataset_id, reader->shard_index()), reader);
+        by_index.emplace(std::pair(label.dataset_id, label.index), &label);
     if (!is_new_shard) {
       return absl::InvalidArgumentError(absl::StrCat(
-          "shard ", reader->shard_index(), " of dataset \"", manifest.name, "\" is given twice: ",
-          same_shard->second->directory(), " and ", reader->directory(), "; name it once"));
+          "shard ", label.index, " of dataset \"", label.dataset, "\" is given twice: ",
+          same_shard->second->directory, " and ", label.directory, "; name it once"));
     }
   }
   return absl::OkStatus();
 }
 
-std::string Summarize(const Shards& shards) {
+std::string Summarize(const std::vector<ShardLabel>& labels) {
   std::map<std::string, std::set<int>> indices;
   std::map<std::string, std::size_t> counts;
-  for (const std::shared_ptr<const Shard>& shard : shards) {
-    const store::Manifest& manifest = shard->reader->manifest();
-    indices[manifest.name].insert(shard->reader->shard_index());
-    counts[manifest.name] = manifest.shards.size();
+  for (const ShardLabel& label : labels) {
+    indices[label.dataset].insert(label.index);
+    counts[label.dataset] = label.shard_count;
   }
   std::vector<std::string> parts;
   parts.reserve(indices.size());
@@ -97,12 +133,34 @@ std::string Summarize(const Shards& shards) {
   return absl::StrJoin(parts, "; ");
 }
 
+absl::StatusOr<ShardSet> OpenShards(const AgentServerOptions& options) {
+  Shards shards;
+  SeriesShards series;
+  const auto open_volumes = std::make_shared<OpenVolumes>(options.memory->open_volume_bytes());
+  for (const std::string& directory : options.directories) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
+                              ShardDirectoriesOf(directory));
+    for (const std::string& shard_directory : shard_directories) {
+      if (store::IsSeriesDirectory(shard_directory)) {
+        ISOSCOPE_ASSIGN_OR_RETURN(series.emplace_back(),
+                                  SeriesShard::Open(shard_directory, open_volumes));
+      } else {
+        ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), OpenShard(shard_directory));
+      }
+    }
+  }
+  if (!series.empty()) {
+    options.memory->KeepForOpenVolumes();
+  }
+  return ShardSet(std::move(shards), std::move(series));
+}
+
 class AgentServerImpl final : public AgentServer {
  public:
-  AgentServerImpl(const AgentServerOptions& options, const Shards& shards)
+  AgentServerImpl(const AgentServerOptions& options, ShardSet shards, std::string summary)
       : certificate_(options.transport.certificate_file),
-        service_(options, shards),
-        summary_(Summarize(shards)) {}
+        service_(options, std::move(shards)),
+        summary_(std::move(summary)) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
   absl::Status Listen(const AgentServerOptions& options) {
@@ -178,17 +236,10 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
         "max_concurrent_frames is ", options.max_concurrent_frames, " and max_queued_frames ",
         options.max_queued_frames, ": must be at least 1 and at least 0"));
   }
-  Shards shards;
-  for (const std::string& directory : options.directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
-                              ShardDirectoriesOf(directory));
-    for (const std::string& shard_directory : shard_directories) {
-      ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, OpenShard(shard_directory));
-      shards.push_back(std::move(shard));
-    }
-  }
-  ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(shards));
-  auto server = std::make_unique<AgentServerImpl>(options, shards);
+  ISOSCOPE_ASSIGN_OR_RETURN(ShardSet shards, OpenShards(options));
+  const std::vector<ShardLabel> labels = LabelsOf(shards);
+  ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(labels));
+  auto server = std::make_unique<AgentServerImpl>(options, std::move(shards), Summarize(labels));
   ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }

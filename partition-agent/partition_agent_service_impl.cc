@@ -13,8 +13,9 @@ namespace isoscope::agent {
 namespace v1 = isoscope::internal::v1;
 
 PartitionAgentServiceImpl::PartitionAgentServiceImpl(const AgentServerOptions& options,
-                                                     Shards shards)
-    : agent_(options, std::move(shards)), description_(Describe(agent_.shards, *options.renderer)) {
+                                                     ShardSet shards)
+    : agent_(options, std::move(shards)),
+      plain_description_(DescribePlain(agent_.shards, *options.renderer)) {
   rpc::PrepareKnownFields(v1::RenderFrameRequest());
 }
 
@@ -58,7 +59,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
   return rpc::AnswerUnary(
       context, *request,
       [&] {
-        *response = description_;
+        *response = plain_description_;
+        AddSeries(agent_.shards, response);
         *response->mutable_load() = Load();
         response->set_is_draining(is_draining_.load());
         return absl::OkStatus();

@@ -24,7 +24,7 @@ class PartitionAgentServiceImpl final
     : public isoscope::internal::v1::PartitionAgentService::CallbackService {
  public:
   // `shards`: at least one
-  PartitionAgentServiceImpl(const AgentServerOptions& options, Shards shards);
+  PartitionAgentServiceImpl(const AgentServerOptions& options, ShardSet shards);
 
   // Frames whose call has not ended yet.
   [[nodiscard]] int frames_in_work() const { return agent_.frame_count.load(); }
@@ -80,7 +80,7 @@ class PartitionAgentServiceImpl final
   const absl::Time start_ = absl::Now();
   std::atomic<bool> is_draining_{false};
   AgentContext agent_;
-  const isoscope::internal::v1::DescribeShardsResponse description_;
+  const isoscope::internal::v1::DescribeShardsResponse plain_description_;
 };
 
 }  // namespace isoscope::agent

@@ -55,10 +55,15 @@ absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_pat
 
 }  // namespace
 
-absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory) {
+std::uint32_t NextShardNumber() {
   static std::atomic<std::uint32_t> next_number{0};
+  return next_number.fetch_add(1);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
+                                                       std::uint32_t number) {
   auto shard = std::make_shared<Shard>();
-  shard->number = next_number.fetch_add(1);
+  shard->number = number;
   ISOSCOPE_ASSIGN_OR_RETURN(shard->reader, store::ShardReader::Open(directory));
   shard->shapes = std::make_shared<const extract::BlockShapes>(shard->reader->layout());
   const std::string tree_path = directory + "/" + store::kIntervalTreeFileName;

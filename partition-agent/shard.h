@@ -27,9 +27,15 @@ struct Shard {
 // Shards of one dataset, unless said otherwise.
 using Shards = std::vector<std::shared_ptr<const Shard>>;
 
+// Returns a number that no shard of this process has yet.
+std::uint32_t NextShardNumber();
+
 // Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if
 // the index does not belong to the blocks.
-absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory);
+//
+// number: Shard::number; that of an earlier opening only if the contents are the same
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
+                                                       std::uint32_t number = NextShardNumber());
 
 }  // namespace isoscope::agent
 

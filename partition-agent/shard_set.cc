@@ -11,11 +11,29 @@
 
 namespace isoscope::agent {
 
-absl::StatusOr<Shards> ShardSet::FindAll(const std::string& dataset_id) const {
-  Shards found;
+int ShardSet::Served::index() const {
+  return series != nullptr ? series->shard_index() : (*plain)->reader->shard_index();
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> ShardSet::Served::Open(
+    const std::string& dataset_id) const {
+  if (series != nullptr) {
+    return series->OpenVolume(dataset_id);
+  }
+  return *plain;
+}
+
+absl::StatusOr<std::vector<ShardSet::Served>> ShardSet::ServedOf(
+    const std::string& dataset_id) const {
+  std::vector<Served> found;
   for (const std::shared_ptr<const Shard>& shard : shards_) {
     if (shard->reader->manifest().dataset_id == dataset_id) {
-      found.push_back(shard);
+      found.push_back({.plain = &shard});
+    }
+  }
+  for (const std::unique_ptr<SeriesShard>& shard : series_) {
+    if (shard->Has(dataset_id)) {
+      found.push_back({.series = shard.get()});
     }
   }
   if (found.empty()) {
@@ -25,29 +43,39 @@ absl::StatusOr<Shards> ShardSet::FindAll(const std::string& dataset_id) const {
   return found;
 }
 
+absl::StatusOr<std::shared_ptr<const Shard>> ShardSet::FindAny(
+    const std::string& dataset_id) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Served> served, ServedOf(dataset_id));
+  return served.front().Open(dataset_id);
+}
+
 absl::StatusOr<Shards> ShardSet::Find(
     const std::string& dataset_id,
     const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const {
-  ISOSCOPE_ASSIGN_OR_RETURN(const Shards of_dataset, FindAll(dataset_id));
-  std::vector<int> served;
-  for (const std::shared_ptr<const Shard>& shard : of_dataset) {
-    served.push_back(shard->reader->shard_index());
-  }
-  const store::Manifest& manifest = of_dataset.front()->reader->manifest();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Served> served, ServedOf(dataset_id));
+  // All have the manifest of the dataset.
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> first,
+                            served.front().Open(dataset_id));
+  const store::Manifest& manifest = first->reader->manifest();
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<int> wanted,
       rpc::ShardIndicesFromProto(shard_indices, static_cast<int>(manifest.shards.size()),
                                  "shard_indices"));
   Shards found;
   for (const int index : wanted) {
-    const auto position = std::find(served.begin(), served.end(), index);
+    const auto position = std::find_if(served.begin(), served.end(),
+                                       [&](const Served& of) { return of.index() == index; });
     if (position == served.end()) {
-      std::sort(served.begin(), served.end());
+      std::vector<int> indices;
+      std::transform(served.begin(), served.end(), std::back_inserter(indices),
+                     [](const Served& of) { return of.index(); });
+      std::sort(indices.begin(), indices.end());
       return absl::FailedPreconditionError(absl::StrCat(
           "shard ", index, " of dataset \"", manifest.name,
-          "\" is not served by this agent (any more); it serves ", absl::StrJoin(served, ", ")));
+          "\" is not served by this agent (any more); it serves ", absl::StrJoin(indices, ", ")));
     }
-    found.push_back(of_dataset[static_cast<std::size_t>(position - served.begin())]);
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, position->Open(dataset_id));
+    found.push_back(std::move(shard));
   }
   return found;
 }

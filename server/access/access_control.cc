@@ -8,7 +8,6 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
 #include <openssl/crypto.h>
-#include <sys/stat.h>
 
 #include "core/base/error_reason.h"
 #include "core/base/log.h"
@@ -236,7 +235,7 @@ absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Make(AccessOptions
   std::unique_ptr<AccessControl> access(new AccessControl(std::move(options)));
   if (!access->options_.token_file.empty()) {
     const base::MutexLock lock(&access->mutex_);
-    access->file_ = StateOf(access->options_.token_file);
+    access->file_ = io::StampOf(access->options_.token_file);
     access->looked_ = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(access->Load());
     access->watcher_ = std::thread([watched = access.get()] { watched->Watch(); });
@@ -276,17 +275,6 @@ void AccessControl::Watch() {
   }
 }
 
-AccessControl::FileState AccessControl::StateOf(const std::string& path) {
-  struct stat found {};
-  if (stat(path.c_str(), &found) != 0) {
-    return {};
-  }
-  return {.inode = static_cast<std::int64_t>(found.st_ino),
-          .size = static_cast<std::int64_t>(found.st_size),
-          .seconds = static_cast<std::int64_t>(found.st_mtim.tv_sec),
-          .nanoseconds = static_cast<std::int64_t>(found.st_mtim.tv_nsec)};
-}
-
 absl::Status AccessControl::Load() {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text,
                             io::ReadWholeFile(options_.token_file, kMaxFileBytes));
@@ -318,7 +306,7 @@ void AccessControl::ReloadIfChanged() {
     return;
   }
   looked_ = now;
-  const FileState state = StateOf(options_.token_file);
+  const io::FileStamp state = io::StampOf(options_.token_file);
   if (state == file_) {
     return;
   }

@@ -34,6 +34,7 @@
 
 #include "core/base/metrics.h"
 #include "core/base/mutex.h"
+#include "core/io/file_stamp.h"
 #include "core/rpc/peer.h"
 #include "server/access/access_tokens.h"
 #include "server/access/rate_bucket.h"
@@ -193,17 +194,7 @@ class AccessControl {
   [[nodiscard]] std::int64_t failed_reloads() const { return failed_reloads_.value(); }
 
  private:
-  // Of a file, to see that it was replaced or written.
-  struct FileState {
-    std::int64_t inode = 0;
-    std::int64_t size = 0;
-    std::int64_t seconds = 0;
-    std::int64_t nanoseconds = 0;
-    friend bool operator==(const FileState&, const FileState&) = default;
-  };
-
   explicit AccessControl(AccessOptions options) : options_(std::move(options)) {}
-  static FileState StateOf(const std::string& path);
   absl::Status Load() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Reads the file again if it has changed; keeps what there is if the new one is wrong.
   void ReloadIfChanged() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -217,7 +208,7 @@ class AccessControl {
   base::CondVar changed_;  // tokens were withdrawn, or all stops
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::shared_ptr<AccessGrant>> withdrawn_ ABSL_GUARDED_BY(mutex_);  // not ended yet
-  FileState file_ ABSL_GUARDED_BY(mutex_);
+  io::FileStamp file_ ABSL_GUARDED_BY(mutex_);
   absl::Time looked_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
   std::vector<std::shared_ptr<AccessGrant>> grants_ ABSL_GUARDED_BY(mutex_);
   std::thread watcher_;  // runs if there is a token file

@@ -1,0 +1,177 @@
+#include "partition-agent/series_shard.h"
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/store/shard_format.h"
+
+namespace isoscope::agent {
+namespace {
+
+// The pages of its interval tree that a shard keeps, and its tables for each block of the shard
+// and of the volume.
+constexpr std::size_t kTreeBytes = std::size_t{1} << 20;
+constexpr std::size_t kBytesPerOwnBlock = 32;
+constexpr std::size_t kBytesPerBlock = 8 + 16 / 8;  // a range, and the sets of active blocks
+
+std::size_t BytesOf(const Shard& shard) {
+  const store::ShardReader& reader = *shard.reader;
+  const std::size_t range_bytes = 2 * volume::SizeOf(reader.manifest().scalar_type);
+  return kTreeBytes + kBytesPerOwnBlock * static_cast<std::size_t>(reader.block_count()) +
+         (kBytesPerBlock + range_bytes) * static_cast<std::size_t>(reader.layout().block_count());
+}
+
+std::string ManifestPath(const std::string& directory) {
+  return absl::StrCat(directory, "/", store::kManifestFileName);
+}
+
+}  // namespace
+
+std::shared_ptr<const Shard> OpenVolumes::Find(std::uint32_t number) {
+  const base::MutexLock lock(&mutex_);
+  const auto found = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) {
+    return entry.shard->number == number;
+  });
+  if (found == entries_.end()) {
+    return nullptr;
+  }
+  entries_.splice(entries_.begin(), entries_, found);
+  return found->shard;
+}
+
+void OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
+  const std::size_t bytes = BytesOf(*shard);
+  std::vector<std::shared_ptr<const Shard>> closed;  // without the lock: files are closed
+  const base::MutexLock lock(&mutex_);
+  entries_.push_front({.shard = std::move(shard), .bytes = bytes});
+  bytes_ += bytes;
+  while (bytes_ > max_bytes_ && entries_.size() > 1) {
+    bytes_ -= entries_.back().bytes;
+    closed.push_back(std::move(entries_.back().shard));
+    entries_.pop_back();
+  }
+}
+
+absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
+    const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes) {
+  std::unique_ptr<SeriesShard> series(new SeriesShard(directory, std::move(open_volumes)));
+  // The stamp comes first: a manifest that is replaced while it is read is read again.
+  const io::FileStamp stamp = io::StampOf(ManifestPath(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, store::OpenSeriesShard(directory));
+  series->shard_index_ = shard.shard_index;
+  const base::MutexLock lock(&series->mutex_);
+  series->stamp_ = stamp;
+  series->served_ = series->FindVolumes(std::move(shard));
+  return series;
+}
+
+std::shared_ptr<const SeriesShard::Served> SeriesShard::FindVolumes(
+    store::SeriesShard shard) const {
+  auto served = std::make_shared<Served>();
+  served->manifest = std::move(shard.manifest);
+  served->manifest_crc32c = shard.manifest_crc32c;
+  for (const store::ScalarVolume& volume : served->manifest.volumes) {
+    // Partitioning and careful copies write the manifest of a folder last.
+    if (io::PathExists(ManifestPath(
+            absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume.key))))) {
+      served->volumes.push_back(volume);
+    }
+  }
+  return served;
+}
+
+std::shared_ptr<const SeriesShard::Served> SeriesShard::served() const {
+  const base::MutexLock lock(&mutex_);
+  return served_;
+}
+
+void SeriesShard::Refresh() {
+  const std::shared_ptr<const Served> before = served();
+  const io::FileStamp stamp = io::StampOf(ManifestPath(directory_));
+  const bool lacks_folders = before->volumes.size() < before->manifest.volumes.size();
+  {
+    const base::MutexLock lock(&mutex_);
+    if (stamp == stamp_ && !lacks_folders) {
+      return;
+    }
+    stamp_ = stamp;
+  }
+  absl::StatusOr<store::SeriesShard> shard = store::OpenSeriesShard(directory_);
+  if (shard.ok() && (shard->manifest.dataset_id != before->manifest.dataset_id ||
+                     shard->shard_index != shard_index_)) {
+    shard = absl::FailedPreconditionError(
+        absl::StrCat(directory_, ": holds shard ", shard->shard_index, " of dataset id ",
+                     shard->manifest.dataset_id, " now, was shard ", shard_index_, " of ",
+                     before->manifest.dataset_id, ": restart the agent to serve it"));
+  }
+  if (!shard.ok()) {
+    base::LogWarning("series_not_read_again",
+                     {{"directory", directory_}, {"status", shard.status()}});
+    return;
+  }
+  std::shared_ptr<const Served> after = FindVolumes(*std::move(shard));
+  if (after->volumes.size() != before->volumes.size()) {
+    base::LogInfo("series_changed", {{"dataset", after->manifest.name},
+                                     {"shard", shard_index_},
+                                     {"volumes_before", before->volumes.size()},
+                                     {"volumes", after->volumes.size()},
+                                     {"steps", after->manifest.step_count()}});
+  }
+  const base::MutexLock lock(&mutex_);
+  served_ = std::move(after);
+}
+
+const store::ScalarVolume* SeriesShard::VolumeIn(const Served& served,
+                                                 const std::string& dataset_id) {
+  const auto found = std::find_if(
+      served.volumes.begin(), served.volumes.end(),
+      [&](const store::ScalarVolume& volume) { return volume.dataset_id == dataset_id; });
+  return found == served.volumes.end() ? nullptr : &*found;
+}
+
+bool SeriesShard::Has(const std::string& dataset_id) const {
+  return VolumeIn(*served(), dataset_id) != nullptr;
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
+    const std::string& dataset_id) {
+  const std::shared_ptr<const Served> served = this->served();
+  const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
+  if (volume == nullptr) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
+  }
+  const base::MutexLock opening(&opening_);
+  std::uint32_t number = 0;
+  {
+    const base::MutexLock lock(&mutex_);
+    const auto [entry, is_new] = numbers_.try_emplace(dataset_id, 0);
+    if (is_new) {
+      entry->second = NextShardNumber();
+    }
+    number = entry->second;
+  }
+  if (std::shared_ptr<const Shard> open = open_volumes_->Find(number)) {
+    return open;
+  }
+  const std::string directory =
+      absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume->key));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, OpenShard(directory, number));
+  if (shard->reader->manifest_crc32c() != volume->manifest_crc32c ||
+      shard->reader->shard_index() != shard_index_) {
+    return absl::DataLossError(absl::StrCat(
+        directory, ": holds shard ", shard->reader->shard_index(), " of dataset id ",
+        shard->reader->manifest().dataset_id, ", the series expects shard ", shard_index_, " of ",
+        volume->dataset_id, "; copy the whole shard directory again"));
+  }
+  open_volumes_->Add(shard);
+  return shard;
+}
+
+}  // namespace isoscope::agent

@@ -1,0 +1,107 @@
+// One shard of a series: it opens scalar volumes when they are asked for, and notices new ones.
+//
+// 1. Open reads the manifest and finds the volumes whose folders are there. Nothing else is open.
+// 2. OpenVolume opens the shard of one volume and keeps it, as long as all that are kept fit into
+//    the memory that they share (OpenVolumes). A frame holds those that it draws.
+// 3. Refresh reads the manifest again if the file was replaced. A folder that is not there yet (a
+//    copy under way) is looked for at the next Refresh. A manifest of another dataset, or one that
+//    is damaged, changes nothing: what was served is served on.
+//
+// A volume has the same number (Shard::number) whenever it is opened, so that caches stay valid.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_SERIES_SHARD_H_
+#define ISOSCOPE_PARTITION_AGENT_SERIES_SHARD_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <list>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/mutex.h"
+#include "core/io/file.h"
+#include "core/store/series_manifest.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::agent {
+
+// The open volumes of all series of an agent, least recently used last. Thread-safe.
+class OpenVolumes {
+ public:
+  explicit OpenVolumes(std::size_t max_bytes) : max_bytes_(max_bytes) {}
+
+  // Null if it is not open.
+  std::shared_ptr<const Shard> Find(std::uint32_t number) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Closes others, unless frames hold them, until `shard` fits. The newest is always kept.
+  void Add(std::shared_ptr<const Shard> shard) ABSL_LOCKS_EXCLUDED(mutex_);
+
+ private:
+  struct Entry {
+    std::shared_ptr<const Shard> shard;
+    std::size_t bytes = 0;
+  };
+
+  const std::size_t max_bytes_;
+  base::Mutex mutex_;
+  std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);
+  std::size_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+// Thread-safe.
+class SeriesShard {
+ public:
+  // What is served; never changes.
+  struct Served {
+    store::SeriesManifest manifest;
+    std::uint32_t manifest_crc32c = 0;
+    std::vector<store::ScalarVolume> volumes;  // whose folders are there, ascending by key
+  };
+
+  // Opens a shard directory of a series. `open_volumes` is shared by all series of the agent.
+  // Errors as store::OpenSeriesShard.
+  static absl::StatusOr<std::unique_ptr<SeriesShard>> Open(
+      const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes);
+
+  [[nodiscard]] const std::string& directory() const { return directory_; }
+  [[nodiscard]] int shard_index() const { return shard_index_; }
+  [[nodiscard]] std::shared_ptr<const Served> served() const ABSL_LOCKS_EXCLUDED(mutex_);
+
+  // Looks for new volumes. Cheap if there are none.
+  void Refresh() ABSL_LOCKS_EXCLUDED(mutex_);
+
+  // Whether the volume of this dataset id is served.
+  [[nodiscard]] bool Has(const std::string& dataset_id) const;
+  // Opens it. Blocks on the disk. Errors as OpenShard; DATA_LOSS also if the folder holds another
+  // volume. FAILED_PRECONDITION if it is not served.
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id)
+      ABSL_LOCKS_EXCLUDED(mutex_, opening_);
+
+ private:
+  SeriesShard(std::string directory, std::shared_ptr<OpenVolumes> open_volumes)
+      : directory_(std::move(directory)), open_volumes_(std::move(open_volumes)) {}
+
+  // The volumes of `shard` whose folders are there, after those of `before`.
+  [[nodiscard]] std::shared_ptr<const Served> FindVolumes(store::SeriesShard shard) const;
+  // Null if it is not served.
+  [[nodiscard]] static const store::ScalarVolume* VolumeIn(const Served& served,
+                                                           const std::string& dataset_id);
+
+  const std::string directory_;
+  const std::shared_ptr<OpenVolumes> open_volumes_;
+  int shard_index_ = 0;
+  mutable base::Mutex mutex_;
+  std::shared_ptr<const Served> served_ ABSL_GUARDED_BY(mutex_);
+  io::FileStamp stamp_ ABSL_GUARDED_BY(mutex_);  // of the manifest that was read last
+  // By dataset id, of volumes that were opened once.
+  std::map<std::string, std::uint32_t> numbers_ ABSL_GUARDED_BY(mutex_);
+  base::Mutex opening_;  // one volume at a time: two frames of one step open it once
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_SERIES_SHARD_H_
