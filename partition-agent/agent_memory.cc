@@ -28,6 +28,7 @@ static_assert(AgentMemory::kMinLimitBytes / kReadShare >=
 constexpr double kCacheShare = 0.5;
 // The share of the limit without steps and idle images.
 constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16 - 1.0 / 32;
+constexpr std::size_t kOpenVolumesShare = 32;  // of the limit, if there are series
 constexpr std::size_t kMinCacheBytes = 8 * base::kMiB;
 // The most memory that is touched at start and ahead of frames: enough for some five million
 // triangles. It takes milliseconds.
@@ -46,6 +47,7 @@ std::size_t AgentMemory::DefaultLimitBytes() {
 AgentMemory::AgentMemory(std::size_t limit_bytes, int step_count)
     : limit_bytes_(limit_bytes),
       step_count_(static_cast<std::size_t>(std::max(step_count, kDefaultStepCount))),
+      open_volumes_(std::make_shared<OpenVolumes>(limit_bytes / kOpenVolumesShare)),
       steps_(limit_bytes / 4),
       cache_(0),
       layers_(unused_layer_bytes()) {
@@ -61,14 +63,15 @@ absl::Status AgentMemory::Settle() {
   const std::size_t in_use = base::ResidentBytes();
   const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes() +
                                  unused_layer_bytes() +
-                                 (has_series_.load() ? open_volume_bytes() : 0);
+                                 (has_series_.load() ? limit_bytes_ / kOpenVolumesShare : 0);
   const std::size_t taken = in_use + for_frames;
   if (taken + kMinCacheBytes > limit_bytes_) {
     return absl::FailedPreconditionError(absl::StrFormat(
         "the memory limit of %.0f MiB is too small: %.0f MiB are in use with the shards open and "
         "%.0f MiB are for frames; raise --memory-limit to %.0fMiB, or serve fewer shards",
         Mebibytes(limit_bytes_), Mebibytes(in_use), Mebibytes(for_frames),
-        std::ceil(Mebibytes(in_use + kMinCacheBytes) / kRestShare)));
+        std::ceil(Mebibytes(in_use + kMinCacheBytes) /
+                  (kRestShare - (has_series_.load() ? 1.0 / kOpenVolumesShare : 0.0)))));
   }
   const auto cache_bytes =
       static_cast<std::size_t>(kCacheShare * static_cast<double>(limit_bytes_ - taken));

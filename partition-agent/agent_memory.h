@@ -17,6 +17,7 @@
 #include "core/view/camera.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/idle_toucher.h"
+#include "partition-agent/series_shard.h"
 
 namespace isoscope::agent {
 
@@ -46,10 +47,12 @@ class AgentMemory {
   [[nodiscard]] std::size_t unused_layer_bytes() const { return limit_bytes_ / 32; }
   [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / (8 * step_count_); }
 
-  // Limit of the tables of scalar volumes that series keep open. The cache leaves room for them
-  // once an agent has called KeepForOpenVolumes, before Settle.
-  [[nodiscard]] std::size_t open_volume_bytes() const { return limit_bytes_ / 32; }
-  void KeepForOpenVolumes() { has_series_.store(true); }
+  // The open scalar volumes of all series. Whoever takes it before Settle has the cache leave room
+  // for them.
+  [[nodiscard]] std::shared_ptr<OpenVolumes> TakeOpenVolumes() {
+    has_series_.store(true);
+    return open_volumes_;
+  }
 
   // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
   // limit with the default number of steps, at most 16 MiB (more does not pay), at least one disk
@@ -76,6 +79,7 @@ class AgentMemory {
   const std::size_t limit_bytes_;
   const std::size_t step_count_;  // at least the default
   std::atomic<bool> has_series_{false};
+  const std::shared_ptr<OpenVolumes> open_volumes_;
   base::MemoryBudget steps_;
   BlockCache cache_;
   render::LayerRenderer layers_;

@@ -136,21 +136,18 @@ std::string Summarize(const std::vector<ShardLabel>& labels) {
 absl::StatusOr<ShardSet> OpenShards(const AgentServerOptions& options) {
   Shards shards;
   SeriesShards series;
-  const auto open_volumes = std::make_shared<OpenVolumes>(options.memory->open_volume_bytes());
   for (const std::string& directory : options.directories) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
                               ShardDirectoriesOf(directory));
     for (const std::string& shard_directory : shard_directories) {
       if (store::IsSeriesDirectory(shard_directory)) {
-        ISOSCOPE_ASSIGN_OR_RETURN(series.emplace_back(),
-                                  SeriesShard::Open(shard_directory, open_volumes));
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            series.emplace_back(),
+            SeriesShard::Open(shard_directory, options.memory->TakeOpenVolumes()));
       } else {
         ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), OpenShard(shard_directory));
       }
     }
-  }
-  if (!series.empty()) {
-    options.memory->KeepForOpenVolumes();
   }
   return ShardSet(std::move(shards), std::move(series));
 }
