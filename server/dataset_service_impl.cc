@@ -150,10 +150,14 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
                             registry_->FindComplete(request.dataset(), cancellation, caller));
-  const DatasetState& dataset = *found;
-  record->dataset = dataset.dataset.name();
-  record->dataset_id = dataset.dataset.dataset_id();
-  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request.dataset_id()));
+  record->dataset = found->dataset.name();
+  record->dataset_id = found->dataset.dataset_id();
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request.dataset_id()));
+  google::protobuf::RepeatedPtrField<isoscope::v1::Surface> no_surfaces;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const SelectedVolume selected,
+      SelectVolume(found, request.has_selection() ? &request.selection() : nullptr, &no_surfaces));
+  const DatasetState& dataset = *selected.dataset;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
@@ -169,6 +173,9 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
                                            whole.groups.EndOf(whole.groups.count - 1));
   }
   *response = rpc::ToProto(whole, suggestions);
+  if (selected.selection.has_value()) {
+    *response->mutable_selection() = *selected.selection;
+  }
   return absl::OkStatus();
 }
 

@@ -201,22 +201,28 @@ class IsosurfaceServiceImpl::ExportCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::shared_ptr<const DatasetState> found,
         options_.registry->FindComplete(request_.dataset(), cancellation, caller_));
-    const v1::Dataset& dataset = found->dataset;
-    audit_.SetDataset(dataset.name(), dataset.dataset_id());
-    ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset, request_.dataset_id()));
+    audit_.SetDataset(found->dataset.name(), found->dataset.dataset_id());
+    ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request_.dataset_id()));
+    google::protobuf::RepeatedPtrField<v1::Surface> no_surfaces;  // colours decide no mesh
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const SelectedVolume selected,
+        SelectVolume(found, request_.has_selection() ? &request_.selection() : nullptr,
+                     &no_surfaces));
+    const v1::Dataset& dataset = selected.dataset->dataset;
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout, LayoutOf(dataset, geometry));
 
-    ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
-                              options_.runner->ReserveExportMemory(
-                                  options_.runner->PartsOf(*found).size(), cancellation));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        base::MemoryBudget::Reservation memory,
+        options_.runner->ReserveExportMemory(options_.runner->PartsOf(*selected.dataset).size(),
+                                             cancellation));
     memory_.emplace(std::move(memory));
     const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
     std::int64_t vertex_count = 0;
     for (std::size_t i = 0; i < spec_.isovalues.size(); ++i) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t added,
-                                ExportOne(*found, volume, i, vertex_count));
+                                ExportOne(*selected.dataset, volume, i, vertex_count));
       vertex_count += added;
     }
     return absl::OkStatus();

@@ -16,6 +16,7 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/series_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -31,6 +32,29 @@ std::string Identity(const internal::ShardDescription& shard) {
                          shard.manifest_crc32c(), shard.range_table_crc32c());
 }
 
+// INVALID_ARGUMENT if a volume is of no field, component or step of its dataset.
+absl::Status ValidateVolumes(const internal::ShardDescription& shard, const std::string& path) {
+  const isoscope::v1::Dataset& dataset = shard.dataset();
+  const int step_count = std::max(dataset.time_steps_size(), 1);
+  for (int i = 0; i < dataset.fields_size(); ++i) {
+    if (dataset.fields(i).components().empty()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ".dataset.fields[", i, "].components is empty: must have one"));
+    }
+  }
+  for (int i = 0; i < shard.volumes_size(); ++i) {
+    const store::ScalarVolumeKey key = rpc::KeyOf(shard.volumes(i));
+    if (key.field < 0 || key.field >= dataset.fields_size() || key.component < 0 ||
+        key.component >= dataset.fields(key.field).components_size() || key.step < 0 ||
+        key.step >= step_count) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ".volumes[", i, "] is field ", key.field, ", component ", key.component, ", step ",
+          key.step, ": dataset \"", dataset.name(), "\" has no such volume"));
+    }
+  }
+  return absl::OkStatus();
+}
+
 // Returns the first error in an agent's answer.
 absl::Status Validate(const internal::DescribeShardsResponse& response) {
   for (int i = 0; i < response.shards_size(); ++i) {
@@ -42,6 +66,7 @@ absl::Status Validate(const internal::DescribeShardsResponse& response) {
                                                      ": must lie in [0, ",
                                                      shard.dataset().shard_count(), ")"));
     }
+    ISOSCOPE_RETURN_IF_ERROR(ValidateVolumes(shard, path));
   }
   return absl::OkStatus();
 }
@@ -194,6 +219,44 @@ absl::Status RevisionError(const std::string& name, const Content& content) {
                    "; run one version with one --renderer on agents that serve all shards"));
 }
 
+// The shards of a series with the agents of a crew, and the descriptions that these give of it.
+std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
+    const Crew& crew, const isoscope::v1::Dataset& dataset,
+    std::vector<const isoscope::v1::Dataset*>* descriptions) {
+  std::map<int, std::vector<SeriesOwner>> owners;
+  for (const auto& [index, agents] : crew.owners) {
+    for (const AgentState* agent : agents) {
+      for (const internal::ShardDescription& shard : agent->shards) {
+        if (shard.shard_index() != index || shard.dataset().name() != dataset.name() ||
+            shard.dataset().dataset_id() != dataset.dataset_id()) {
+          continue;
+        }
+        SeriesOwner& owner = owners[index].emplace_back();
+        owner.agent = {agent->address, agent->channel, agent->export_channel};
+        owner.is_draining = agent->is_draining;
+        for (const internal::VolumeDescription& volume : shard.volumes()) {
+          owner.volumes.emplace(rpc::KeyOf(volume), volume.dataset_id());
+        }
+        descriptions->push_back(&shard.dataset());
+      }
+    }
+  }
+  return owners;
+}
+
+// Adds the volumes of a dataset that has fields.
+void CompleteSeries(const Crew& crew, DatasetState* state) {
+  std::vector<const isoscope::v1::Dataset*> descriptions;
+  auto series = std::make_shared<SeriesState>(
+      MakeSeriesState(SeriesOwnersOf(crew, state->dataset, &descriptions)));
+  if (!descriptions.empty()) {
+    const auto missing = state->dataset.missing_shards();
+    state->dataset = JoinDescriptions(descriptions, *series);
+    *state->dataset.mutable_missing_shards() = missing;
+  }
+  state->series = std::move(series);
+}
+
 DatasetState Complete(const std::string& name, const Draft& draft, absl::string_view unreachable) {
   DatasetState state;
   state.contradiction = ContradictionOf(draft);
@@ -226,6 +289,9 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
   if (crew != nullptr) {
     state.replica_sets = ReplicaSetsOf(*crew);
     state.picture_revision = (*crew->agents.begin())->picture_revision;
+    if (!state.dataset.fields().empty()) {
+      CompleteSeries(*crew, &state);
+    }
   }
   if (!missing.empty()) {
     state.status = absl::FailedPreconditionError(absl::StrCat(

@@ -35,6 +35,7 @@
 #include "isoscope/v1/dataset.pb.h"
 #include "server/access/access_control.h"
 #include "server/cluster/frame_part.h"
+#include "server/cluster/series_state.h"
 
 namespace isoscope::server {
 
@@ -65,6 +66,9 @@ struct DatasetState {
   frame::PictureRevision picture_revision;  // of all of these agents
   bool is_served = false;                   // at least one shard is
   std::string contradiction;  // if agents contradict each other: who, with which content
+  // Null: a dataset without fields. If set, replica_sets are those of the series: SelectVolume
+  // returns those of a volume.
+  std::shared_ptr<const SeriesState> series;
 };
 
 // Removes agents from the sets, and sets that have no other agent.

@@ -111,12 +111,13 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
   const isoscope::v1::RenderIsosurfaceRequest& request = asked->request;
   const frame::FrameSpec& spec = asked->spec;
   ISOSCOPE_ASSIGN_OR_RETURN(
-      std::shared_ptr<const DatasetState> found,
+      const std::shared_ptr<const DatasetState> found,
       options_.registry->FindComplete(request.dataset(), *identity.cancellation, *identity.caller,
                                       request.allow_partial()));
-  const DatasetState& dataset = *found;
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request.dataset_id()));
+  ISOSCOPE_ASSIGN_OR_RETURN(SelectedVolume selected, Select(found, asked));
+  const DatasetState& dataset = *selected.dataset;
   const std::string& id = dataset.dataset.dataset_id();
-  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request.dataset_id()));
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -131,7 +132,26 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
   const frame::BackEnd drawn_by = frame::DrawnBy(spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
-  return FrameTarget{std::move(found), std::move(parts), view, layout, order};
+  std::shared_ptr<const DatasetState> of_volume = selected.dataset;
+  return FrameTarget{std::move(of_volume), std::move(parts), view, layout, order,
+                     std::move(selected)};
+}
+
+absl::StatusOr<SelectedVolume> FrameRunner::Select(const std::shared_ptr<const DatasetState>& found,
+                                                   AskedFrame* asked) {
+  isoscope::v1::RenderIsosurfaceRequest& request = asked->request;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      SelectedVolume selected,
+      SelectVolume(found, request.has_selection() ? &request.selection() : nullptr,
+                   request.mutable_surfaces()));
+  for (std::size_t i = 0; i < selected.color_dataset_ids.size(); ++i) {
+    if (!selected.color_dataset_ids[i].empty()) {
+      const isoscope::v1::ColorRange& range =
+          request.surfaces(static_cast<int>(i)).color_by().range();
+      asked->spec.surfaces[i].color_by->range = frame::ColorRange{range.min(), range.max()};
+    }
+  }
+  return selected;
 }
 
 absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
@@ -170,6 +190,9 @@ class FrameRunner::Attempt {
     *begin_.mutable_request() = asked.request;
     begin_.mutable_request()->clear_allow_partial();  // nothing to an agent
     begin_.mutable_request()->clear_dataset_id();     // older agents refuse it
+    begin_.mutable_request()->clear_selection();      // likewise
+    begin_.mutable_color_dataset_ids()->Assign(target.selected.color_dataset_ids.begin(),
+                                               target.selected.color_dataset_ids.end());
     begin_.set_agent_count(static_cast<std::int32_t>(parts.size()));
     begin_.set_report_active_blocks(active_ == nullptr);
     begin_.set_sends_normals(spec_.sends_normals);

@@ -37,6 +37,7 @@
 #include "server/cluster/agent_registry.h"
 #include "server/cluster/frame_part.h"
 #include "server/cluster/replica_board.h"
+#include "server/cluster/series_state.h"
 #include "server/frame/active_blocks.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/frame_coordinator.h"
@@ -64,6 +65,7 @@ struct FrameTarget {
   view::View view;
   volume::BlockLayout layout;
   image::FragmentOrder order;
+  SelectedVolume selected;  // `dataset` is its dataset
 };
 
 // What a client asks for: as agents read it, and converted. The two always say the same.
@@ -170,6 +172,9 @@ class FrameRunner {
     return has_trace ? memory_.trace_bytes() : 0;
   }
   class Attempt;
+  // Resolves field and step, and the ranges of colours by a field.
+  static absl::StatusOr<SelectedVolume> Select(const std::shared_ptr<const DatasetState>& found,
+                                               AskedFrame* asked);
 
   // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,

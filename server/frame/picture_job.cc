@@ -151,6 +151,12 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   *response->mutable_camera() = asked_.request.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(asked_.spec, target.view.geometry(), response);
+  if (target.selected.selection.has_value()) {
+    *response->mutable_selection() = *target.selected.selection;
+  }
+  if (target.selected.time.has_value()) {
+    response->set_time(*target.selected.time);
+  }
 
   parts_ = target.parts;
   FrameOutput output;

@@ -1,0 +1,81 @@
+// A series of the cluster: which agents serve which of its scalar volumes, and the choice of one.
+//
+// A scalar volume is offered once every shard of the series has it, on some agent of the crew that
+// draws. Agents that lack it are not used for its frames; others go on with theirs. So agents can
+// be given a new step one after the other while frames of old steps are drawn.
+//
+// The rest of the coordinator knows no fields: it works on the dataset of one volume, whose id,
+// ranges and agents Select puts into a DatasetState of its own.
+
+#ifndef ISOSCOPE_SERVER_CLUSTER_SERIES_STATE_H_
+#define ISOSCOPE_SERVER_CLUSTER_SERIES_STATE_H_
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/store/series_manifest.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "server/cluster/frame_part.h"
+
+namespace isoscope::server {
+
+struct DatasetState;
+
+// An agent that serves one shard of a series.
+struct SeriesOwner {
+  ServingAgent agent;
+  bool is_draining = false;
+  // Of each key, the dataset id of the volume that the agent has.
+  std::map<store::ScalarVolumeKey, std::string> volumes;
+};
+
+// Immutable.
+struct SeriesState {
+  std::map<int, std::vector<SeriesOwner>> owners;  // by shard; by address
+  // Dataset ids of the volumes that every shard of `owners` has.
+  std::map<store::ScalarVolumeKey, std::string> offered;
+};
+
+// Finds what is offered. Where agents have different volumes of one key, that of most agents is
+// taken, of two the one with the lesser id, among those that every shard has.
+SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
+
+// Joins the descriptions of a series by its agents: the ranges and bounds are those of the longest,
+// which has the most steps. Then leaves out the steps that are not offered.
+isoscope::v1::Dataset JoinDescriptions(const std::vector<const isoscope::v1::Dataset*>& datasets,
+                                       const SeriesState& series);
+
+// What a request chose.
+struct SelectedVolume {
+  std::shared_ptr<const DatasetState> dataset;  // of the volume
+  // By surface of the request; "": the surface is not coloured by a field. Empty: none is.
+  std::vector<std::string> color_dataset_ids;
+  std::optional<isoscope::v1::FieldSelection> selection;  // with all members; not set: no fields
+  std::optional<double> time;
+};
+
+// Chooses a scalar volume of a dataset. Of a dataset without fields: the dataset itself.
+//
+// selection: null: the default
+// surfaces:  those of the request, or none; ranges of colours by a field are set where they are not
+//
+// UNAVAILABLE: no agent has all volumes of a shard that the frame needs. INVALID_ARGUMENT: a field
+// or component that the dataset does not have (lists them), a selection for a dataset without
+// fields, a time that is not finite. NOT_FOUND: a step that is not served (says which are).
+// FAILED_PRECONDITION: none is.
+absl::StatusOr<SelectedVolume> SelectVolume(
+    const std::shared_ptr<const DatasetState>& dataset,
+    const isoscope::v1::FieldSelection* selection,
+    google::protobuf::RepeatedPtrField<isoscope::v1::Surface>* surfaces);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_CLUSTER_SERIES_STATE_H_
