@@ -21,7 +21,7 @@ namespace isoscope::cli {
 namespace {
 
 // Which flags exclude a flag, in the order of the calls. CLI11 has them in the order of their
-// addresses, which is no order for a text.
+// addresses, which changes from run to run.
 using Exclusions = std::map<const CLI::Option*, std::vector<const CLI::Option*>>;
 
 // The text of --help, with the line of usage of a command if it has its own.
@@ -75,7 +75,7 @@ absl::Status ExclusionError(const CLI::App& app, const Exclusions& exclusions) {
   return absl::OkStatus();
 }
 
-// The error for what CLI11 could not place.
+// Returns the error for arguments that CLI11 did not match.
 absl::Status UnknownArgument(const CLI::App& app, const std::string& argument) {
   if (!absl::StartsWith(argument, "-")) {
     return UsageError(absl::StrCat("'", argument, "' is one argument too many"));

@@ -69,7 +69,7 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
 }
 
 // Expands the keys of half a row to its covered lanes, compares their depths with the tile's, and
-// stores keys and colours of the lanes that are nearer. Lanes of equal depth are looked for.
+// stores keys and colours of the lanes that are nearer. Returns whether a lane has a tie in depth.
 bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                   std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
   std::uint32_t ties = 0;

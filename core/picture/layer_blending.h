@@ -1,4 +1,4 @@
-// Translucent layers and the opaque image of a frame become one picture.
+// Blends the translucent layers and the opaque image of a frame to one picture.
 
 #ifndef ISOSCOPE_CORE_PICTURE_LAYER_BLENDING_H_
 #define ISOSCOPE_CORE_PICTURE_LAYER_BLENDING_H_
@@ -23,7 +23,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
                          image::FrameImage* image);
 
 // Replaces key and colour of each pixel by those of its first layer, where that lies before the
-// opaque fragment: planes and picks tell what is nearest, however translucent.
+// opaque fragment: planes and picks report the nearest fragment, however translucent.
 void ShowNearest(const image::LayerStack& layers, image::FrameImage* image);
 // The same for keys alone: colours stay.
 void ShowNearestKeys(const image::LayerStack& layers, image::FrameImage* image);

@@ -168,7 +168,7 @@ std::string GlString(GLenum name) {
 
 }  // namespace
 
-// Makes contexts; apart from the class so that EGL's types stay out of the header.
+// Makes contexts. It is a separate class, so that EGL's types stay out of the header.
 struct EglContextMaker {
   static absl::StatusOr<EGLConfig> ChooseConfig(EGLDisplay display, bool needs_pbuffer) {
     for (const EGLint surface_type : {EGL_PBUFFER_BIT, 0}) {
@@ -198,8 +198,8 @@ struct EglContextMaker {
     if (display == EGL_NO_DISPLAY) {
       return EglFailure("there is no such display");
     }
-    // Displays belong to the process. eglTerminate would take this one from other contexts, so
-    // nobody ever calls it.
+    // Displays belong to the process. eglTerminate would take this one from other contexts, so it
+    // is never called.
     EGLint major = 0;
     EGLint minor = 0;
     if (eglInitialize(display, &major, &minor) != EGL_TRUE) {
@@ -286,7 +286,7 @@ absl::StatusOr<std::unique_ptr<EglContext>> TryDevices(int device,
   return nullptr;
 }
 
-// Tries what needs no device. Null if nothing works.
+// Tries the platforms that need no device. Null if nothing works.
 std::unique_ptr<EglContext> TryPlatforms(std::vector<std::string>* tried) {
   if (HasClientExtension("EGL_MESA_platform_surfaceless")) {
     auto context = EglContextMaker::MakeOn(

@@ -58,7 +58,7 @@ absl::StatusOr<void*> GlStreamBuffer::Map(std::size_t size_bytes) {
   }
   Bind();
   if (size_bytes > capacity_bytes_) {
-    // Half as much again, so that a slowly growing size does not reallocate each time.
+    // Adds a half, so that a slowly growing size does not reallocate each time.
     const std::size_t capacity = size_bytes + size_bytes / 2;
     glBufferData(target_, static_cast<GLsizeiptr>(capacity), nullptr, GL_STREAM_DRAW);
     ISOSCOPE_RETURN_IF_ERROR(GlStatus("allocate a vertex buffer"));
