@@ -1,3 +1,15 @@
+// The caps of one block (Paint), pixel by pixel in the block's rectangle:
+//
+// 1. Find where the pixel's ray enters and leaves the region (ClipCrossingFinder). Skip crossings
+//    in cells of other blocks, and those that is_hidden hides.
+// 2. Find the solid around the crossing (FillingAt): the one with the highest isovalue whose inside
+//    has the point. If there is none, try four rays beside it (FillingBeside).
+// 3. Colour the fragment (FragmentOf): sample colour, step of the gradient's map, code of the
+//    normal, or shade under the head light.
+//
+// NeedOf decides before that, from spans alone, whether a block has caps at all and whether Paint
+// needs its samples. A block without active cells needs none if it is wholly inside one solid.
+
 #include "core/render/clip_caps.h"
 
 #include <algorithm>

@@ -1,3 +1,13 @@
+// Make checks that the libraries can be loaded, then tries the devices (hardware before software),
+// then the platforms without a device. For each candidate, EglContextMaker::MakeOn does these steps:
+//
+// 1. Initialize the display and bind the API to OpenGL.
+// 2. Choose a config, unless the display supports contexts without one.
+// 3. Create an OpenGL 3.3 core context, and a small pbuffer if a context needs a surface.
+// 4. Make it current, and read GL_RENDERER and GL_VERSION.
+//
+// The errors of all candidates are collected, and go into the message if none works.
+
 #include "core/render/egl_context.h"
 
 #include <dlfcn.h>

@@ -1,3 +1,11 @@
+// Each class owns OpenGL names, which its destructor deletes, and checks glGetError where calls can
+// fail.
+//
+// A GlStreamBuffer grows by half as much again and is orphaned at each Map, so that the driver can
+// still draw with the old contents. GlFramebuffer::ReadInto reads three planes in three calls. It
+// then goes through them by stretches of a row, a tile wide. A stretch without an owner is skipped;
+// in the others, depth and owner become keys, and their pixels are marked as covered.
+
 #include "core/render/gl_objects.h"
 
 #include <algorithm>
