@@ -27,7 +27,7 @@ class CertificateWatch {
   // Days until the certificate expires, as it is in the file now: negative after that, 0 if it
   // can't be read, infinity without a file.
   double DaysLeft();
-  // Returns how often DaysLeft could no longer read a certificate that it had read before.
+  // Returns how often DaysLeft began to fail to read the certificate.
   [[nodiscard]] std::int64_t failures() const { return failures_.value(); }
 
  private:

@@ -1,8 +1,9 @@
 // A request becomes a frame::FrameSpec in this order (FrameSpecFromProto):
 //
 // 1. Unknown fields are refused (CheckKnownFields).
-// 2. Each part is converted by a function that checks its fields: surfaces, lights, window, clip
-//    region, caps, layers, effects, output. The first wrong field is the error.
+// 2. Each part is converted by a function that checks its fields: surfaces, window, culling,
+//    camera, background, clip region, caps, layers, lights, output, effects. The first wrong field
+//    is the error.
 // 3. Checks across fields follow, such as a background that must be opaque for JPEG.
 //
 // Every error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.

@@ -2,8 +2,8 @@
 // to the coordinator and back to a volume::HistogramPart. The public one goes from the coordinator
 // to a client, in one direction only.
 //
-// A part from the wire is checked in this order: the bins (volume::BinsOf must give the same ones
-// for the stated range), the groups, the lengths of the lists, and each count in [0, 2^46].
+// A part from the wire is checked in this order: the limits of bins and groups, the lengths of the
+// lists, and each count, which must lie in [0, 2^46].
 //
 // Invariant: no sum over agents can overflow, because of kMaxOfAgent.
 

@@ -2,9 +2,9 @@
 // quantity, caps, lights. A request has a list of surfaces, or one surface by its fields isovalue
 // and base_color, never both.
 //
-// Every number is checked with InRange, which refuses NaN, and every direction with CheckLength.
-// A range of colours that the request leaves out is filled in later by ResolveColorRanges, because
-// it depends on the dataset.
+// Numbers are checked with InRange or CheckFinite, which refuse NaN, and directions with
+// CheckLength. A range of colours that the request leaves out is filled in later by
+// ResolveColorRanges, because it depends on the dataset.
 
 #include "core/rpc/surface_convert.h"
 

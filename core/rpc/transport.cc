@@ -7,7 +7,7 @@
 // 4. Roles are checked for each connection or call. A server refuses calls by RoleGate, except
 //    those for health. A client refuses servers by ServerRoleVerifier, in the handshake.
 //
-// The names in a certificate come from others. Messages quote them only after base::Printable.
+// So a program need not restart when certificates are renewed.
 
 #include "core/rpc/transport.h"
 

@@ -21,7 +21,8 @@ struct FileShares {
   std::int64_t axes_per_file = 0;
 };
 
-// The parts of "slice%03d.raw 1 93 1". A '%' that does not begin a number ("100%.raw") stays text.
+// The parts of "slice%03d.raw 1 93 1". A '%' that begins no number ("100%.raw") makes no numbered
+// name.
 struct NumberedName {
   std::string pattern;                // "slice%03d.raw"
   std::vector<std::int64_t> numbers;  // 1, 93, 1

@@ -6,8 +6,8 @@
 //   ElementType = MET_SHORT
 //   BinaryDataByteOrderMSB = True       big-endian
 //   CompressedData = True               a zlib stream
-//   HeaderSize = 12                     bytes before the samples; -1: they are the file's last
-//   bytes ElementDataFile = quarter.%d 1 93 1
+//   HeaderSize = 12                     bytes before the samples; -1: at the end of the file
+//   ElementDataFile = quarter.%d 1 93 1
 //
 // ElementDataFile is one of
 //

@@ -1,9 +1,9 @@
 // A field is a function of x, y, z in [-1, 1], computed a few rows at a time:
 //
-// - Random and mixing are sums of plane waves. cos(x + y + z) splits into factors of x and of y + z,
-//   so tables of sine and cosine for each axis (Phases) replace all but multiplications.
-// - Gyroid needs one sine and one cosine for each axis and sample.
-// - Radial fields (shells, marschner-lobb) interpolate a table by radius, or by radius and z.
+// - Random and mixing are sums of plane waves. A wave is a product of factors for each axis, so
+//   sines and cosines come from tables (Phases).
+// - Gyroid gets the sines and cosines along x by rotation, from sample to sample.
+// - Shells and marschner-lobb interpolate a table by radius; marschner-lobb adds a function of z.
 //
 // Then Quantize clamps values to [0, 1] and scales them to the sample type.
 //

@@ -193,7 +193,7 @@ TEST(AwaitOrCancelledTest, EndsAtTheDeadline) {
   EXPECT_GE(absl::Now(), deadline);
 }
 
-// Without a deadline: a wake-up that is lost would hang.
+// There is no deadline, so a lost wake-up would hang the test.
 TEST(AwaitOrCancelledTest, CancelWakesAllWhoWaitWhenever) {
   for (int round = 0; round < 300; ++round) {
     Cancellation cancellation;

@@ -20,7 +20,7 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
-// As in block_kernels.cc, so that all of its targets are looked at.
+// As in block_kernels.cc, so that all of its targets are tested.
 #define HWY_WANT_AVX3_DL
 #include "core/base/coding.h"
 #include "core/base/random.h"
@@ -676,7 +676,7 @@ TEST(BlockExtractorTest, ReadsNothingOutsideTheBlock) {
   }
 }
 
-// The magnitudes of all vertices, by position.
+// Returns the magnitudes of all vertices, by position.
 std::map<std::tuple<float, float, float>, float> MagnitudesOf(const Volume& volume,
                                                               const Index3& block_cells,
                                                               double isovalue) {

@@ -28,7 +28,7 @@ FrameImage Shade(FrameImage image, const view::View& view, int radius_px, float 
   return image;
 }
 
-// How much darker the red of a pixel has become.
+// Returns the decrease of the red of a pixel.
 int DarkeningAt(const FrameImage& before, const FrameImage& after, int x, int y) {
   const std::size_t i = before.IndexOf(x, y);
   return before.colors[i].r - after.colors[i].r;
@@ -233,7 +233,7 @@ TEST(AmbientOcclusionTest, TheSmallestImagesAndLargestRadiusWork) {
   }
 }
 
-// Cameras so near and so far, or so wide, that pixels are tiny or huge beside the volume.
+// Cameras so near, so far, or so wide that pixels are tiny or huge compared with the volume.
 TEST(AmbientOcclusionTest, ExtremeViewsGiveColorsThatAreNoBrighter) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {101, 101, 101};

@@ -25,7 +25,7 @@ volume::GridGeometry Geometry() {
   return geometry;
 }
 
-// Samples x + 100 z, as uint16: the slice at z is the same whatever the blocks.
+// Samples x + 100 z, as uint16: the slice at z does not depend on the blocks.
 struct Volume {
   volume::BlockLayout layout = volume::BlockLayout::Make(kDims, {8, 8, 8}).value();
   std::string samples;

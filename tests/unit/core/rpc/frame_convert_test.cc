@@ -282,7 +282,7 @@ TEST(FrameSpecFromProtoTest, SamplesOfALargeViewportAreRefusedWithBothNumbers) {
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("samples is 9"), HasSubstr("viewport of 8192 x"),
                              HasSubstr("16384"))));
-  // A region takes it, up to the largest whole.
+  // With a region it is allowed, up to the largest viewport.
   *request.mutable_region() = ToProto(view::Region{0, 0, 1000, 20});
   EXPECT_THAT(FrameSpecFromProto(request), IsOk());
   request.mutable_viewport()->set_width_px(32768);

@@ -275,7 +275,7 @@ TEST(ProtoConvertTest, StatisticsOfAnAgentComeBack) {
   proto.set_agent_address("b:1");
   proto.add_shard_indices(3);
   proto.add_shard_indices(5);
-  // Each number another one.
+  // Each number is different.
   const google::protobuf::Descriptor* const descriptor = proto.GetDescriptor();
   for (int i = 0; i < descriptor->field_count(); ++i) {
     const google::protobuf::FieldDescriptor* const field = descriptor->field(i);

@@ -96,7 +96,7 @@ std::int64_t LimitOfCoreFiles() {
   return static_cast<std::int64_t>(limit.rlim_cur);
 }
 
-// In the child.
+// Runs in the child.
 std::int64_t Do(const Request& request) {
   switch (request.deed) {
     case Deed::kAddOne:
@@ -165,7 +165,7 @@ class DecoderProcessTest : public ::testing::Test {
     }
     return answer.number;
   }
-  // Whether the next request is answered, whatever went before.
+  // Expects that the next request is answered, after any earlier one.
   void ExpectAnswers() { EXPECT_EQ(Ask(Deed::kAddOne, 41).value_or(-1), 42); }
 
   DecoderProcess process_{{.handler = Handle,
@@ -289,7 +289,7 @@ TEST_F(DecoderProcessTest, WithoutAProcessToBeHadTheErrorSaysSo) {
   ExpectAnswers();
 }
 
-// A process with two children of this kind, which ends without a word to them.
+// A process with two children of this kind, which ends without telling them.
 [[noreturn]] void LeaveChildren(int pipe_end) {
   DecoderProcess first({Handle, sizeof(Request), sizeof(Answer), kSharedBytes});
   DecoderProcess second({Handle, sizeof(Request), sizeof(Answer), kSharedBytes});

@@ -180,7 +180,8 @@ TEST(TiffSourceTest, MixedSlicesColourAndCutFilesAreRefused) {
   WriteSlice(dir.Sub("c.tif"), {.type = ScalarType::kUint8, .samples_per_pixel = 3}, 20, 20,
              samples.data());
   EXPECT_THAT(OpenVolumeFile(dir.Sub("c.tif")).status(), StatusIs(kInvalid, HasSubstr("colour")));
-  // The samples of a palette image are numbers of colours. Two slices, or it is refused as one.
+  // The samples of a palette image are numbers of colours. Two slices, because a single one is
+  // refused anyway.
   for (const char* name : {"p1.tif", "p2.tif"}) {
     WriteSlice(dir.Sub(name), {.type = ScalarType::kUint8, .has_palette = true}, 20, 20,
                samples.data());

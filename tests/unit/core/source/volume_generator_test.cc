@@ -55,7 +55,7 @@ void ForEachSample(const std::vector<T>& samples, const math::Index3& dims, cons
   }
 }
 
-// The sum of waves as its definition says it, one cosine a wave.
+// The sum of waves by its definition, one cosine a wave.
 double RandomSum(const GeneratorParameters& parameters, const math::Vec3d& p) {
   double sum = 0;
   double squares = 0;

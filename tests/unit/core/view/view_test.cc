@@ -283,8 +283,9 @@ std::vector<volume::BlockId> SomeBlocks(const volume::BlockLayout& layout, Rando
   return ids;
 }
 
-// The promise culling rests on. A triangle of the block covers only pixels whose centre is in the
-// hull of its vertices, as float32 and sub-pixel snapping place them; so is the block's rectangle.
+// Culling relies on this. A triangle of the block covers only pixels whose centre is in the hull of
+// its vertices, as placed by float32 and sub-pixel snapping. These pixels must lie in the block's
+// rectangle.
 TEST(FootprintTest, NoPointOfABoxIsDrawnOutsideItsRectangle) {
   Random random(7);
   std::int64_t boxes_seen = 0;
@@ -456,7 +457,7 @@ TEST(FootprintTest, OneBoxAndManyHaveTheSameBitsOnEveryInstructionSet) {
 }
 
 // Infinities and NaN, which Min and Max of processors drop, must not make a block's rectangle
-// empty: who has no rectangle is not drawn.
+// empty: a block without a rectangle is not drawn.
 TEST(FootprintTest, NumbersBeyondFloatNeverHideABlock) {
   const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
   constexpr double kInfinity = std::numeric_limits<double>::infinity();

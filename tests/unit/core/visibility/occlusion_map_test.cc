@@ -16,7 +16,7 @@ namespace isoscope::visibility {
 namespace {
 
 // Surfaces with holes, at depths that differ little, so that both answers of a test are frequent.
-// Whole tiles are missing where a seed says so.
+// The seed decides which whole tiles are missing.
 image::FrameImage MakeImage(int width, int height, std::uint64_t seed, double hole_share) {
   image::FrameImage image(width, height);
   for (int y = 0; y < height; ++y) {
