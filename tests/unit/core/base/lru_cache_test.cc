@@ -1,3 +1,10 @@
+// Most tests use keys of one hash (OneListCacheTest), which fall into one part of the cache:
+//
+// - the order of eviction, within a round and across rounds;
+// - the bound in bytes, for one large entry and for many small ones;
+// - random use, compared with a model that follows the definition literally;
+// - threads that share a cache.
+
 #include "core/base/lru_cache.h"
 
 #include <algorithm>

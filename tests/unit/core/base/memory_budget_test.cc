@@ -1,3 +1,10 @@
+// The rule of the queue, on a clock that stands still, and use by real threads:
+//
+// - MemoryBudgetQueueTest moves the clock itself: order of arrival, overtaking, and its end after
+//   kMaxOvertakenDuration.
+// - A model of the rule takes random arrivals, releases and cancellations.
+// - The other tests let threads wait: sizes, moves, cancellations and deadlines.
+
 #include "core/base/memory_budget.h"
 
 #include <atomic>

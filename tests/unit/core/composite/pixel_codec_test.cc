@@ -1,3 +1,10 @@
+// The codec of pixels, in three groups:
+//
+// - Round trips: noise, smooth surfaces, extreme depths, many colours, layers, any order of bands.
+// - Sizes: as many bands as the pixels need, and few bytes for a smooth surface.
+// - Damage: every truncation and bit flip, and damage behind a checksum that is computed again. The
+//   answer is DATA_LOSS, and the image does not change.
+
 #include "core/composite/pixel_codec.h"
 
 #include <cstddef>

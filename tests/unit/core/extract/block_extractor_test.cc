@@ -1,3 +1,11 @@
+// The extractor is compared with a slow reference, and checked by properties of surfaces:
+//
+// - Reference: all sample types and block sizes, bit for bit, on every instruction set.
+// - Topology: watertight meshes, Euler characteristic, area and volume of a sphere, winding and
+//   normals.
+// - Special samples: ties, NaN, infinities, huge and tiny values.
+// - Memory: no read outside the block, at any address.
+
 #include "core/extract/block_extractor.h"
 
 #include <algorithm>

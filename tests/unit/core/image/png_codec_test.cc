@@ -1,3 +1,10 @@
+// EncodePng is read back by libpng, and DecodePng reads files of other writers:
+//
+// - every size and content, also where stripes meet;
+// - the structure of the file: chunks, checksums, one complete zlib stream;
+// - the same bytes for any number of threads and any address of buffers;
+// - damage: every truncation, every flipped bit, sizes that the bytes can't hold.
+
 #include "core/image/png_codec.h"
 
 #include <png.h>

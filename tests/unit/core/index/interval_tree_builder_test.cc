@@ -1,3 +1,9 @@
+// A tree that is built in scratch files must have the bytes of the in-memory build:
+//
+// - around every boundary: sizes of pages, sorters, slabs and levels;
+// - for any memory, order of input and sign of zero;
+// - and a build that fails, at any write or cancellation, must leave no file that opens.
+
 #include "core/index/interval_tree_builder.h"
 
 #include <algorithm>

@@ -1,3 +1,10 @@
+// Files on a real file system, and the faulty ones of tests/support:
+//
+// - writes of all sizes and in any order, compared with a model;
+// - reads outside the file, and of a file that was cut after it was opened;
+// - names: create, rename and remove, without overwriting anything by mistake;
+// - errors: the code, the reason and the path of each, and that the first one stays.
+
 #include "core/io/file.h"
 
 #include <unistd.h>

@@ -1,3 +1,10 @@
+// Most tests run for each back end (ReadQueueTest): every read arrives once with its bytes, for
+//
+// - files that are in memory, partly in memory, or not at all (cold_file.h);
+// - any number of threads, sizes of buffers and of system calls;
+// - errors: outside the file, of the system, of files without a descriptor;
+// - cancellation and destruction while reads are under way.
+
 #include "core/io/read_queue.h"
 
 #include <fcntl.h>

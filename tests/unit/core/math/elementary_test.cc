@@ -1,3 +1,9 @@
+// Each function is tested in three ways:
+//
+// - a hash of the bits of many results, equal on every machine;
+// - the error in units of the last place, against long double;
+// - values that must be exact, symmetries, and the limits of the arguments.
+
 #include "core/math/elementary.h"
 
 #include <bit>

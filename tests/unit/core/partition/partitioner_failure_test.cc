@@ -1,7 +1,7 @@
 // Runs that do not end normally must leave nothing that looks like a dataset:
 //
 // - cancelled at a read of the source, with each distribution and memory limit;
-// - failed by the source, by a full disk (a limit on file sizes), or by a small memory limit;
+// - failed by the source, or by a full disk (a limit on file sizes) while sorting on disk;
 // - killed, as a copy of the folder in the middle of a run shows.
 
 #include <unistd.h>

@@ -1,3 +1,10 @@
+// Scenes made of depths (depth_scene.h) whose occlusion is known:
+//
+// - surfaces that must stay as they are: planes, balls, walls far in front;
+// - surfaces that must get darker, and where: corners and steps;
+// - the picture does not depend on regions, threads, instruction sets or samples;
+// - extreme images and views.
+
 #include "core/picture/ambient_occlusion.h"
 
 #include <algorithm>

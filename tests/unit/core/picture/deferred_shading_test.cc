@@ -1,3 +1,10 @@
+// The shader is compared with the formula of its header, in doubles:
+//
+// - random scenes of lights, materials and fragments, to one level of colour;
+// - closed forms: a matt sphere, the head light, both sides of a surface;
+// - quantities in place of colours: normals, positions, maps with opacities, caps;
+// - the same bits on every instruction set, for any neighbours and regions.
+
 #include "core/picture/deferred_shading.h"
 
 #include <algorithm>

@@ -1,3 +1,10 @@
+// Fragments are compared with definitions that are computed slowly, in doubles:
+//
+// - coverage: neighbours share and miss no pixel, for triangles of all sizes;
+// - depth: the plane under the pixel's centre, clamped to the footprint;
+// - clipping: at the near plane, far off screen, and by a clip region;
+// - weights: at corners, in slivers, beside the triangle.
+
 #include "core/render/cpu_rasterizer.h"
 
 #include <algorithm>

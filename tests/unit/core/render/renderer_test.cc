@@ -1,3 +1,12 @@
+// The contract of renderer.h, for both back ends (RendererTest):
+//
+// - the picture does not depend on order, passes, batches, blocks, threads or earlier frames;
+// - equal depths are decided by the tie rule;
+// - geometry and shading agree with closed forms: spheres, planes, a head light;
+// - limits and errors: cancelled frames, memory, masks, odd sizes.
+//
+// Tests of the CPU back end alone follow, and one that compares the two.
+
 #include "core/render/renderer.h"
 
 #include <algorithm>

@@ -1,3 +1,10 @@
+// Conversion of a request to a FrameSpec, field by field:
+//
+// - defaults of unset fields, and the arrival of every field that is set;
+// - wrong values: the error names the field, its value and the allowed values (wrong_fields.h);
+// - the resolved camera, which must have the same bits at coordinator and agents;
+// - picture revisions.
+
 #include "core/rpc/frame_convert.h"
 
 #include <cmath>

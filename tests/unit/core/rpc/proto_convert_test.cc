@@ -1,3 +1,10 @@
+// Each message that core converts, in both directions:
+//
+// - values survive the way to the message and back: cameras, colours, geometry, block lists,
+//   durations;
+// - the limits of each field, with the name of the field in the error;
+// - descriptions of datasets that contradict themselves.
+
 #include "core/rpc/proto_convert.h"
 
 #include <cmath>

@@ -1,3 +1,10 @@
+// A handler (Do) that computes, dies, hangs, or takes memory, as the request says:
+//
+// - answers, and one child for all requests;
+// - every kind of death: signals, exit, exceptions, limits of time and memory, wrong answers;
+// - isolation: no output, no core file, no descriptors, no signal handlers of the parent;
+// - no process is left, not even when the parent is killed.
+
 #include "core/source/decoder_process.h"
 
 #include <fcntl.h>

@@ -1,3 +1,10 @@
+// Series of five small slices, written by the helpers of tests/support:
+//
+// - stacking by position, oblique orientations, the choice of a series;
+// - wrong series: missing, doubled, tilted, mixed or cut slices;
+// - privacy: no field of a patient is printed;
+// - files that end the library's process, which is then replaced.
+
 #include "core/source/dicom_source.h"
 
 #include <algorithm>

@@ -1,3 +1,10 @@
+// Datasets written by the library itself, and damaged ones:
+//
+// - every type, byte order and layout, with rows that begin and end within planes;
+// - axes, spacing, names, and files beyond 32-bit sizes;
+// - files and datasets that are no volume, with the message;
+// - cut and flipped files, which must never crash this process.
+
 #include "core/source/hdf5_source.h"
 
 #include <filesystem>

@@ -1,3 +1,9 @@
+// Datasets in several files, in which one is missing, cut or wrong:
+//
+// - external storage, virtual datasets, numbered sources, external links;
+// - the list of files, which must be complete;
+// - a virtual dataset that is made of itself.
+
 #include "core/source/hdf5_storage.h"
 
 #include <filesystem>

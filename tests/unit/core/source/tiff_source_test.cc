@@ -1,3 +1,9 @@
+// Stacks written by libtiff, and damaged ones:
+//
+// - pages of every type, byte order, compression and shape, as one file and as many;
+// - parts of slices, and the order of names with numbers;
+// - mixed slices, colours, cut files, and strips that inflate to too little.
+
 #include "core/source/tiff_source.h"
 
 #include <algorithm>

@@ -1,3 +1,10 @@
+// Each field is compared with its formula, in doubles:
+//
+// - values, range and quantisation for every sample type;
+// - the same bytes for any division into calls, and beyond 32-bit indices;
+// - seeds, and the variance of random fields for every spectrum;
+// - bad parameters, with the message.
+
 #include "core/source/volume_generator.h"
 
 #include <algorithm>

@@ -1,3 +1,10 @@
+// The formats that ITK reads, and raw files. ITK is the reference for samples and geometry:
+//
+// - NIfTI, NRRD and MetaImage in every type, byte order and compression, in one file or several;
+// - geometry, slopes, patient frames;
+// - headers that are refused, with the message;
+// - damage: every truncation of every format, and flipped bits in compressed samples.
+
 #include "core/source/volume_source.h"
 
 #include <cmath>

@@ -1,3 +1,10 @@
+// A small dataset, read unchanged, damaged, and with planned reads:
+//
+// - every sample type and number of shards comes back;
+// - every flipped bit, truncation and extension of every file is noticed;
+// - files of other shards, and consistent lies behind right checksums, are refused;
+// - disk runs follow their definition (RunPlanTest), for random and for all small subsets.
+
 #include "core/store/shard_reader.h"
 
 #include <algorithm>

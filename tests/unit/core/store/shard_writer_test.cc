@@ -1,3 +1,10 @@
+// The files of a shard, byte by byte, and the rules of writing them:
+//
+// - the documented bytes of blocks, index and range table;
+// - range tables that are damaged or hostile;
+// - misuse: wrong ids, wrong order, gaps, a missing interval tree;
+// - full disks at any write; the dataset id.
+
 #include "core/store/shard_writer.h"
 
 #include <memory>

@@ -1,3 +1,10 @@
+// Matrices are compared with VTK's numbers, and footprints with float32 renderers:
+//
+// - projection, clip planes, and cameras inside, outside and behind the volume;
+// - footprints: no point of a block is drawn outside its rectangle or nearer than its depth;
+// - the same bits for one box and many, on every instruction set;
+// - limits of float32; regions.
+
 #include "core/view/view.h"
 
 #include <algorithm>

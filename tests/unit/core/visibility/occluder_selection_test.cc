@@ -1,3 +1,10 @@
+// Rays are compared with a reference that computes them one at a time (Reference):
+//
+// - each ray stops at the first active block, which ExpectFirstBlocks finds by testing all blocks;
+// - rays and hits are equal bit for bit, for any vectors, shares and runs of rays;
+// - regions, small viewports, flat volumes, views that miss the volume;
+// - the occluding blocks: the hits and their active neighbours.
+
 #include "core/visibility/occluder_selection.h"
 
 #include <algorithm>

@@ -1,3 +1,9 @@
+// The pyramid must give the answers of a test of each pixel (CanWin):
+//
+// - Hides, for random rectangles and depths, for both kinds of maps;
+// - open cells: exactly those with a pixel that can be won;
+// - equal depths, the far plane, empty tiles, the default map, empty footprints.
+
 #include "core/visibility/occlusion_map.h"
 
 #include <algorithm>
