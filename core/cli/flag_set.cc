@@ -1,7 +1,7 @@
 // CLI11 reads the results of a flag in three steps: each text is checked, the number of texts is
-// checked, a callback stores them. An error of the first step wins over one of the second, so the
-// parser of a flag runs as a check, which happens exactly once for each text. The callback of the
-// third step is left for an empty text of an optional value, which CLI11 does not check.
+// checked, a callback stores them. An error of the first step wins over one of the second. So the
+// parser of a flag runs as a check, exactly once for each text. The callback of the third step is
+// left for an empty text of an optional value, which CLI11 does not check.
 //
 // CLI11 throws, and only from parse; FlagSet::Parse catches it.
 

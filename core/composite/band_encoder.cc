@@ -2,10 +2,10 @@
 //
 // 1. FindColors collects the colours of the band. Up to 2048 of them become a sorted palette, and a
 //    pixel's colour is an index into it. A band with more sends each colour as it is.
-// 2. EncodePixels goes tile by tile over the covered pixels: packs depths, owners and colours into
-//    dense lists, subtracts the value predicted from the neighbours (TilePrediction), and codes
-//    each difference as one of 16 classes and some extra bits (number_code.h). Owners become a
-//    dictionary of the tile, and a label for each pixel if the tile has several.
+// 2. EncodePixels goes tile by tile over the covered pixels. It packs depths, owners and colours
+//    into dense lists, and subtracts the value predicted from the neighbours (TilePrediction). It
+//    codes each difference as one of 16 classes and some extra bits (number_code.h). Owners become
+//    a dictionary of the tile, and a label for each pixel if the tile has several.
 // 3. Serialize compresses coverage, dictionaries, labels and palette with Zstandard. Control bytes
 //    and extra bits follow as they are.
 //

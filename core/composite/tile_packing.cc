@@ -26,7 +26,7 @@ namespace {
 
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
 
-// Loads a row of keys as two registers, gathers the low and the high halves of its words (block ids
+// Loads a row of keys as two registers. Gathers the low and the high halves of its words (block ids
 // and depths), and compresses each to the covered pixels.
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
               std::uint32_t* depths, std::uint32_t* owners) {

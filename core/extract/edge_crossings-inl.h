@@ -12,7 +12,8 @@
 //
 //      x edges are 000 ^ 100, y edges 000 ^ 010, z edges 000 ^ 001; a cell is active iff the OR of
 //      all eight is set and the AND is not. The masks of the shape then drop bits that are no edge
-//      or cell of the block, such as the x edge from the end of a row to the start of the next.
+//      or cell of the block. An example is the x edge from the end of a row to the start of the
+//      next.
 //   3. AssignVertexIds lists the set bits, axis by axis. The position in the three lists, one after
 //      the other, is the vertex id; it is kept by sample and axis for pass 5.
 //

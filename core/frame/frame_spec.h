@@ -45,7 +45,7 @@ inline constexpr int kMaxLayers = 16;
 inline constexpr int kDefaultLayers = 8;
 
 struct FrameSpec {
-  // 1 to kMaxSurfaces. Of fragments of equal depth, the one of the earlier surface shows.
+  // 1 to kMaxSurfaces. If fragments have equal depths, the one of the earlier surface shows.
   std::vector<Surface> surfaces;
   // Not set: the default camera of the dataset. The coordinator sets it before agents see it.
   std::optional<view::Camera> camera;

@@ -15,8 +15,8 @@ namespace isoscope::picture {
 // samples_per_side: pixels of the image to a pixel of the final picture, on each axis, whose pixels
 //                   the radius counts
 //
-// A pixel depends on the depths of pixels that are at most radius + AmbientOcclusion::kBorderPx
-// pixels of the final picture away, and on its place in the whole viewport; pixels outside that are
+// A pixel depends on its position in the whole viewport, and on the depths of pixels at most radius
+// + AmbientOcclusion::kBorderPx pixels of the final picture away; pixels outside that are
 // background. Takes 5 bytes for each pixel of the image. Works in parallel, in the tbb::task_arena
 // of the caller; the picture depends neither on threads nor on instruction sets.
 void ShadeAmbientOcclusion(const frame::AmbientOcclusion& occlusion, const view::View& view,

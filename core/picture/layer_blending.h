@@ -13,9 +13,9 @@ namespace isoscope::picture {
 
 // Lays the layers over the image and the spec's background, in place: of each pixel the first
 // spec.max_layers that lie before its opaque fragment, nearest first, in linear light, with the
-// opacities of their surfaces. Of a surface whose map has opacities, the alpha of a layer's colour
-// is the step of the map (deferred_shading.h). Colours are then final where layers show; keys do
-// not change. Returns the number of pixels where more layers than that would show.
+// opacities of their surfaces. If a surface's map has opacities, the alpha of a layer's colour is
+// the step of the map (deferred_shading.h). Colours are then final where layers show; keys do not
+// change. Returns the number of pixels where more layers than that would show.
 //
 // Works in parallel, in the tbb::task_arena of the caller. O(pixels with layers).
 // REQUIRES: layers and image have the same size.

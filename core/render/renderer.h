@@ -1,5 +1,5 @@
 // Draws block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and CPU
-// (docs/architecture.md).
+// (docs/architecture.md, "Renderers").
 //
 // These guarantees make culling exact:
 //
@@ -97,9 +97,9 @@ class Renderer {
                                                                 const volume::BlockLayout& layout,
                                                                 const frame::FrameSpec& spec) = 0;
 
-  // Takes the memory of `pass_count` passes of this size and of `image_count` pictures, those of
-  // the passes included, as far as its limit for unused memory allows, and touches it for the first
-  // frames. May do nothing.
+  // Allocates the memory of `pass_count` passes of this size and of `image_count` pictures, those
+  // of the passes included. Touches its pages for the first frames. Stops at the limit for unused
+  // memory. May do nothing.
   virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/,
                        int /*image_count*/) {}
 

@@ -2,10 +2,10 @@
 //
 // All times come from monotonic clocks. An agent reports its times since `begin` arrived, and when
 // it received and sent each message of its stream. The coordinator knows when it sent and received
-// the same messages, so base::ClockAlignment gives it the difference of the clocks, and it moves
-// the agent's spans to its own axis. The times between sending and receiving become spans of the
-// tracks "network in" and "network out". A message counts there from the arrival of the one before
-// it, so that the spans of a track do not overlap.
+// the same messages. So base::ClockAlignment gives it the difference of the clocks, by which it
+// moves the agent's spans to its own axis. The times between sending and receiving become spans of
+// the tracks "network in" and "network out". A message counts there from the arrival of the one
+// before it, so that the spans of a track do not overlap.
 
 #ifndef ISOSCOPE_CORE_RPC_TRACE_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_TRACE_CONVERT_H_

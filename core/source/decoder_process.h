@@ -22,9 +22,9 @@ namespace isoscope::source {
 //   DecoderProcess process({&DecodeInChild, sizeof(Request), sizeof(Answer), slice_bytes});
 //   absl::Status status = process.Ask(request, {.cpu_seconds = 60}, &answer);
 //
-// The child has no other descriptors of ours, writes no core file, ignores the signals that a
-// terminal sends, and its standard input, output and error are /dev/null. It takes no lock of ours.
-// It ends when this process ends, for any reason, as soon as its request is done.
+// The child keeps no other descriptors of the parent, writes no core file, and ignores the signals
+// that a terminal sends. Its standard input, output and error are /dev/null. It takes no lock of
+// the parent. It ends when this process ends, for any reason, as soon as its request is done.
 // Thread-compatible; other threads may run, if none of them holds a lock that the handler takes.
 class DecoderProcess {
  public:

@@ -1,6 +1,6 @@
-// GDCM ends its process by an assertion if some elements are cut. Of a report it says only that it
-// can't be read. So this scan checks every file before GDCM reads it, and the user gets a precise
-// message.
+// GDCM ends its process by an assertion if some elements are cut. About a report it says only that
+// it can't be read. So this scan checks every file before GDCM reads it, and the user gets a
+// precise message.
 //
 // A file is 128 bytes, "DICM", the group 0002 (always explicit, little-endian), and elements:
 //

@@ -116,7 +116,7 @@ absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& 
   return slice;
 }
 
-// Whether two slices can be of one volume, apart from their positions.
+// Checks that two slices can be of one volume, apart from their positions.
 absl::Status CheckAlike(const Slice& slice, const Slice& first) {
   if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
     return absl::InvalidArgumentError(absl::StrFormat(

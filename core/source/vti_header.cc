@@ -16,9 +16,9 @@
 //    <AppendedData encoding="raw">_...</AppendedData>    bytes: no XML from the underscore on
 //   </VTKFile>
 //
-// expat gets the file in portions of 64 KiB and is stopped at AppendedData, or at an inline array
-// that is certain to be chosen, because the text behind may have gigabytes. Handlers get tags only,
-// and no text. An extent counts points, inclusive: "0 63" are 64 points and 63 cells. Source: VTK's
+// expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an inline array
+// that is certain to be chosen: the text behind it may have gigabytes. Handlers get tags only, and
+// no text. An extent counts points, inclusive: "0 63" are 64 points and 63 cells. Source: VTK's
 // file format description, "XML File Formats", https://docs.vtk.org.
 
 #include "core/source/vti_header.h"

@@ -12,11 +12,11 @@
 //
 // Invariant: sizes are compared before memory is allocated for them.
 //
-// Blocks are read in disk runs. PlanDiskRuns sorts the gaps between the wanted blocks and reads
-// over the smallest, up to 18 % of the wanted bytes, because a few bytes more cost less than
-// another request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000
-// bytes, so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13)
-// is not: two disk runs, of 1000 and of 100 bytes.
+// Blocks are read in disk runs. PlanDiskRuns sorts the gaps between the wanted blocks, and reads
+// over the smallest ones, up to 18 % of the wanted bytes. A few more bytes cost less than another
+// request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000 bytes,
+// so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13) is
+// not: two disk runs, of 1000 and of 100 bytes.
 //
 // Layouts: docs/format/dataset.md, docs/format/shard.md.
 
