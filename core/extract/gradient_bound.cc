@@ -2,9 +2,9 @@
 //
 // 1. RoughBound. Two samples differ at most by the block's range of values, which bounds all
 //    lengths. Most blocks of a large volume need no more than that.
-// 2. Other blocks go row by row, over the squared lengths of the doubled gradients. Each x keeps its
-//    largest square. A missing neighbour is replaced by the sample itself, and the difference counts
-//    twice.
+// 2. Other blocks go row by row, over the squared lengths of the doubled gradients. Each x keeps
+//    its largest square. A missing neighbour is replaced by the sample itself, and the difference
+//    then counts twice.
 // 3. Some blocks go one sample at a time, with all checks: those with samples that are not finite,
 //    or with squares that overflow or nearly vanish. Gradients are then scaled by powers of two.
 //

@@ -8,7 +8,7 @@
 namespace isoscope::io {
 
 absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
-  const char* variable = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): no code sets variables
+  const char* variable = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): never set here
   const std::string parent = variable != nullptr && *variable == '/' ? variable : "/tmp";
   std::string path = absl::StrCat(parent, "/isoscope-XXXXXX");
   if (mkdtemp(path.data()) == nullptr) {

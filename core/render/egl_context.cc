@@ -1,5 +1,5 @@
 // Make checks that the libraries can be loaded, then tries the devices (hardware before software),
-// then the platforms without a device. For each candidate, EglContextMaker::MakeOn does these steps:
+// then the platforms without a device. For each candidate, EglContextMaker::MakeOn does four steps:
 //
 // 1. Initialize the display and bind the API to OpenGL.
 // 2. Choose a config, unless the display supports contexts without one.

@@ -86,7 +86,7 @@ class PassResources {
     frame::Appearance appearance;
     std::shared_ptr<const std::vector<image::Rgba8>> colors;
   };
-  std::vector<ShadeTable> shade_tables_ ABSL_GUARDED_BY(mutex_);  // the most recently made is the last
+  std::vector<ShadeTable> shade_tables_ ABSL_GUARDED_BY(mutex_);  // the newest is the last
 };
 
 }  // namespace isoscope::render

@@ -6,7 +6,7 @@
 //    is the error.
 // 3. Checks across fields follow, such as a background that must be opaque for JPEG.
 //
-// Every error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.
+// Each error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.
 // Checks that need the dataset come later: ResolveCamera, and surface_convert.h.
 
 #include "core/rpc/frame_convert.h"

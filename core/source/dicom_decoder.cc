@@ -5,7 +5,7 @@
 // 3. Parent (Check): accept the answer only if all its numbers are possible.
 // 4. Parent: copy the pixels.
 //
-// Invariants: an answer of zeros means "not decoded", so a child that ends half-way gives no header.
+// Invariants: an answer of zeros means "not decoded", so a child that ends early gives no header.
 // No text but the series UID leaves the child, because texts may quote fields of the patient.
 
 #include "core/source/dicom_decoder.h"

@@ -1,12 +1,9 @@
 // A path becomes a source in two steps. FindVolume decides, in this order, by name and content:
 //
-//   a pattern ("slice*.tif")      TIFF stack
-//   file.h5:/dataset              HDF5
-//   a folder                      TIFF files if it has some, else a DICOM series
-//   file.vti, file.vti:array      VTK ImageData
-//   .tif, .tiff                   TIFF pages
-//   .dcm, or the DICOM mark       the series of that file
-//   the endings in kSuffixes      NIfTI, NRRD, MetaImage: ITK reads the header, FileSource the samples
+//   a pattern ("slice*.tif") TIFF stack file.h5:/dataset HDF5 a folder TIFF files if it has some,
+//   else a DICOM series file.vti, file.vti:array VTK ImageData .tif, .tiff TIFF pages .dcm, or the
+//   DICOM mark the series of that file the endings in kSuffixes NIfTI, NRRD, MetaImage (ITK and
+//   FileSource)
 //
 // OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
 
