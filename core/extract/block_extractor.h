@@ -35,8 +35,8 @@ class BlockExtractor {
   // isovalue: field units
   //
   // A vertex lies at t = (isovalue - a) / (b - a) between the edge's lower sample a and its upper
-  // sample b. Cells that touch a NaN sample have no triangles. keeps_gradient_magnitudes: whether
-  // the mesh has the gradient magnitudes of its vertices
+  // sample b. Cells that touch a NaN sample have no triangles. The mesh has the gradient magnitudes
+  // of its vertices if keeps_gradient_magnitudes.
   //
   // REQUIRES: isovalue is finite. O(samples); at most 5 triangles a cell.
   mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue,

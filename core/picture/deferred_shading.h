@@ -51,8 +51,9 @@ struct NormalFragment {
 // Immutable; thread-safe. All instruction sets give the same bits.
 class DeferredShader {
  public:
-  // spec: its surfaces and lights view: the view that the fragments were drawn with order: of the
-  // fragments' owners
+  // spec:  its surfaces and lights
+  // view:  the view that the fragments were drawn with
+  // order: of the fragments' owners
   DeferredShader(const frame::FrameSpec& spec, const view::View& view,
                  const image::FragmentOrder& order);
 

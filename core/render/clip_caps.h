@@ -53,9 +53,9 @@ using SampleColor = std::function<image::Rgba8(double value)>;
 // The caps of one frame. Immutable; thread-safe.
 class CapPainter {
  public:
-  // spec: has caps; sends_normals decides whether colours are normals back_end: draws the
-  // triangles, and decides the margin sample_color: the colour map of caps; null: caps have the
-  // look of their surface
+  // spec:         has caps; sends_normals decides whether colours are normals
+  // back_end:     draws the triangles, and decides the margin
+  // sample_color: the colour map of caps; null: caps have the look of their surface
   CapPainter(const view::View& view, const volume::BlockLayout& layout,
              const frame::FrameSpec& spec, frame::BackEnd back_end, SampleColor sample_color);
 

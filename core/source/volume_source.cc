@@ -1,9 +1,12 @@
 // A path becomes a source in two steps. FindVolume decides, in this order, by name and content:
 //
-//   a pattern ("slice*.tif") TIFF stack file.h5:/dataset HDF5 a folder TIFF files if it has some,
-//   else a DICOM series file.vti, file.vti:array VTK ImageData .tif, .tiff TIFF pages .dcm, or the
-//   DICOM mark the series of that file the endings in kSuffixes NIfTI, NRRD, MetaImage (ITK and
-//   FileSource)
+//   a pattern ("slice*.tif")      TIFF stack
+//   file.h5:/dataset              HDF5
+//   a folder                      TIFF files if it has some, else a DICOM series
+//   file.vti, file.vti:array      VTK ImageData
+//   .tif, .tiff                   TIFF pages
+//   .dcm, or the DICOM mark       the series of that file
+//   the endings in kSuffixes      NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
 //
 // OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
 
@@ -97,8 +100,7 @@ enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
 // The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
-  std::vector<std::string>
-      files;  // TIFF: slices, lowest first; kSampleFile: header, samples
+  std::vector<std::string> files;  // TIFF: slices, lowest first; kSampleFile: header, samples
   // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};

@@ -31,8 +31,10 @@ BlockEncoding EncodeBlock(BlockEncoding wanted, volume::ScalarType type, absl::s
 // that decodes to other samples passes unnoticed; the checksums of the block index reveal it.
 // Thread-safe.
 //
-// stored: the bytes that EncodeBlock returned raw_size: size of the decoded samples, bytes scratch:
-// overwritten; pass the same string again to avoid allocations out: raw_size bytes
+// stored:   the bytes that EncodeBlock returned
+// raw_size: size of the decoded samples, bytes
+// scratch:  overwritten; pass the same string again to avoid allocations
+// out:      raw_size bytes
 //
 // DATA_LOSS if `stored` is no such encoding of exactly raw_size bytes.
 absl::Status DecodeBlock(BlockEncoding encoding, volume::ScalarType type, absl::string_view stored,

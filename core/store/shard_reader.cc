@@ -8,7 +8,7 @@
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
 //   6. blocks.bin        size; each block's CRC-32C when it is read
-//   7. histogram.bin on request only: CRC-32C of the file, from shard.json
+//   7. histogram.bin     on request only: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
 //
