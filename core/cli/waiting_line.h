@@ -14,8 +14,8 @@
 
 namespace isoscope::cli {
 
-// While it lives, and from one second on, a line like "rendering   12 s" stands on the terminal, and
-// is cleared afterwards. If `err` is no terminal, nothing is written. REQUIRES: no other code
+// While it lives, and from one second on, a line like "rendering   12 s" stands on the terminal,
+// and is cleared afterwards. If `err` is no terminal, nothing is written. REQUIRES: no other code
 // writes to `err` meanwhile.
 class WaitingLine {
  public:
