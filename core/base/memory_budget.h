@@ -66,8 +66,8 @@ class MemoryBudget {
 
   // Waits until `bytes` are free and it is the caller's turn. RESOURCE_EXHAUSTED, at once, if the
   // budget is smaller than that; the error of `cancellation` if it fires first. REQUIRES: the
-  // caller holds no reservation of this budget. Waiters before it in the queue may need those
-  // bytes, and it would wait for them.
+  // caller holds no reservation of this budget that it gives back only afterwards. Waiters before
+  // it in the queue may need those bytes.
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }

@@ -1,6 +1,6 @@
 // Serves a program's metrics to Prometheus: GET /metrics over HTTP, in Prometheus' text format. A
-// scrape reads atomics and asks the program for gauges; it holds locks only that briefly, so no
-// frame waits long.
+// scrape reads atomics and asks the program for gauges; it holds no lock for longer than that, so
+// no frame waits for it.
 //
 // The HTTP server (civetweb, in prometheus-cpp) has no TLS and no authentication, so it listens on
 // loopback unless another host is given.

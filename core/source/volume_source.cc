@@ -100,7 +100,8 @@ enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
 // The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
-  std::vector<std::string> files;  // TIFF: slices, lowest first; kSampleFile: header, samples
+  std::vector<std::string>
+      files;  // TIFF: slices from the lowest up; kSampleFile: header, then samples
   // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};
