@@ -71,8 +71,8 @@ absl::Status CutError(const std::string& path) {
                    "damaged; copy it again, or put it elsewhere if it is no slice of the series"));
 }
 
-// Returns the error for a file that the decoder refused, or RESOURCE_EXHAUSTED if there was no
-// decoder.
+// Returns an error of `code` for a file that the decoder refused (DATA_LOSS). Other errors keep
+// their code.
 absl::Status NotDecodable(absl::StatusCode code, const absl::Status& error, const std::string& path,
                           const DicomScan& scan) {
   if (!absl::IsDataLoss(error)) {
