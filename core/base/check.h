@@ -1,7 +1,7 @@
 // CHECK and DCHECK: invariants that the code itself guarantees. They print both operands and abort.
 //
-// Never for input, network, disk or configuration: those are absl::Status (docs/conventions).
-// Spelled as newer abseil spells them, with our prefix, so that a later abseil replaces this file.
+// Never for input, network, disk or configuration: those are absl::Status. Spelled as newer abseil
+// spells them, with our prefix, so that a later abseil replaces this file.
 
 #ifndef ISOSCOPE_CORE_BASE_CHECK_H_
 #define ISOSCOPE_CORE_BASE_CHECK_H_

@@ -17,7 +17,7 @@ struct Entry {
   const char* name;
   bool is_transient;
 };
-// By number.
+// Indexed by the value of the enumerator.
 constexpr std::array<Entry, kErrorReasonCount> kEntries = {{
     {"DATASET_UNKNOWN", false},
     {"DATASET_INCOMPLETE", true},

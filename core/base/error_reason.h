@@ -36,7 +36,7 @@ inline constexpr int kErrorReasonCount = static_cast<int>(ErrorReason::kInternal
 
 // "DATASET_UNKNOWN".
 const char* NameOf(ErrorReason reason);
-// None if there is no reason of that name.
+// Returns the reason of that name; none if there is none.
 std::optional<ErrorReason> ErrorReasonFromName(absl::string_view name);
 // Whether the same call may work later, without a change of the request.
 bool IsTransient(ErrorReason reason);
@@ -45,7 +45,8 @@ bool IsTransient(ErrorReason reason);
 absl::Status WithReason(absl::Status status, ErrorReason reason);
 // The reason that was set; without one, that of the code. REQUIRES: `status` is an error.
 ErrorReason ReasonOf(const absl::Status& status);
-// The reason of an error without one: by its code, and by whether it tells a time to wait.
+// Returns the reason of an error that has none set. It follows from the code, and from whether the
+// error has a retry delay.
 ErrorReason DefaultReasonOf(const absl::Status& status);
 
 }  // namespace isoscope::base

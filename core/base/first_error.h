@@ -1,4 +1,4 @@
-// The first error of tasks that run side by side.
+// The first error of tasks that run in parallel.
 
 #ifndef ISOSCOPE_CORE_BASE_FIRST_ERROR_H_
 #define ISOSCOPE_CORE_BASE_FIRST_ERROR_H_

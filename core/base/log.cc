@@ -115,7 +115,7 @@ std::string FormatLogLine(absl::string_view event, std::initializer_list<LogFiel
     absl::StrAppend(&line, " ", field.key, "=");
     AppendValue(field.value, &line);
   }
-  // What is left of control characters could steer the terminal that shows the log.
+  // Control characters that remain could steer the terminal that shows the log.
   return Printable(line);
 }
 

@@ -1,4 +1,4 @@
-// A cache bounded in bytes, which forgets the values that were least recently used.
+// A cache bounded in bytes, which evicts the values that were least recently used.
 
 #ifndef ISOSCOPE_CORE_BASE_LRU_CACHE_H_
 #define ISOSCOPE_CORE_BASE_LRU_CACHE_H_
@@ -20,12 +20,12 @@
 
 namespace isoscope::base {
 
-// Thread-safe. Values are shared: a forgotten value lives on as long as somebody holds it.
+// Thread-safe. Values are shared: an evicted value lives on as long as somebody holds it.
 //
-// Work comes in rounds (frames) that look at much the same keys in the same order. Where those do
-// not fit, forgetting the least recently used would forget each just before its next use. So a new
-// value does not displace one that this round or the last one has used. The cache keeps a part of
-// the working set and hits on that.
+// Work comes in rounds (frames) that look at much the same keys in the same order. If those do not
+// fit, plain LRU would evict each value just before its next use. So a new value never evicts an
+// entry that this round or the last one has used. The cache keeps a part of the working set, and
+// finds that part each round.
 //
 // The cache has kPartCount parts of equal size, with a lock each, so that threads seldom wait for
 // each other. It keeps no value larger than a part.
@@ -58,8 +58,8 @@ class LruCache {
     return found->second->value;
   }
 
-  // Keeps `value` unless there is no room for it. A key that has a value keeps that value. Changes
-  // nothing if it throws std::bad_alloc, but for values that it has forgotten.
+  // Keeps `value` unless there is no room for it. A key that has a value keeps that value. If it
+  // throws std::bad_alloc, it has changed nothing, except that it may have evicted values.
   void Insert(const Key& key, std::shared_ptr<const Value> value, std::size_t size_bytes) {
     const std::size_t size = size_bytes + kEntryBytes;
     const std::size_t max_bytes = max_part_bytes_.load(std::memory_order_relaxed);

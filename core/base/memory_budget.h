@@ -1,7 +1,7 @@
 // A number of bytes that concurrent work shares. Work that needs more than is left waits.
 //
 // Waiters are served in the order in which they came. One that fits may overtake those before it,
-// so that free memory is used, until the first has waited for kMaxOvertakenDuration. Then nobody
+// so that free memory is used, until the first has waited for kMaxOvertakenDuration. Then no waiter
 // overtakes it, so that small work can't starve large work.
 
 #ifndef ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
@@ -28,7 +28,7 @@ class MemoryBudget {
   // Returns the time. Called with the budget's mutex held.
   using Clock = std::function<absl::Time()>;
 
-  // Users notice it, and most steps end sooner.
+  // Long enough to use free memory, since most steps end sooner; short enough for users.
   static constexpr absl::Duration kMaxOvertakenDuration = absl::Milliseconds(100);
 
   explicit MemoryBudget(std::size_t capacity_bytes, Clock now = absl::Now)
@@ -65,9 +65,9 @@ class MemoryBudget {
   };
 
   // Waits until `bytes` are free and it is the caller's turn. RESOURCE_EXHAUSTED, at once, if the
-  // budget is smaller than that; the error of `cancellation` if it fires first. A caller holds no
-  // reservation of this budget that it gives back only afterwards: those before it in the queue may
-  // wait for that one.
+  // budget is smaller than that; the error of `cancellation` if it fires first. REQUIRES: the
+  // caller holds no reservation of this budget that it gives back only afterwards. Waiters before
+  // it in the queue may need those bytes.
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }

@@ -20,8 +20,8 @@ std::size_t UsableBytes();
 // process. Call it before threads start.
 void LimitMallocArenas(int count);
 
-// Gives the memory that this process has freed, and malloc keeps, back to the kernel. Some
-// milliseconds; what is allocated next comes from the kernel again.
+// Gives the memory that this process has freed, and malloc keeps, back to the kernel. Takes some
+// milliseconds. Later allocations come from the kernel again.
 void ReturnFreedMemory();
 
 // Returns the processor time that all threads of this process have used.
@@ -31,8 +31,8 @@ absl::Duration ProcessorTime();
 // Thread-compatible.
 class RestWatch {
  public:
-  // Between two looks. At rest a process uses less than a hundredth of a processor in it: health
-  // checks and scrapes of metrics are no work.
+  // The time between two calls of HasComeToRest. A process at rest uses less than a hundredth of a
+  // processor in it: health checks and scrapes of metrics count as rest.
   static constexpr absl::Duration kInterval = absl::Seconds(5);
 
   // To be called every kInterval with the processor time so far. True if the process has rested

@@ -32,7 +32,7 @@ MemoryPool::~MemoryPool() {
 
 char* MemoryPool::TakeFreshPage() {
   if (fresh_pages_.empty()) {
-    // Return may not throw. So there is room for all chunks before there is a region more.
+    // Return may not throw. So the list has room for all chunks before a region is added.
     const std::size_t region_count = regions_.size() + 1;
     ReserveFor(region_count, &regions_);
     ReserveFor(kRegionBytes / kLargePageBytes, &fresh_pages_);

@@ -1,6 +1,5 @@
 // Numbers about a running process, for monitoring: counters and histograms that many threads update
-// by atomics alone, and what a scrape makes of them. Where they are served is rpc::MetricsServer's
-// matter.
+// by atomics alone, and samples for a scrape. rpc::MetricsServer serves them.
 //
 // A program has one file with all of its metrics (server/coordinator_metrics,
 // partition-agent/agent_metrics, web-gateway/gateway_metrics). Names and units follow Prometheus:
@@ -38,7 +37,7 @@ class Counter {
   void Add(absl::Duration amount) { Add(absl::ToInt64Nanoseconds(amount)); }
 
   [[nodiscard]] std::int64_t value() const { return value_.load(std::memory_order_relaxed); }
-  // Of a counter of durations.
+  // Returns the sum in seconds. REQUIRES: the counter counts durations, in nanoseconds.
   [[nodiscard]] double seconds() const { return 1e-9 * static_cast<double>(value()); }
 
  private:
@@ -48,8 +47,8 @@ class Counter {
 // Counts durations by size. Thread-safe.
 class DurationHistogram {
  public:
-  // Upper bounds of the buckets, in seconds; a last bucket has what is longer.
-  // 16 and 33 ms are those of views at 60 and at 30 frames a second.
+  // Upper bounds of the buckets, in seconds; a last bucket counts longer durations. 16 and 33 ms
+  // are those of views at 60 and at 30 frames a second.
   static constexpr std::array<double, 18> kBounds = {0.001, 0.0025, 0.005, 0.01, 0.016, 0.025,
                                                      0.033, 0.05,   0.1,   0.25, 0.5,   1,
                                                      2.5,   5,      10,    30,   60,    300};
@@ -122,8 +121,8 @@ struct MetricSample {
   static MetricSample Of(const DurationHistogram& histogram, MetricLabels labels = {});
 
   MetricLabels labels;
-  double value = 0;  // of a histogram: the sum, in seconds
-  // Of a histogram: observations up to each of kBounds, then all.
+  double value = 0;  // histograms: the sum, in seconds
+  // Histograms only: the counts of observations up to each of kBounds, then of all.
   std::vector<std::int64_t> cumulative_counts;
 };
 

@@ -16,8 +16,8 @@ struct Character {
   bool is_valid = false;
 };
 
-// The first character of `text`; one byte that is not valid if that is no UTF-8 (RFC 3629).
-// REQUIRES: !text.empty().
+// Returns the first character of `text`. If that is no UTF-8 (RFC 3629), returns one byte, marked
+// as not valid. REQUIRES: !text.empty().
 Character FirstOf(absl::string_view text) {
   const auto byte = [text](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   const unsigned char first = byte(0);

@@ -1,6 +1,6 @@
 // Text of others, such as a server's message or a name in a file, made harmless for a terminal.
 //
-// A control character among it could move the cursor, change the title, or hide what is said.
+// A control character among it could move the cursor, change the title, or hide text.
 
 #ifndef ISOSCOPE_CORE_BASE_PRINTABLE_H_
 #define ISOSCOPE_CORE_BASE_PRINTABLE_H_

@@ -12,8 +12,8 @@ void SetUpProcess() {
   // Debian builds abseil with the detection on, so every lock would take a global one.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   LimitMallocArenas(oneapi::tbb::info::default_concurrency());
-  // OpenSSL would free its locks in exit(), under the feet of a thread of gRPC that is just about
-  // to connect again. Only the first call of a process can say so.
+  // OpenSSL would free its locks in exit(), while a thread of gRPC may still use them to reconnect.
+  // Only the first call in a process can set this.
   OPENSSL_init_crypto(OPENSSL_INIT_NO_ATEXIT, nullptr);
 }
 

@@ -1,4 +1,4 @@
-// What every program of ours does first.
+// The first step of every program.
 
 #ifndef ISOSCOPE_CORE_BASE_PROCESS_SETUP_H_
 #define ISOSCOPE_CORE_BASE_PROCESS_SETUP_H_

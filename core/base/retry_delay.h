@@ -1,5 +1,5 @@
-// When a refused caller may come again, as a payload of its absl::Status. core/rpc/grpc_status
-// sends it as google.rpc.RetryInfo, which is what clients of gRPC look for.
+// The delay after which a refused caller may retry, as a payload of its absl::Status.
+// core/rpc/grpc_status sends it as google.rpc.RetryInfo, which is what clients of gRPC look for.
 
 #ifndef ISOSCOPE_CORE_BASE_RETRY_DELAY_H_
 #define ISOSCOPE_CORE_BASE_RETRY_DELAY_H_
@@ -11,15 +11,15 @@
 
 namespace isoscope::base {
 
-// No refusal tells a longer time: whoever waits an hour should ask what is wrong.
+// The longest delay of a refusal. After an hour, somebody should look for the fault.
 inline constexpr absl::Duration kMaxRetryDelay = absl::Hours(1);
 
 // Returns `status` with the time to wait, cut to [0, kMaxRetryDelay] and to whole milliseconds,
 // upwards. REQUIRES: it is an error.
 absl::Status WithRetryDelay(absl::Status status, absl::Duration delay);
 
-// Returns the time that a refusal tells; none if it tells none, and none of an error that is no
-// refusal: only RESOURCE_EXHAUSTED and UNAVAILABLE say that the same call may work later.
+// Returns the delay of a refusal; none if it has none. Other errors have none either: only
+// RESOURCE_EXHAUSTED and UNAVAILABLE mean that the same call may work later.
 std::optional<absl::Duration> RetryDelayOf(const absl::Status& status);
 
 }  // namespace isoscope::base

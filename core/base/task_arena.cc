@@ -1,9 +1,9 @@
-// Why an arena has its threads placed: in virtual machines the kernel was seen to wake several
-// threads on one CPU and to leave another one idle for milliseconds.
+// An arena places its threads on CPUs. In virtual machines the kernel was seen to wake several
+// threads on one CPU, and to leave another one idle for milliseconds.
 //
-// 1. MakeTaskArena makes the arena. If it is as wide as the list of CPUs that the process may use,
-//    it rotates that list by a random amount, so that the first slots of many processes do not meet
-//    on one CPU, and gives it to a Placement.
+// 1. MakeTaskArena makes the arena. If the arena is as wide as the list of CPUs that the process
+//    may use, a Placement gets that list. It is rotated by a random amount, so that the first slots
+//    of many processes do not meet on one CPU.
 // 2. TBB calls the Placement whenever a thread enters the arena. The thread's slot is an index into
 //    the list. A worker of TBB is bound to its CPU once and stays bound while it sleeps. A thread
 //    that called execute() belongs to someone else. It is bound to the CPU and at once unbound,
@@ -35,7 +35,7 @@
 namespace isoscope::base {
 namespace {
 
-// The longest wait for threads to leave an arena, for a machine under heavy load.
+// The longest wait for threads to leave an arena. It allows for a machine under heavy load.
 constexpr absl::Duration kMaxLeaveDuration = absl::Seconds(5);
 
 // Returns the CPUs that this thread may use, ascending. Empty if there are more than cpu_set_t can

@@ -1,4 +1,4 @@
-// The identity of a request on its way through processes, as W3C Trace Context has it:
+// The identity of a request across processes, in the format of W3C Trace Context:
 //
 //   traceparent: 00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01
 //                version  trace id                   parent id        flags
@@ -22,15 +22,16 @@ class TraceContext {
  public:
   // A new trace id of 128 random bits. Thread-safe.
   static TraceContext Random();
-  // That of a traceparent; none if W3C says to ignore it: wrong length, capital letters, an id of
-  // zeros, version ff. Of later versions it takes what version 00 has.
+  // Parses a traceparent. Returns none if W3C says to ignore it: wrong length, capital letters, an
+  // id of zeros, version ff. In later versions it reads the fields of version 00 alone.
   static std::optional<TraceContext> Parse(absl::string_view traceparent);
-  // That of a traceparent, or a new one.
+  // Parses a traceparent; returns a new identity if there is none to use.
   static TraceContext ParseOrRandom(absl::string_view traceparent);
 
   // The trace id: 32 hexadecimal digits in lower case, not all 0.
   [[nodiscard]] const std::string& request_id() const { return trace_id_; }
-  // The traceparent for a process that this one asks: same trace id, a new parent id. Thread-safe.
+  // Returns the traceparent for a request to another process: same trace id, a new parent id.
+  // Thread-safe.
   [[nodiscard]] std::string MakeTraceparent() const;
 
  private:

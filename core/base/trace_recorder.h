@@ -6,8 +6,8 @@
 //     ...
 //   }
 //
-// Whoever wants no trace passes null. Then a scope reads no clock and takes no memory; it costs one
-// branch, which always goes the same way.
+// Without a trace the recorder is null. Then a scope reads no clock and takes no memory. It costs
+// one branch, which is always predicted.
 
 #ifndef ISOSCOPE_CORE_BASE_TRACE_RECORDER_H_
 #define ISOSCOPE_CORE_BASE_TRACE_RECORDER_H_
@@ -58,12 +58,12 @@ class TraceRecorder {
   // no memory for it.
   // `name` lives as long as the process.
   void Add(const char* name, TraceTime begin, TraceTime end) ABSL_LOCKS_EXCLUDED(mutex_);
-  // The same for a track that is no thread. `track` lives as long as the process; whoever adds to
-  // one sees to it that its spans nest.
+  // The same for a track that is no thread. `track` lives as long as the process. Callers make sure
+  // that the spans of a track nest.
   void AddTo(const char* track, const char* name, TraceTime begin, TraceTime end)
       ABSL_LOCKS_EXCLUDED(mutex_);
-  // Sets what the track of the calling thread is called; others are called "worker". `name` lives
-  // as long as the process.
+  // Names the track of the calling thread; the default is "worker". `name` lives as long as the
+  // process.
   void NameThisThread(const char* name) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Returns all spans so far.

@@ -1,5 +1,5 @@
-// For what has no version of its own, such as a test. A program's Version() takes the place of this
-// one (CMakeLists.txt).
+// The version of binaries that have none of their own, such as tests. A program's Version()
+// replaces this one (CMakeLists.txt).
 
 #include "core/base/version.h"
 

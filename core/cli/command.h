@@ -32,9 +32,9 @@ struct Context {
 using Action = std::function<absl::Status(const Context&)>;
 
 struct Command {
-  std::string name;     // one word, or two: "cache list"
-  std::string summary;  // one line
-  std::string usage;    // what follows the names of program and command in the first line of --help
+  std::string name;      // one word, or two: "cache list"
+  std::string summary;   // one line
+  std::string usage;     // --help, first line: the text behind the names
   std::string examples;  // the last lines of --help
   // Adds the flags to `set`. The action owns the variables that they are read into.
   Action (*register_flags)(FlagSet* set);

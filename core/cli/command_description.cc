@@ -10,7 +10,8 @@
 namespace isoscope::cli {
 namespace {
 
-// Small letters, digits and what joins them: "marschner-lobb", "16".
+// Whether `text` has only small letters, digits, and characters that join them: "marschner-lobb",
+// "16".
 bool IsWord(absl::string_view text) {
   return !text.empty() && text[0] != '-' && std::all_of(text.begin(), text.end(), [](char c) {
     const auto byte = static_cast<unsigned char>(c);
@@ -21,13 +22,13 @@ bool IsWord(absl::string_view text) {
 }  // namespace
 
 std::vector<std::string> ChoicesOf(absl::string_view value_name) {
-  // "TEXT:{auto,egl,cpu}": a list that CLI11 checks, and says so.
+  // "TEXT:{auto,egl,cpu}": CLI11 writes a list that it checks in this form.
   const std::size_t list = value_name.find('{');
   if (list != absl::string_view::npos) {
     const std::size_t end = std::min(value_name.find('}'), value_name.size());
     return absl::StrSplit(value_name.substr(list + 1, end - list - 1), ',');
   }
-  // "x|y|z|gradient[:MAP]": what follows belongs to the last word.
+  // "x|y|z|gradient[:MAP]": the part in brackets belongs to the last word.
   std::vector<std::string> words =
       absl::StrSplit(value_name.substr(0, value_name.find('[')), '|', absl::SkipEmpty());
   words.erase(std::remove_if(words.begin(), words.end(),

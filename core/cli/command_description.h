@@ -21,7 +21,7 @@ struct FlagDescription {
   std::string group = {};  // the heading of --help above it
   std::string environment = {};
   std::string default_value = {};
-  // What the name of the value tells: fixed words, files, folders.
+  // The kinds of values, as the name of the value says: fixed words, files, folders.
   std::vector<std::string> choices = {};
   bool takes_files = false;
   bool takes_folders = false;
@@ -30,7 +30,7 @@ struct FlagDescription {
 struct CommandDescription {
   std::string name = {};      // "render", "cache list"; empty if the program is its only command
   std::string summary = {};   // one line
-  std::string usage = {};     // what follows the program and the name
+  std::string usage = {};     // the text behind program and name
   std::string examples = {};  // lines
   std::vector<FlagDescription> flags = {};
 };
@@ -42,11 +42,11 @@ struct ProgramDescription {
   std::vector<CommandDescription> commands = {};
 };
 
-// Sets the name of the flag's value, and all that it tells: words, files, folders.
+// Sets the name of the flag's value, and the kinds of values that follow from it.
 void SetValueName(const std::string& value_name, FlagDescription* flag);
 
-// The words of a value's name that mean themselves: of "depth|mask|none" all three, of "FILE|-"
-// none, of "{a,b}" both.
+// Returns the literal words in a value's name: all three of "depth|mask|none", none of "FILE|-",
+// both of "{a,b}".
 std::vector<std::string> ChoicesOf(absl::string_view value_name);
 
 }  // namespace isoscope::cli

@@ -1,7 +1,7 @@
 // CLI11 reads the results of a flag in three steps: each text is checked, the number of texts is
-// checked, a callback stores them. An error of the first step wins over one of the second, so the
-// parser of a flag runs as a check, which happens exactly once for each text. The callback of the
-// third step is left for an empty text of an optional value, which CLI11 does not check.
+// checked, a callback stores them. An error of the first step wins over one of the second. So the
+// parser of a flag runs as a check, exactly once for each text. The callback of the third step is
+// left for an empty text of an optional value, which CLI11 does not check.
 //
 // CLI11 throws, and only from parse; FlagSet::Parse catches it.
 
@@ -21,7 +21,7 @@ namespace isoscope::cli {
 namespace {
 
 // Which flags exclude a flag, in the order of the calls. CLI11 has them in the order of their
-// addresses, which is no order for a text.
+// addresses, which changes from run to run.
 using Exclusions = std::map<const CLI::Option*, std::vector<const CLI::Option*>>;
 
 // The text of --help, with the line of usage of a command if it has its own.
@@ -75,7 +75,7 @@ absl::Status ExclusionError(const CLI::App& app, const Exclusions& exclusions) {
   return absl::OkStatus();
 }
 
-// The error for what CLI11 could not place.
+// Returns the error for arguments that CLI11 did not match.
 absl::Status UnknownArgument(const CLI::App& app, const std::string& argument) {
   if (!absl::StartsWith(argument, "-")) {
     return UsageError(absl::StrCat("'", argument, "' is one argument too many"));

@@ -31,13 +31,13 @@ namespace isoscope::cli {
 // in "'x' is not a number"; the name of the flag is put before it.
 using ValueParser = std::function<absl::Status(absl::string_view text)>;
 
-// A flag of a FlagSet, by which more is said of the flag. Copyable; valid as long as the set has
-// the flag. Each function returns the flag itself.
+// A handle to a flag of a FlagSet, which sets its further properties. Copyable; valid as long as
+// the set has the flag. Each function returns the flag itself.
 class Flag {
  public:
-  // Puts the flag under `heading` in the text of --help; without it that is "Options".
+  // Puts the flag under `heading` in the text of --help; the default heading is "Options".
   Flag Group(const std::string& heading) const;  // NOLINT(modernize-use-nodiscard)
-  // The environment variable that has the text of the value where the flag is not given.
+  // Reads the value from this environment variable if the flag is not given.
   Flag Environment(const std::string& variable) const;  // NOLINT(modernize-use-nodiscard)
   // The default, as --help shows it.
   Flag DefaultText(const std::string& text) const;  // NOLINT(modernize-use-nodiscard)

@@ -1,4 +1,4 @@
-// SIGINT and SIGTERM, or Trigger() alone, as a Cancellation: what is interrupted cleans up.
+// SIGINT and SIGTERM, or Trigger() alone, as a Cancellation: the interrupted work cleans up.
 
 #ifndef ISOSCOPE_CORE_CLI_INTERRUPT_H_
 #define ISOSCOPE_CORE_CLI_INTERRUPT_H_
@@ -22,7 +22,8 @@ class Interrupt {
   // long as the process.
   void InstallForProcess(void (*before_exit)() = nullptr);
 
-  // Does as the first signal does, installed or not. Not in a handler of signals: it locks.
+  // Acts as the first signal does, even if nothing is installed. Never call it in a signal handler,
+  // because it locks.
   void Trigger() { cancellation_.Cancel(); }
   // Blocks until Trigger().
   void Wait();

@@ -13,7 +13,7 @@
 namespace isoscope::cli {
 namespace {
 
-// Of the form of the pages: the same program gives the same bytes.
+// The date of the pages' form, not of the build: the same program gives the same bytes.
 constexpr char kDate[] = "2026-11-23";
 
 // Text of a page: no byte of it is a command of roff.

@@ -1,4 +1,4 @@
-// Manual pages (man(7)), made from what --help is made of.
+// Manual pages (man(7)), made from the descriptions behind --help.
 
 #ifndef ISOSCOPE_CORE_CLI_MAN_PAGE_H_
 #define ISOSCOPE_CORE_CLI_MAN_PAGE_H_
@@ -16,7 +16,7 @@ std::string ManPageName(const ProgramDescription& program, const std::string& co
 // program gives the same bytes.
 std::string CommandManPage(const ProgramDescription& program, const CommandDescription& command);
 
-// The page of a program with commands: what they are, and where their pages are. `notes`: lines
+// The page of a program with commands: a list of them with the names of their pages. `notes`: lines
 // as --help has them.
 std::string ProgramManPage(const ProgramDescription& program, const std::string& notes);
 

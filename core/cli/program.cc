@@ -29,7 +29,7 @@ namespace {
 
 bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
 
-// FlagSet takes "-.5" for flags of one letter; "-0.5" it knows.
+// FlagSet reads "-.5" as flags of one letter, but "-0.5" as a number.
 std::string ReadableNumber(const std::string& argument) {
   if (argument.size() > 2 && absl::StartsWith(argument, "-.") &&
       absl::ascii_isdigit(static_cast<unsigned char>(argument[2]))) {
@@ -59,7 +59,7 @@ absl::Status Run(const Command& command, const std::vector<std::string>& argumen
   return action(context);
 }
 
-// To a new file; the build knows no other use.
+// Writes a new file. Only the build needs it.
 absl::Status WriteText(const std::string& path, const std::string& text) {
   std::ofstream file(path, std::ios::binary);
   file << text;

@@ -1,3 +1,12 @@
+// Each shell has a section below: bash, zsh, fish. A script is made in the same steps in each:
+//
+// 1. The first word is completed from FirstWords, the second one from SecondWords.
+// 2. Behind a known command, names of flags are completed.
+// 3. Behind a flag with a value, its words, files or folders are completed.
+//
+// Every text goes through the quoting function of its shell (Quoted, ZshText, FishQuoted), so no
+// help text can end a string of the script or start a command.
+
 #include "core/cli/shell_completion.h"
 
 #include <cstddef>
@@ -85,7 +94,7 @@ std::string Names(const std::vector<Word>& words) {
 
 // --- bash ----------------------------------------------------------------------------------------
 
-// What completes the value of a flag, as a command of the script.
+// Returns the command of the script that completes the value of a flag.
 std::string BashValue(const FlagDescription& flag) {
   std::string action;
   if (!flag.choices.empty()) {
@@ -204,7 +213,7 @@ std::string ZshAction(const FlagDescription& flag) {
 std::string ZshCommand(const CommandDescription& command, absl::string_view indent) {
   std::string text = absl::StrCat(indent, "_arguments -s");
   for (const FlagDescription& flag : command.flags) {
-    // What CLI11 says of its checks behind a ':' is no name.
+    // CLI11 writes a description of its checks behind a ':'. It is no part of the name.
     const std::string name_of_value = flag.value_name.substr(0, flag.value_name.find(":{"));
     const std::string value = absl::StrCat(":", ZshText(name_of_value), ":", ZshAction(flag));
     const std::string repeats = flag.is_repeatable ? "*" : "";
@@ -237,7 +246,7 @@ std::string ZshDescribe(absl::string_view tag, const std::vector<Word>& words,
 }
 
 std::string ZshScript(const ProgramDescription& program) {
-  // The name of its file, too: zsh loads it by that.
+  // The file has the same name: zsh loads the function by it.
   const std::string function = absl::StrCat("_", program.name);
   std::string text = absl::StrCat("#compdef ", program.name, "\n# Completion of ", program.name,
                                   " for zsh.\n", function, "() {\n");
@@ -264,7 +273,7 @@ std::string ZshScript(const ProgramDescription& program) {
     }
     absl::StrAppend(&text, "  esac\n");
   }
-  // Both as a file of $fpath and where it is sourced.
+  // Works both as a file of $fpath and when it is sourced.
   return absl::StrCat(text, "}\nif [[ $funcstack[1] == ", function, " ]]; then\n  ", function,
                       " \"$@\"\nelse\n  compdef ", function, " ", program.name, "\nfi\n");
 }

@@ -13,7 +13,7 @@
 namespace isoscope::cli {
 namespace {
 
-// Narrower columns would be no text any more.
+// Text in narrower columns is not readable.
 constexpr std::size_t kLeastWrappedWidth = 16;
 constexpr std::size_t kLeastCutWidth = 8;
 constexpr std::size_t kNoLimit = std::numeric_limits<std::size_t>::max();
@@ -98,7 +98,7 @@ std::string Table::Part(std::size_t begin, std::size_t end,
   for (std::size_t column = std::max<std::size_t>(begin, 1); column < end; ++column) {
     shown.push_back(column);
   }
-  // Columns of text that goes on in the next line begin at one place.
+  // Columns of wrapped text are aligned to the left.
   const auto is_left = [&](std::size_t column) {
     return columns_[column].is_left ||
            std::any_of(rows_.begin(), rows_.end(),

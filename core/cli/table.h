@@ -29,8 +29,8 @@ class Table {
   // Lines that end in a line feed.
   //
   // max_width: characters of a line, 0 for no limit. A wider table gets narrower columns of text,
-  // whose cells go on in the next line; if that is not enough, the columns that are left over
-  // follow below, behind the first column once more.
+  // whose cells are wrapped. If that is not enough, the remaining columns follow below, with the
+  // first column repeated.
   [[nodiscard]] std::string ToString(int max_width = 0) const;
   // A line for each row, the titles first. A table wider than `max_width` (0: no limit) gets
   // narrower flexible columns, whose cells are cut (CutText); lines may still be longer.

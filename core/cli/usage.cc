@@ -69,7 +69,7 @@ std::string FormatError(absl::string_view program, absl::string_view command,
 
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known) {
   std::string nearest;
-  // More than a third of the letters wrong is another word.
+  // A word with more than a third of its letters wrong counts as another word.
   std::size_t best = std::max<std::size_t>(1, typed.size() / 3) + 1;
   for (const std::string& name : known) {
     const std::size_t distance = EditDistance(typed, name);

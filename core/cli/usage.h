@@ -23,8 +23,8 @@ enum ExitCode : int {
 // An INVALID_ARGUMENT that is the fault of the command line itself, not of the request.
 // `message`: what was wrong and what is allowed.
 absl::Status UsageError(absl::string_view message);
-// A refusal of a library, as wrong usage: INVALID_ARGUMENT becomes a UsageError of the same
-// sentence; OK and other errors stay as they are.
+// Turns a library's INVALID_ARGUMENT into a UsageError with the same message. OK and other errors
+// stay as they are.
 absl::Status AsUsageError(const absl::Status& status);
 bool IsUsageError(const absl::Status& status);
 
@@ -34,7 +34,7 @@ ExitCode ExitCodeOf(const absl::Status& status);
 std::string FormatError(absl::string_view program, absl::string_view command,
                         const absl::Status& status);
 
-// The element of `known` that `typed` was probably meant to be, or "" if none is near.
+// Returns the element of `known` nearest to `typed`, or "" if none is near.
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known);
 
 }  // namespace isoscope::cli

@@ -1,4 +1,4 @@
-// Says what a command waits for, and how long already, where nothing else tells.
+// Shows the step that a command waits for and the time so far, if no other progress is shown.
 
 #ifndef ISOSCOPE_CORE_CLI_WAITING_LINE_H_
 #define ISOSCOPE_CORE_CLI_WAITING_LINE_H_
@@ -15,7 +15,8 @@
 namespace isoscope::cli {
 
 // While it lives, and from one second on, a line like "rendering   12 s" stands on the terminal,
-// and is gone afterwards. Elsewhere nothing is written. Nobody else writes to `err` meanwhile.
+// and is cleared afterwards. If `err` is no terminal, nothing is written. REQUIRES: no other code
+// writes to `err` meanwhile.
 class WaitingLine {
  public:
   // `err` must outlive it.

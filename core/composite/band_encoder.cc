@@ -2,17 +2,17 @@
 //
 // 1. FindColors collects the colours of the band. Up to 2048 of them become a sorted palette, and a
 //    pixel's colour is an index into it. A band with more sends each colour as it is.
-// 2. EncodePixels goes tile by tile over the covered pixels: packs depths, owners and colours into
-//    dense lists, subtracts what the neighbours let one expect (TilePrediction), and codes each
-//    difference as one of 16 classes and some extra bits (number_code.h). Owners become a
-//    dictionary of the tile, and a label for each pixel if the tile has several.
+// 2. EncodePixels goes tile by tile over the covered pixels. It packs depths, owners and colours
+//    into dense lists, and subtracts the value predicted from the neighbours (TilePrediction). It
+//    codes each difference as one of 16 classes and some extra bits (number_code.h). Owners become
+//    a dictionary of the tile, and a label for each pixel if the tile has several.
 // 3. Serialize compresses coverage, dictionaries, labels and palette with Zstandard. Control bytes
 //    and extra bits follow as they are.
 //
-// Example: left of a pixel, L and LL are covered, and no pixel above is. Depth bits of L = 100 and
-// LL = 90 let one expect 110. The pixel has 108. The difference -2 is ZigZag(-2) = 3, in class 2,
-// which begins at 3 and has 3 extra bits, here 000. Its colour is that of L: class 0 without extra
-// bits. So the pixel costs the control byte 0x02 and 3 bits.
+// Example: left of a pixel, L and LL are covered, and no pixel above is. With the depth bits 100 in
+// L and 90 in LL, the prediction is 110. The pixel has 108. The difference -2 is ZigZag(-2) = 3, in
+// class 2, which begins at 3 and has 3 extra bits, here 000. Its colour is that of L: class 0
+// without extra bits. So the pixel costs the control byte 0x02 and 3 bits.
 //
 // A difference is modulo 2^32, so the decoder gets exactly the same depth bits and colours.
 
@@ -119,7 +119,7 @@ class TileDictionary {
   // Returns the index of `id`, and adds it if it is new.
   std::uint8_t IndexOf(std::uint32_t id) {
     if (size_ == 0 || ids_[last_] != id) {
-      // Along an edge two blocks take turns.
+      // Along an edge, two blocks alternate.
       std::swap(last_, before_);
       if (size_ == 0 || ids_[last_] != id) {
         last_ = static_cast<std::size_t>(std::find(ids_.begin(), ids_.begin() + size_, id) -

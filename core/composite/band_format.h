@@ -58,8 +58,9 @@ struct BandSideInfo {
   std::vector<std::uint8_t> labels;
 };
 
-// How many surfaces the owners of a frame's fragments tell apart (image::FragmentOrder): what an
-// owner stands for, its surface's look for one, is looked up without another check.
+// The numbers of surfaces and blocks that the owners of a frame's fragments name
+// (image::FragmentOrder). A decoded owner lies within them, so lookups by owner need no further
+// check.
 struct SurfaceCounts {
   std::size_t opaque = 0;
   std::size_t layers = 0;

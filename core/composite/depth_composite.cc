@@ -18,8 +18,8 @@ constexpr int kImageTilePx = image::TileSet::kTilePx;
 // Composites one row of a tile.
 void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_colors, int count,
                   const image::FragmentOrder& order, std::uint64_t* keys, image::Rgba8* colors) {
-  // This pass over the row is enough for most rows: where tiles overlap, mostly all of one image
-  // lies before the other.
+  // Most rows need this pass alone: where tiles overlap, one image mostly lies wholly before the
+  // other.
   std::uint32_t is_nearer = 0;
   std::uint32_t is_tied = 0;
   for (int x = 0; x < count; ++x) {

@@ -1,5 +1,5 @@
 // A number's class is found without a table and without branches: it is the count of classes whose
-// first number is not above it, 15 comparisons a register of numbers.
+// first number is not above it. That takes 15 comparisons for a register of numbers.
 
 #include "core/composite/number_code.h"
 

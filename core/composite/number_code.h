@@ -1,8 +1,8 @@
 // The code of the differences that a band of pixels sends: one of 16 classes, and extra bits
 // (docs/format/wire.md, "Pixel band").
 //
-// Example: a depth 100 above the expected one is ZigZag(100) = 200. Class 4 begins at 139 and has 8
-// extra bits, so it is sent as class 4 and 200 - 139 = 61 in 8 bits. A depth 5 below is
+// Example: a depth 100 above the predicted one is ZigZag(100) = 200. Class 4 begins at 139 and has
+// 8 extra bits, so it is sent as class 4 and 200 - 139 = 61 in 8 bits. A depth 5 below is
 // ZigZag(-5) = 9: class 2, which begins at 3, and 6 in 3 bits.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_NUMBER_CODE_H_

@@ -48,8 +48,8 @@ TileRow FindCovered(const image::FrameImage& image, int tile_y) {
   return row;
 }
 
-// Cuts the rows of an image into bands. An image without covered pixels has none. There are no more
-// bands than pay, because each has a header, a palette and a Zstandard frame.
+// Cuts the rows of an image into bands. An image without covered pixels has none. It makes few
+// bands, because each has a header, a palette and a Zstandard frame.
 std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t row_bytes) {
   std::size_t pixels_in_all = 0;
   for (const TileRow& row : rows) {

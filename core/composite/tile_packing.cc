@@ -26,7 +26,7 @@ namespace {
 
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
 
-// Loads a row of keys as two registers, gathers the low and the high halves of its words (block ids
+// Loads a row of keys as two registers. Gathers the low and the high halves of its words (block ids
 // and depths), and compresses each to the covered pixels.
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
               std::uint32_t* depths, std::uint32_t* owners) {
@@ -69,7 +69,7 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
 }
 
 // Expands the keys of half a row to its covered lanes, compares their depths with the tile's, and
-// stores keys and colours of the lanes that are nearer. Lanes of equal depth are looked for.
+// stores keys and colours of the lanes that are nearer. Returns whether a lane has a tie in depth.
 bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                   std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
   std::uint32_t ties = 0;

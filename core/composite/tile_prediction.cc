@@ -1,7 +1,7 @@
 // The encoder's side of the prediction, where all pixels are known: with AVX-512 a row of a tile is
-// one register, its covered pixels are a lane mask, and every rule is a masked move. Elsewhere, and
-// in the decoder, which must know a pixel before it predicts the next, WalkTile takes pixels one by
-// one. Tiles that are covered in whole go through loops without masks.
+// one register, its covered pixels are a lane mask, and every rule is a masked move. Elsewhere
+// WalkTile takes pixels one by one. So it does in the decoder, which must know a pixel before it
+// predicts the next. Fully covered tiles go through loops without masks.
 //
 // Rules and example: tile_prediction.h. Format: docs/format/wire.md, "Pixel band".
 

@@ -2,7 +2,8 @@
 // (docs/format/wire.md, "Pixel band"). Encoder and decoder walk tiles in the same way, so that both
 // predict the same, and only differences are sent.
 //
-// Of the pixels to the left (L, LL), above (U, UU) and above L (UL), those that are covered count:
+// The prediction uses the covered pixels among those to the left (L, LL), above (U, UU) and above L
+// (UL):
 //
 //   L, U and UL   L + U - UL               continues the plane through the three
 //   else L        2 L - LL, or L           continues the row; colours: L
@@ -131,7 +132,7 @@ class TilePrediction {
   // same on every instruction set.
   void Subtract(const TileMask& mask, const TileNumbers& numbers, TileNumbers* differences);
 
-  // Does the reverse.
+  // Replaces the differences of a tile by its numbers.
   void Add(const TileMask& mask, const TileNumbers& differences, TileNumbers* numbers) {
     if (IsFull(mask)) {
       AddInFull<true>(differences.depths.data(), last_.depth, numbers->depths.data());

@@ -1,6 +1,6 @@
 // The kernels know a block as a line of samples with a shape; this file ties that to the volume. It
-// finds the block's shape and its first sample, runs the kernels (block_kernels.cc), and gives each
-// vertex, where asked, the key of its grid edge in the volume.
+// finds the block's shape and its first sample, and runs the kernels (block_kernels.cc). On request
+// it gives each vertex the key of its grid edge in the volume.
 
 #include "core/extract/block_extractor.h"
 

@@ -1,5 +1,5 @@
-// Extracts the isosurface of one block by marching cubes. Every number that it returns is defined
-// in docs/numerics.md; how it is computed, at the head of block_kernels.cc. Steps 2 and 3 of a
+// Extracts the isosurface of one block by marching cubes. docs/numerics.md defines every number
+// that it returns. The head of block_kernels.cc tells how each is computed. Steps 2 and 3 of a
 // frame.
 
 #ifndef ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
@@ -35,8 +35,8 @@ class BlockExtractor {
   // isovalue: field units
   //
   // A vertex lies at t = (isovalue - a) / (b - a) between the edge's lower sample a and its upper
-  // sample b. Cells that touch a NaN sample have no triangles.
-  // keeps_gradient_magnitudes: whether the mesh has those of its vertices
+  // sample b. Cells that touch a NaN sample have no triangles. The mesh has the gradient magnitudes
+  // of its vertices if keeps_gradient_magnitudes.
   //
   // REQUIRES: isovalue is finite. O(samples); at most 5 triangles a cell.
   mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue,

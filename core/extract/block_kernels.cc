@@ -16,9 +16,10 @@
 // shifted by one sample they are 1 1 0 -, so the edges at x = 0 and x = 2 are crossed. Their
 // vertices lie at 0 + (5 - 3) / (7 - 3) = 0.5 and at 2 + (5 - 9) / (4 - 9) = 2.8.
 //
-// Invariants: passes 1 and 2 take the same time whatever the samples are; the others take time for
-// each vertex and active cell. Blocks with NaN, infinities or doubles near overflow go through a
-// slower variant of passes 2 and 4, which gives the same bits for ordinary samples.
+// Invariants: the time of passes 1 and 2 does not depend on the values of samples; that of the
+// others grows with the vertices and active cells. Blocks with NaN, infinities or doubles near
+// overflow go through a slower variant of passes 2 and 4, which gives the same bits for ordinary
+// samples.
 //
 // Based on: Lorensen and Cline 1987 (references.bib: lorensen-cline); the order of passes is that
 // of Schroeder, Maynard and Geveci 2015 (flying-edges), with bits instead of edge cases of rows.

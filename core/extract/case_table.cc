@@ -1,7 +1,7 @@
 // Generates the table from the rule of docs/numerics.md, "Case table", whose steps these are:
 //
-//   1. LinkSegments: on each face, walked counter-clockwise from outside, one segment cuts off
-//      every run of inside corners, from the edge where the walk enters the run to the edge where
+//   1. LinkSegments: each face is walked counter-clockwise, seen from outside. One segment cuts off
+//      every run of inside corners: from the edge where the walk enters the run to the edge where
 //      it leaves. Two diagonal inside corners (the ambiguous face) are two runs, never joined.
 //   2. Each crossed edge ends a segment on one of its faces and starts one on the other, so the
 //      segments link up to closed loops.
@@ -9,8 +9,8 @@
 //      the neighbour could have the same one: that edge would have four triangles.
 //   4. TriangulateLoop: of these, the ones whose diagonals join edges of like direction, inside to
 //      outside: a coarse gradient, so the surface creases least.
-//   5. Of these, the one whose volume lies nearest half-way between the least and the most; then
-//      the first. Both choices make areas agree with those of VTK's flying edges.
+//   5. Among these, take the one whose volume is nearest to the middle of the smallest and the
+//      largest; then the first one. Both choices make areas agree with those of VTK's flying edges.
 //
 // Example: case 1 has corner 0 inside, and the crossed edges 0 (along x), 4 (y) and 8 (z). On face
 // z = 0 the walk 0, 2, 3, 1 enters the run {0} on edge 0 and leaves it on edge 4; the other faces
@@ -132,8 +132,8 @@ struct Triangulation {
   int volume = 0;                // summed over the triangles
 };
 
-// Step 3. Returns all triangulations of loop[first..last] without a diagonal in a face of the cell,
-// by the triangle on the side from first to last and both rests.
+// Step 3. Returns all triangulations of loop[first..last] without a diagonal in a face of the cell.
+// Each has a triangle on the side from first to last, and triangulates both rests.
 std::vector<Triangulation> Triangulate(int case_number, const std::vector<int>& loop,
                                        std::size_t first, std::size_t last) {
   if (last - first < 2) {

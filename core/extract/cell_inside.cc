@@ -1,9 +1,9 @@
-// The triangles of a cell split it into parts that are inside and outside by turns. So the point is
-// inside iff the segment from it to an outside corner crosses an odd number of triangles.
+// The triangles of a cell split it into parts that are alternately inside and outside. So the point
+// is inside iff the segment from it to an outside corner crosses an odd number of triangles.
 //
-// Signs of volumes decide whether a segment passes a triangle. An edge that two triangles share is
-// looked at from one end in both, so that one of the two is hit and never both or none. The point,
-// the corner and the vertices are moved a little so that nothing but an edge can be hit exactly.
+// Signs of volumes decide whether a segment passes a triangle. For an edge that two triangles
+// share, both use the same end. So exactly one of the two is hit. The point, the corner and the
+// vertices are moved a little, so that the segment can pass exactly through an edge only.
 
 #include "core/extract/cell_inside.h"
 
@@ -29,7 +29,8 @@ Vec3d CornerAt(int corner) {
           static_cast<double>(corner >> 2)};
 }
 
-// The place of the vertex on an edge, from the lower corner: docs/numerics.md, "Vertex position".
+// Returns the position of the vertex on an edge, from the lower corner: docs/numerics.md, "Vertex
+// position".
 //
 // begin: the coordinate of the lower corner
 double ShareOf(double a, double b, double isovalue, double begin) {
@@ -53,7 +54,7 @@ struct CellVertex {
   Vec3d position;
 };
 
-// The side of edge p q that the line a b passes on; looked at from the edge that has the lower
+// Returns the side of edge p q that the line a b passes on, seen from the end with the lower
 // number.
 bool PassesLeft(const Vec3d& a, const Vec3d& b, const CellVertex& p, const CellVertex& q) {
   return p.edge < q.edge ? Volume(a, b, p.position, q.position) >= 0

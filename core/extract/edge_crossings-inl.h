@@ -1,6 +1,6 @@
 // Passes 1 to 3 of extraction: classify the samples, find the crossed edges and active cells,
-// assign vertex ids. All three work on bit rows, one bit a sample (block_kernels.cc has the whole
-// picture). Included once for each instruction set, by block_kernels.cc.
+// assign vertex ids. All three work on bit rows, one bit a sample. The head of block_kernels.cc
+// describes all passes. Included once for each instruction set, by block_kernels.cc.
 //
 //   1. ClassifyInside compares a register of samples with the threshold and packs the mask, 64
 //      samples to a word.
@@ -12,7 +12,8 @@
 //
 //      x edges are 000 ^ 100, y edges 000 ^ 010, z edges 000 ^ 001; a cell is active iff the OR of
 //      all eight is set and the AND is not. The masks of the shape then drop bits that are no edge
-//      or cell of the block, such as the x edge from the end of a row to the start of the next.
+//      or cell of the block. An example is the x edge from the end of a row to the start of the
+//      next.
 //   3. AssignVertexIds lists the set bits, axis by axis. The position in the three lists, one after
 //      the other, is the vertex id; it is kept by sample and axis for pass 5.
 //
@@ -85,7 +86,7 @@ inline std::size_t ListBits(const std::uint64_t* bits, std::size_t words, std::u
     std::uint64_t rest = bits[i];
     const auto first = static_cast<std::uint32_t>(64 * i);
     const int count = std::popcount(rest);
-    // Writes eight at a time whatever the count is: a branch for each bit is hard to predict.
+    // Always writes eight at a time, because a branch for each bit is hard to predict.
     std::uint32_t* at = out;
     do {
       for (int k = 0; k < 8; ++k) {

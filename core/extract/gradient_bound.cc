@@ -1,9 +1,14 @@
-// Two samples differ by the block's range of values at most, which bounds all lengths: most blocks
-// of a large volume need no more than that. In others, row by row: squares of lengths of the
-// doubled gradients, the largest one at each x. Where a neighbour is missing the sample itself
-// takes its place and the difference counts twice. Blocks with samples that are not finite, or
-// whose squares overflow or come near to vanishing, are done one sample at a time, with all checks
-// and scaled by powers of two, which change no bit: both ways agree wherever both can be taken.
+// The largest gradient length of a block, in up to three steps:
+//
+// 1. RoughBound. Two samples differ at most by the block's range of values, which bounds all
+//    lengths. Most blocks of a large volume need no more than that.
+// 2. Other blocks go row by row, over the squared lengths of the doubled gradients. Each x keeps
+//    its largest square. A missing neighbour is replaced by the sample itself, and the difference
+//    then counts twice.
+// 3. Some blocks go one sample at a time, with all checks: those with samples that are not finite,
+//    or with squares that overflow or nearly vanish. Gradients are then scaled by powers of two.
+//
+// Scaling by a power of two changes no bit, so steps 2 and 3 agree wherever both are possible.
 
 #include "core/extract/gradient_bound.h"
 
@@ -25,7 +30,7 @@
 namespace isoscope::extract {
 namespace {
 
-// The samples before and after those of a row along an axis, and what their difference counts.
+// The samples before and after those of a row along an axis, and the weight of their difference.
 struct Neighbours {
   const char* before = nullptr;
   const char* after = nullptr;
@@ -187,7 +192,7 @@ double RoughBound(const BoundTask& task) {
   if (most == 0) {
     return 0;
   }
-  // Rounding, also of numbers that are not normalised.
+  // The two terms allow for rounding, also of denormal numbers.
   return most * std::sqrt(products) * (1 + 1e-9) + 4 * std::numeric_limits<double>::denorm_min();
 }
 

@@ -1,9 +1,9 @@
-// The longest gradient in a block: a bound of what vertices have.
+// The longest gradient in a block, which bounds those of its vertices.
 //
 // A vertex has the gradients of the two samples of its edge, interpolated by a t in [0, 1]: a
 // convex combination, which is at most as long as the longer of the two. A point of a triangle has
 // the lengths of its three vertices, interpolated with weights that are not negative and add up to
-// 1: at most the longest. So the maximum over all samples bounds them all, but for rounding
+// 1: at most the longest. So the maximum over all samples bounds them all, except for rounding
 // (docs/numerics.md, "Gradient magnitude").
 
 #ifndef ISOSCOPE_CORE_EXTRACT_GRADIENT_BOUND_H_
@@ -19,7 +19,7 @@ namespace isoscope::extract {
 // Returns the largest length of the gradient at the samples of `box`, in field units per world
 // unit, by the differences that normals are made from; lengths that are not finite are left out.
 // `so_far` if none is larger than that. The same for any cut of the volume. Thread-safe.
-// O(samples), and fast where the block's range of values tells that none is larger.
+// O(samples), and fast where the block's range of values rules out a larger one.
 //
 // world_gradient_from_index: GridGeometry::world_gradient_from_index()
 // box:                       in the volume; within layout.OwnSamplesOf(samples.block_id)

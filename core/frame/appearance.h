@@ -13,7 +13,7 @@ namespace isoscope::frame {
 
 // A directional light.
 struct Light {
-  // Of view space: x to the right of the picture, y up, z to the eye.
+  // In kView, x points to the right of the picture, y up, and z to the eye.
   enum class Space { kView, kWorld };
 
   math::Vec3d direction{0, 0, 1};  // from the scene to the light; a length neither 0 nor infinite
@@ -42,10 +42,10 @@ struct ColorBy {
   enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal, kGradientMagnitude };
 
   Quantity quantity = Quantity::kPositionX;
-  ColorMap map = ColorMap::kViridis;  // not of kNormal
-  // Not of kNormal. Not set: the volume's box, or 0 to the dataset's bound of the gradient.
+  ColorMap map = ColorMap::kViridis;  // ignored for kNormal
+  // Ignored for kNormal. Not set: the volume's box, or 0 to the dataset's bound of the gradient.
   std::optional<ColorRange> range = std::nullopt;
-  // Opacities at the ends of the map, in [0, 1]; not of kNormal.
+  // Opacities at the ends of the map, in [0, 1]; ignored for kNormal.
   float opacity_at_min = 1;
   float opacity_at_max = 1;
 

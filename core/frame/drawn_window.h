@@ -1,5 +1,5 @@
-// The window that agents draw for a picture: more pixels than the picture has if it has several
-// samples, and a margin around a region whose pixels depend on their neighbours.
+// The window that agents draw for a picture. It has more pixels than the picture if the picture has
+// several samples a pixel. It has a margin around a region whose pixels depend on their neighbours.
 
 #ifndef ISOSCOPE_CORE_FRAME_DRAWN_WINDOW_H_
 #define ISOSCOPE_CORE_FRAME_DRAWN_WINDOW_H_
@@ -14,15 +14,16 @@
 
 namespace isoscope::frame {
 
-// All in drawn pixels, of which a pixel of the picture has samples_per_side on each axis.
+// All lengths are in drawn pixels. A pixel of the picture has samples_per_side of them on each
+// axis.
 struct DrawnWindow {
   view::Viewport viewport;             // the whole
-  std::optional<view::Region> region;  // what is drawn of it; not set: all of it
-  // The first pixel of the picture in what is drawn.
+  std::optional<view::Region> region;  // the drawn part; not set: all of it
+  // The first pixel of the picture within the drawn window.
   int begin_x = 0;
   int begin_y = 0;
 
-  // Whether the picture is what is drawn, pixel for pixel.
+  // Whether the picture equals the drawn window, pixel for pixel.
   [[nodiscard]] bool is_picture_of(const FrameSpec& spec) const {
     return viewport == spec.viewport && image_size() == ImageSizeOf(spec);
   }
@@ -37,12 +38,12 @@ inline constexpr int kMaxMarginPx = 64;
 // Returns how far the effects look around a pixel, in pixels of the picture: 0 to kMaxMarginPx.
 int MarginOf(const PictureEffects& effects);
 
-// Pixels outside the whole are background, so a margin ends at its border.
-// REQUIRES: the spec's viewport and region validate, and their drawn sides fit an int.
+// Pixels outside the viewport are background, so a margin ends at its border. REQUIRES: the spec's
+// viewport and region validate, and their drawn sides fit an int.
 DrawnWindow DrawnWindowOf(const FrameSpec& spec);
 
-// INVALID_ARGUMENT if what would be drawn is larger than a view takes; names samples, viewport and
-// region.
+// INVALID_ARGUMENT if the drawn window is larger than a view can be; the message names samples,
+// viewport and region.
 absl::Status CheckDrawnWindow(const FrameSpec& spec);
 
 }  // namespace isoscope::frame

@@ -45,7 +45,7 @@ inline constexpr int kMaxLayers = 16;
 inline constexpr int kDefaultLayers = 8;
 
 struct FrameSpec {
-  // 1 to kMaxSurfaces. Of fragments of equal depth, the one of the earlier surface shows.
+  // 1 to kMaxSurfaces. If fragments have equal depths, the one of the earlier surface shows.
   std::vector<Surface> surfaces;
   // Not set: the default camera of the dataset. The coordinator sets it before agents see it.
   std::optional<view::Camera> camera;
@@ -56,11 +56,12 @@ struct FrameSpec {
   image::Rgba8 background_color{0, 0, 0, 255};
   view::ClipRegion clip;
   std::optional<ClipCaps> caps;  // not set: cuts are open
-  // The most translucent fragments that show in a pixel, the nearest ones; 1 to kMaxLayers.
+  // The largest number of translucent fragments that show in a pixel, nearest first; 1 to
+  // kMaxLayers.
   int max_layers = kDefaultLayers;
   std::vector<Light> lights;  // at most kMaxLights; none: the head light
   std::uint64_t ray_seed = 0;
-  // Only the coordinator looks at these two.
+  // Only the coordinator reads these two.
   OutputSpec output;
   PictureEffects effects;
   // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
@@ -83,8 +84,8 @@ bool HasLayers(const FrameSpec& spec);
 
 // Whether a surface shows the length of the gradient.
 bool ShowsGradient(const FrameSpec& spec);
-// Returns the back end that draws a frame on agents of `of_agents`: the CPU draws gradients. It
-// decides the frame's tie rule and the margin of its caps.
+// Returns the back end that draws a frame on agents of `of_agents`: gradients are always drawn by
+// the CPU. It decides the frame's tie rule and the margin of its caps.
 inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {
   return ShowsGradient(spec) ? BackEnd::kCpu : of_agents;
 }
@@ -92,8 +93,8 @@ inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {
 // Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);
 
-// Returns the number of surfaces that owners tell apart. Where colours come as normals, a cap that
-// shows samples has a colour: the owner is that of a surface behind the last one, in their order.
+// Returns the number of surfaces that owners tell apart. If pixels carry normals, a cap that shows
+// samples still has a colour. Its owner is then an extra surface, after the last one.
 std::size_t OwnerSurfaceCount(const FrameSpec& spec);
 
 // INVALID_ARGUMENT if the owners of fragments of `surface_count` surfaces, in a volume of

@@ -1,4 +1,4 @@
-// What comes back of a frame: the format of the picture, and planes beside it.
+// The output of a frame: the format of the picture, and the planes sent with it.
 
 #ifndef ISOSCOPE_CORE_FRAME_OUTPUT_SPEC_H_
 #define ISOSCOPE_CORE_FRAME_OUTPUT_SPEC_H_

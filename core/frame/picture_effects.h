@@ -1,5 +1,5 @@
-// What the coordinator makes of the drawn pixels, once, from composited depths and colours. Agents
-// do not know of it, so their number can't show.
+// Effects that the coordinator applies once, to composited depths and colours. Agents take no part,
+// so their number can't show.
 
 #ifndef ISOSCOPE_CORE_FRAME_PICTURE_EFFECTS_H_
 #define ISOSCOPE_CORE_FRAME_PICTURE_EFFECTS_H_
@@ -10,11 +10,11 @@
 
 namespace isoscope::frame {
 
-// Darkens what lies in hollows. All lengths are in pixels of the final picture.
+// Darkens hollows. All lengths are in pixels of the final picture.
 struct AmbientOcclusion {
   static constexpr int kMinRadiusPx = 4;
   static constexpr int kMaxRadiusPx = 56;
-  // How much farther than the radius the effect looks: its blur and its grid.
+  // The distance beyond the radius that the effect reads, for its blur and its grid.
   static constexpr int kBorderPx = 8;
 
   int radius_px = 32;
@@ -26,7 +26,7 @@ struct AmbientOcclusion {
 // Lines where a surface ends in front of another one or of the background.
 struct Silhouette {
   static constexpr int kMaxWidthPx = 16;
-  // How much farther than its width a line looks: the slopes beside a jump.
+  // The distance beyond its width that a line reads, for the slopes beside a jump.
   static constexpr int kBorderPx = 2;
 
   int width_px = 2;  // of the final picture, 1 .. kMaxWidthPx

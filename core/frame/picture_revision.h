@@ -1,5 +1,5 @@
-// The code, back end and driver that decide an agent's pixels, beside the request and the samples.
-// A frame uses agents of one revision, because pictures of two revisions may differ.
+// The code, back end and driver that decide an agent's pixels, together with the request and
+// samples. A frame uses agents of one revision, because pictures of two revisions may differ.
 
 #ifndef ISOSCOPE_CORE_FRAME_PICTURE_REVISION_H_
 #define ISOSCOPE_CORE_FRAME_PICTURE_REVISION_H_

@@ -35,9 +35,9 @@ constexpr std::uint32_t PackedColor(Rgba8 color) {
          color.a;
 }
 
-// The owner of a pixel that nothing is drawn on.
+// The owner of a background pixel.
 inline constexpr std::uint32_t kNoOwner = std::numeric_limits<std::uint32_t>::max();
-// The depth of such a pixel.
+// The depth of a background pixel.
 inline constexpr float kFarDepth = 1.0F;
 
 // REQUIRES: 0 <= depth <= 1.
@@ -52,7 +52,7 @@ constexpr float DepthOf(std::uint64_t key) {
 }
 constexpr std::uint32_t OwnerOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
 constexpr bool HaveEqualDepth(std::uint64_t a, std::uint64_t b) { return (a ^ b) >> 32 == 0; }
-// Whether keys alone do not tell which of two fragments comes first.
+// Whether two keys alone do not decide which fragment comes first.
 constexpr bool AreTied(std::uint64_t a, std::uint64_t b) { return HaveEqualDepth(a, b) && a != b; }
 
 // Decides between fragments of equal depth.

@@ -171,7 +171,7 @@ void FrameImagePool::TakeBack(FrameImage image) noexcept {
     unused_.push_back(std::move(image));
     unused_bytes_ += size;
   } catch (const std::bad_alloc&) {
-    // There is no memory to note what is kept, so this image is freed.
+    // There is no memory to list this image, so it is freed.
   }
 }
 

@@ -23,8 +23,8 @@ class FrameImagePool;
 // Two planes of width * height elements each, row by row from the top. Thread-compatible.
 //
 // Every pixel outside the tiles of `touched`, and in them outside `covered`, is background in both
-// planes. Code that draws a pixel marks it in both. So clearing, scanning and encoding cost as
-// much as was drawn, not as much as the viewport holds.
+// planes. Code that draws a pixel marks it in both. So the cost of clearing, scanning and encoding
+// grows with the drawn pixels, not with the viewport.
 class FrameImage {
  public:
   FrameImage() = default;
@@ -70,7 +70,7 @@ class FrameImage {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(touched.columns()) +
            static_cast<std::size_t>(column);
   }
-  std::shared_ptr<FrameImagePool> pool_;  // takes the planes back; null: none does
+  std::shared_ptr<FrameImagePool> pool_;  // takes the planes back; null: they are freed
 };
 
 // Clears and keeps the planes of images that are no longer used, so that a frame neither allocates
@@ -94,7 +94,7 @@ class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
 
   const std::size_t max_bytes_;
   base::Mutex mutex_;
-  std::vector<FrameImage> unused_ ABSL_GUARDED_BY(mutex_);  // the last used is the last
+  std::vector<FrameImage> unused_ ABSL_GUARDED_BY(mutex_);  // the most recently used is the last
   std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 

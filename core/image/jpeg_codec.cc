@@ -1,5 +1,11 @@
-// libjpeg reports errors by longjmp. So functions that call setjmp own nothing that has a
-// destructor; their callers do.
+// Encoding and decoding by libjpeg-turbo, row by row:
+//
+// 1. Set up the state of libjpeg, and read or write the header (StartDecoding).
+// 2. Convert each row between RGBA and the three bytes a pixel of libjpeg.
+// 3. Destroy the state. A warning while decoding counts as an error.
+//
+// Invariant: libjpeg reports errors by longjmp, which skips destructors. So functions that call
+// setjmp own nothing that has a destructor; their callers do.
 
 #include "core/image/jpeg_codec.h"
 
@@ -95,7 +101,7 @@ bool Encode(const Picture& picture, JSAMPLE* row, Encoder* encoder) {
   return true;
 }
 
-// What libjpeg reads with.
+// The state of libjpeg while it reads.
 struct Decoder {
   Decoder() = default;
   Decoder(const Decoder&) = delete;
@@ -106,7 +112,7 @@ struct Decoder {
   ErrorManager errors{};
 };
 
-// A warning means bytes that are missing or wrong: libjpeg would go on with grey.
+// A warning means missing or wrong bytes, in whose place libjpeg would decode grey.
 void OnDecoderMessage(j_common_ptr info, int level) {
   if (level < 0) {
     OnError(info);

@@ -1,11 +1,11 @@
-// The translucent fragments of a picture: of each pixel the first few, nearest first.
+// The translucent fragments of a picture: the first few of each pixel, nearest first.
 //
 // Level 0 holds the first fragment of each pixel, level 1 the second, and so on. A level is an
 // image like any other, so that it is encoded, pooled and cleared as one. Fragments of one pixel
-// are ordered by depth, then surface; of those that are equal in both one stays, the first in the
-// frame's order. So the fragments of a pixel are a set, and what a stack keeps, the smallest of a
-// union of sets, depends neither on the order of insertion nor on repetition (docs/numerics.md,
-// "Translucent layers").
+// are ordered by depth, then surface; of those equal in both, only the first in the frame's order
+// stays. So the fragments of a pixel are a set. A stack keeps the smallest of a union of sets,
+// which depends neither on the order of insertion nor on repetition (docs/numerics.md, "Translucent
+// layers").
 
 #ifndef ISOSCOPE_CORE_IMAGE_LAYER_STACK_H_
 #define ISOSCOPE_CORE_IMAGE_LAYER_STACK_H_
@@ -26,7 +26,7 @@ namespace isoscope::image {
 // different rows of tiles at a time.
 class LayerStack {
  public:
-  // No layers, of no picture.
+  // Makes a stack without a picture and without layers.
   LayerStack() = default;
   // At most `max_levels` fragments for each pixel. Images come from `images`, which outlives every
   // Insert. `order` says how fragments are ordered; it must have TieRule::kColor.

@@ -1,5 +1,5 @@
-// A unit vector and a step of a colour map in the 32 bits of a colour, for surfaces whose colour
-// shows a value that does not follow from the place.
+// A unit vector and a step of a colour map in the 32 bits of a colour. Surfaces whose colour shows
+// a value that does not follow from the position use it.
 //
 //   r, g, b   the code of the vector (normal_code.h) with 12 bits for each coordinate: at most 0.1
 //             degrees off

@@ -1,5 +1,5 @@
-// Drawn pixels on their way from agents to the coordinator of the same process, which need neither
-// be encoded nor copied.
+// Drawn pixels on their way from agents to the coordinator of the same process, neither encoded nor
+// copied.
 
 #ifndef ISOSCOPE_CORE_IMAGE_PIXEL_MAILBOXES_H_
 #define ISOSCOPE_CORE_IMAGE_PIXEL_MAILBOXES_H_

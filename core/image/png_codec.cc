@@ -1,4 +1,4 @@
-// Encoding works on stripes of rows, side by side:
+// Encoding works on stripes of rows, in parallel:
 //
 //   1. IsOpaque: RGB if no pixel shows through, else RGBA.
 //   2. FilterUp each row against the row above (PNG, filter type 2). The first row of a stripe
@@ -65,8 +65,8 @@ namespace {
 static_assert(sizeof(Rgba8) == 4, "libpng writes rows into the pixels");
 
 // A stripe has about this many bytes, whatever the number of threads: 17 stripes for a frame of
-// 1024 x 1024, each large enough that its own Huffman codes cost little (64 KiB: 17 % more time;
-// 512 KiB: no less).
+// 1024 x 1024, each so large that its own Huffman codes cost little (64 KiB take 17 % more time,
+// 512 KiB no less).
 constexpr std::size_t kStripeBytes = std::size_t{256} * 1024;
 constexpr std::size_t kMaxRowBytes = std::size_t{1} << 30;  // ISA-L counts in 32 bits
 
@@ -331,7 +331,7 @@ Stripe EncodeStripe(const RowFormat& format, std::span<const Rgba8> rows,
 }
 
 // Calls function(stripe) for all stripes, in parallel. Isolated from other work of the arena: the
-// thread does not take that up while it waits, and stripes go on if it is cancelled.
+// waiting thread takes up no other work, and a cancellation of that work does not stop the stripes.
 template <typename Function>
 void ForEachStripe(std::size_t stripe_count, const Function& function) {
   tbb::task_group_context context(tbb::task_group_context::isolated);
@@ -355,7 +355,7 @@ std::vector<Stripe> EncodeStripes(const RowFormat& format, std::span<const Rgba8
   return stripes;
 }
 
-// Appends what comes before the stripes.
+// Appends the bytes before the stripes.
 void AppendHead(const RowFormat& format, std::size_t height, std::string* out) {
   absl::StrAppend(out, kSignature);
   // Bit depth 8; colour type 2 (RGB) or 6 (RGBA); compression and filter method 0, not interlaced.
@@ -368,7 +368,7 @@ void AppendHead(const RowFormat& format, std::size_t height, std::string* out) {
   AppendChunk("sRGB", kPerceptualIntent, "", out);
 }
 
-// Appends what comes after the stripes. `adler` is that of all filtered bytes.
+// Appends the bytes after the stripes. `adler` is that of all filtered bytes.
 void AppendTail(std::uint32_t adler, std::string* out) {
   AppendChunk("IDAT", kDeflateEnd, BigEndian32(adler), out);
   AppendChunk("IEND", "", "", out);

@@ -37,10 +37,10 @@ struct RgbaImage {
 std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
                       const std::optional<Rgba8>& background = std::nullopt);
 
-// Encodes an image of which only some rows are in memory at a time. The caller writes the bytes
-// that the calls return, one after another: Begin, then Append until all rows are there, then End.
-// Works in parallel, in the tbb::task_arena of the caller. Throws std::bad_alloc if memory runs
-// out. Thread-compatible.
+// Encodes an image that is in memory a few rows at a time. The caller writes the bytes that the
+// calls return, one after another: Begin, then Append until all rows are there, then End. Works in
+// parallel, in the tbb::task_arena of the caller. Throws std::bad_alloc if memory runs out.
+// Thread-compatible.
 class PngRowWriter {
  public:
   // RGB if `is_opaque`, which leaves alpha out, else RGBA. REQUIRES: width and height as EncodePng.

@@ -1,6 +1,6 @@
 // Finds the covered pixels of a tile, many at a time. An agent that draws a random share of the
-// blocks touches nearly every tile and covers little of each, so that finding its pixels is most of
-// the work.
+// blocks touches nearly every tile, and covers little of each. So finding its pixels is most of the
+// work.
 
 #ifndef ISOSCOPE_CORE_IMAGE_TILE_COVERAGE_H_
 #define ISOSCOPE_CORE_IMAGE_TILE_COVERAGE_H_

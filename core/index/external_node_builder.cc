@@ -96,10 +96,10 @@ class Buckets {
   std::vector<io::RecordWriter<BlockInterval>> writers_;
 };
 
-// An interval of the right lists.
+// An interval in the right lists.
 struct RightEntry {
   BlockInterval interval;
-  std::uint64_t slab = 0;  // whose right list it is in
+  std::uint64_t slab = 0;  // the slab that has this right list
 };
 struct RightLess {
   bool operator()(const RightEntry& a, const RightEntry& b) const {

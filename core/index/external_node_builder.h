@@ -18,8 +18,8 @@ namespace isoscope::index {
 // its slabs twice, and the lists.
 inline constexpr std::int64_t kBytesPerInterval = 128;
 
-// Divides the memory of an external build. Its steps follow each other; each holds at most one
-// sorter, one set of buckets and two sequences.
+// Divides the memory of an external build. Its steps run one after the other; each holds at most
+// one sorter, one set of buckets and two sequences.
 struct MemoryPlan {
   explicit MemoryPlan(std::int64_t memory_bytes);
 

@@ -17,8 +17,9 @@
 // m is the fewest that cover one of these slabs: apart from B entries, at least half of what is
 // read is reported (filtering search).
 //
-// An interval that begins and ends in slab j without covering it is not kept here: it is in the
-// slab's leaf list if those are at most B = 170, else in its child node, where the walk goes on.
+// An interval that begins and ends in slab j without covering it is not kept at the node. At most B
+// = 170 such intervals are in the slab's leaf list; more are in its child node, which the walk
+// visits next.
 //
 // Example: bounds 10, 20, 30 make the slabs (-inf, 10], (10, 20], (20, 30], (30, inf]. The interval
 // (5, 25] is in the left list of slab 0, the window list of slab 1 and the right list of slab 2.

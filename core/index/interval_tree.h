@@ -2,7 +2,7 @@
 //
 // A query reads O(log_B N + T / B) pages for N intervals, T of them active, B = 170 to a page.
 // Nothing but the header and a page cache of bounded size stays in memory. It is step 0 of a frame
-// (docs/architecture.md). How a query works: head of interval_tree.cc.
+// (docs/architecture.md, "Life of a frame"). The head of interval_tree.cc describes a query.
 // Source: Arge and Vitter 1996/2003; Chiang and Silva 1997 (references.bib).
 
 #ifndef ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_

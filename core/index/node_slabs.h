@@ -10,7 +10,7 @@
 //   (10, 20]     1      1   slab 1          window list of 1
 //   (12, 20]     1      1   none            down to slab 1: its leaf list or child node
 //
-// Definitions, and why cutting at these endpoints bounds what goes down:
+// Definitions, and the proof that cuts at these endpoints bound the intervals that go down:
 // docs/format/interval_tree.md, "What lies where".
 
 #ifndef ISOSCOPE_CORE_INDEX_NODE_SLABS_H_

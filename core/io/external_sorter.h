@@ -29,7 +29,7 @@ namespace isoscope::io {
 //
 //   while (!sorter.is_at_end()) { Use(sorter.current()); RETURN_IF_ERROR(sorter.Advance()); }
 // A merge keeps its runs in a heap by their next records. Up to M bytes nothing is written. Up to
-// about M^2 / 64 KiB each record is written and read once: 16 MiB sort 4 GiB so. Records that are
+// about M^2 / 64 KiB each record is written and read once: so 16 MiB sort 4 GiB. Records that are
 // equal under Less come in any order. Thread-compatible. Returns the errors of the scratch file; a
 // full disk is RESOURCE_EXHAUSTED.
 template <typename Record, typename Less = std::less<Record>>

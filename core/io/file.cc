@@ -1,3 +1,13 @@
+// Files by POSIX calls, in three parts:
+//
+// 1. PosixRandomAccessFile reads with pread, and with preadv2(RWF_NOWAIT) for bytes in memory.
+// 2. PosixWritableFile buffers one stretch of bytes. It writes up to the last multiple of the
+//    buffer's size that the stretch reaches, and keeps the rest.
+// 3. Functions on paths: create, rename, flush, remove.
+//
+// Invariants: calls that a signal interrupted (EINTR) are repeated. Every error becomes a status
+// with the path, by ErrnoToStatus. A new name is on disk only after its directory was flushed.
+
 #include "core/io/file.h"
 
 #include <fcntl.h>
@@ -25,7 +35,7 @@
 namespace isoscope::io {
 namespace {
 
-// A buffer of this size makes a write cost more than its system call.
+// With a buffer of this size, a write costs more than its system call.
 constexpr std::size_t kWriteBufferBytes = 256 * static_cast<std::size_t>(base::kKiB);
 
 // An open file descriptor, closed at the end.
@@ -119,8 +129,8 @@ class PosixRandomAccessFile : public RandomAccessFile {
   const std::string path_;
 };
 
-// Holds one stretch of bytes back: those of [buffer_offset_, buffer_offset_ + buffer_.size()) that
-// are not in the file yet. Writes that continue the stretch join it; any other flushes it first.
+// Buffers one stretch of bytes: those of [buffer_offset_, buffer_offset_ + buffer_.size()) that are
+// not in the file yet. Writes that continue the stretch join it; any other flushes it first.
 class PosixWritableFile : public WritableFile {
  public:
   PosixWritableFile(Descriptor descriptor, std::string path, std::size_t buffer_bytes)

@@ -43,8 +43,8 @@ class RandomAccessFile {
 };
 
 // A new file. Thread-compatible. Writes are buffered. Bytes are sure to be on disk only after
-// Close() has returned OK; the destructor closes without that promise. The first error stays: every
-// later call returns it.
+// Close() has returned OK. The destructor closes without that guarantee. The first error stays:
+// every later call returns it.
 class WritableFile {
  public:
   virtual ~WritableFile() = default;

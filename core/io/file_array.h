@@ -54,7 +54,7 @@ class FileArray {
     return array;
   }
 
-  // New elements are 0; spans of before are void. An array that has shrunk keeps what it had
+  // New elements are 0; earlier spans become invalid. An array that has shrunk keeps the old values
   // behind its end, so it must not grow again.
   absl::Status Resize(std::size_t size) {
     ISOSCOPE_RETURN_IF_ERROR(bytes_->Reserve(size * sizeof(T)));

@@ -38,11 +38,11 @@ using ReadSlots = std::vector<std::unique_ptr<ReadSlot>>;  // the oldest first; 
 std::unique_ptr<ReadSlot> TakeFirst(ReadSlots* slots);
 
 // Reads the missing bytes of a slot with pread, in calls of at most `max_transfer_bytes`. An
-// exception becomes the slot's status: threads that nobody could tell of one call this.
+// exception becomes the slot's status, because threads without a caller run this.
 void ReadRest(std::size_t max_transfer_bytes, ReadSlot* slot) noexcept;
 
-// Where a queue leaves the reads that an engine must do, and the engine those that have ended. The
-// queue keeps room in both lists for every slot, so that no engine allocates.
+// Passes reads from the queue to an engine, and ended reads back to the queue. The queue keeps room
+// in both lists for every slot, so that no engine allocates.
 struct ReadExchange {
   base::Mutex mutex;
   base::CondVar changed;  // the queue's callers wait for it
@@ -57,16 +57,16 @@ class ReadEngine {
   // Waits for the reads under way. REQUIRES: the exchange is stopping; the lock is not held.
   virtual ~ReadEngine() = default;
 
-  // Makes a thread if one more read wants it. Returns false if there is none and none can be made.
-  // Throws nothing.
+  // Makes a thread if one more read can use it. Returns false if there is no thread and none can be
+  // made. Throws nothing.
   virtual bool HasThread() = 0;
-  // Tells the threads of a read that is in `started` now. `is_first`: none was in it before.
+  // Tells the threads that `started` has a new read. `is_first`: the list was empty before.
   virtual void Announce(bool is_first) = 0;
-  // Returns true if reads of cold files had better start together.
+  // Returns true if reads of cold files are faster when started together.
   [[nodiscard]] virtual bool takes_batches() const = 0;
 };
 
-// The most threads is kMaxReadThreads: they keep a disk busy with merged reads.
+// The largest number of threads that read: enough to keep a disk busy with merged reads.
 inline constexpr std::size_t kMaxReadThreads = 8;
 std::unique_ptr<ReadEngine> MakeThreadEngine(ReadExchange* exchange, std::size_t max_threads,
                                              std::size_t max_transfer_bytes);

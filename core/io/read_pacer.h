@@ -1,5 +1,5 @@
-// When the reads of a queue may begin, by the buffers in use and by how often memory had the bytes.
-// Has no thread and no file, so that a table of events can test it.
+// Decides when the reads of a queue may begin, from the buffers in use and the hits in memory. It
+// has no thread and no file, so that a table of events can test it.
 //
 //   event      when                                            effect
 //   Begin      a read takes a buffer                           one more in use
@@ -23,7 +23,7 @@
 
 namespace isoscope::io {
 
-// Thread-compatible, but for RecordHit, RecordMiss and is_cold, which are thread-safe. All O(1).
+// Thread-compatible, except RecordHit, RecordMiss and is_cold, which are thread-safe. All O(1).
 class ReadPacer {
  public:
   // After this many reads in a row that were not in memory, the files are taken to be cold.

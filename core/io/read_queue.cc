@@ -8,13 +8,13 @@
 //   arrived    exchange_.arrived     TryTake gives it out
 //   arrival    Arrival               ~Arrival releases it: free again
 //
-// A read takes the shortest way that works. TryTake copies the bytes that the system holds in
+// A read takes the cheapest way that works. TryTake copies the bytes that the system holds in
 // memory. io_uring (ring_engine.cc), or pread on some threads (thread_engine.cc), reads the others.
 // If no thread can be made, the caller reads by itself. read_pacer.h says when a read may begin.
 //
 // The exchange's mutex guards the lists. Nobody holds it while bytes are read.
 //
-// Memory may run out. Then TryTake throws, or goes on with the buffers and threads that there are.
+// Memory may run out. Then TryTake throws, or continues with the existing buffers and threads.
 // Arrival's destructor and the threads of the engine allocate nothing: the lists have room for
 // every slot that Claim has made, and ReadRest turns an exception into the status of its read.
 

@@ -1,6 +1,6 @@
-// Reads many stretches of files: while some are worked on, others are under way. The caller copies
-// the bytes that the system holds in memory, for one system call. io_uring reads the others, or
-// threads that block in pread where the kernel refuses it. All give the same bytes and errors.
+// Reads many stretches of files: while the caller works on some, others are being read. The caller
+// copies the bytes that the system holds in memory, for one system call. io_uring reads the others,
+// or threads that block in pread where the kernel refuses it. All give the same bytes and errors.
 
 #ifndef ISOSCOPE_CORE_IO_READ_QUEUE_H_
 #define ISOSCOPE_CORE_IO_READ_QUEUE_H_
@@ -34,17 +34,17 @@ bool IoUringIsAvailable();
 
 struct ReadQueueOptions {
   ReadBackend backend = ReadBackend::kAutomatic;
-  // The bounds of all buffers that are not free. A larger read may go alone. Larger bounds let slow
-  // disks keep up with fast processors, and take more memory.
+  // The bounds of all buffers that are not free. A larger read may run alone. Larger bounds let
+  // slow disks keep up with fast processors, and take more memory.
   std::size_t max_bytes = 16 * static_cast<std::size_t>(base::kMiB);
   std::size_t max_requests = 256;
   // The most bytes of one system call. Linux stops at 2^31 - 4096; tests stop earlier.
   std::size_t max_transfer_bytes = static_cast<std::size_t>(base::kGiB);
 };
 
-// Reads each stretch of a list once. Thread-safe. Threads call TryTake until nothing comes. Then
-// one of them calls WaitForMore. No read starts before the first TryTake. As long as all bytes are
-// found in memory, the queue makes no thread and no ring.
+// Reads each stretch of a list once. Thread-safe. Threads call TryTake until it returns nothing.
+// Then one of them calls WaitForMore. No read starts before the first TryTake. As long as all bytes
+// are found in memory, the queue makes no thread and no ring.
 class ReadQueue {
  public:
   using Read = FileRead;
@@ -112,7 +112,7 @@ class ReadQueue {
   const ReadQueueOptions options_;
 
   mutable ReadExchange exchange_;
-  // Its hits and misses are recorded without the lock; all else with it.
+  // Hits and misses are recorded without the lock. Everything else needs it.
   ReadPacer pacer_;
   std::size_t next_ ABSL_GUARDED_BY(exchange_.mutex) = 0;  // the first read that nobody began
   ReadSlots free_ ABSL_GUARDED_BY(exchange_.mutex);

@@ -1,6 +1,11 @@
-// Reads with io_uring. One thread submits what the queue has started, and takes what the kernel
-// answers. A short read goes on with its rest; EAGAIN falls back to pread. A read of an event wakes
-// the thread. When the queue stops, reads under way are cancelled.
+// Reads with io_uring, on one thread. Its loop (Run) repeats two steps:
+//
+// 1. Exchange: under the queue's lock, hand over the reads that have ended and take the new ones.
+// 2. SubmitAndWait: start the queued requests, wait until one has ended, take all results. After a
+//    short read the missing bytes are queued again. EAGAIN falls back to pread.
+//
+// The ring always has a read of an eventfd under way, and Announce writes to it to wake the thread.
+// When the queue stops, the reads under way are cancelled.
 
 #include <liburing.h>
 #include <unistd.h>
@@ -112,8 +117,8 @@ class RingEngine final : public ReadEngine {
     }
   }
 
-  // Hands over the reads that have ended and takes those that were started. Returns true if the
-  // queue is stopping.
+  // Step 1. Hands over the reads that have ended and takes those that were started. Returns true if
+  // the queue is stopping.
   bool Exchange() {
     const base::MutexLock lock(&exchange_.mutex);
     if (!ended_.empty()) {
@@ -128,7 +133,7 @@ class RingEngine final : public ReadEngine {
     return exchange_.is_stopping;
   }
 
-  // Starts the queued requests, waits until at least one has ended, and takes all results.
+  // Step 2. Starts the queued requests, waits until at least one has ended, and takes all results.
   void SubmitAndWait(bool is_stopping) {
     int result = 0;
     do {
@@ -155,8 +160,7 @@ class RingEngine final : public ReadEngine {
     io_uring_cq_advance(&uring_, count);
   }
 
-  // Takes what the kernel answered. Returns true if the read has ended. Otherwise it queues the
-  // rest.
+  // Takes the kernel's result. Returns true if the read has ended. Otherwise it queues the rest.
   bool TakeResult(ReadSlot* slot, int result, bool is_stopping) {
     const FileRead& read = *slot->read;
     if (result > 0) {
@@ -194,7 +198,7 @@ class RingEngine final : public ReadEngine {
   }
   io_uring_sqe* NextEntry() {
     io_uring_sqe* sqe = io_uring_get_sqe(&uring_);
-    if (sqe == nullptr) {  // many short reads go on at once
+    if (sqe == nullptr) {  // many short reads continue at once
       io_uring_submit(&uring_);
       sqe = io_uring_get_sqe(&uring_);
     }

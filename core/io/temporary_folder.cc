@@ -8,7 +8,7 @@
 namespace isoscope::io {
 
 absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
-  const char* variable = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): nobody sets any
+  const char* variable = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): never set here
   const std::string parent = variable != nullptr && *variable == '/' ? variable : "/tmp";
   std::string path = absl::StrCat(parent, "/isoscope-XXXXXX");
   if (mkdtemp(path.data()) == nullptr) {
@@ -19,7 +19,7 @@ absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
 
 TemporaryFolder::~TemporaryFolder() {
   if (!path_.empty()) {
-    RemoveRecursively(path_).IgnoreError();  // nobody is left to hear of it
+    RemoveRecursively(path_).IgnoreError();  // no caller is left to report to
   }
 }
 

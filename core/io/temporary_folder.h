@@ -1,4 +1,4 @@
-// A folder for files that a command needs only while it works.
+// A folder for files that a command needs only while it runs.
 
 #ifndef ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_
 #define ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_
@@ -12,11 +12,11 @@
 
 namespace isoscope::io {
 
-// Removed with all that is in it when the object ends; so also after an interrupt, which ends a
+// The destructor removes the folder with its contents. That includes interrupts, which end a
 // command as any error does. Thread-compatible.
 class TemporaryFolder {
  public:
-  // A new one, of this user alone, in $TMPDIR or /tmp. The error names that folder.
+  // Makes a folder in $TMPDIR or /tmp that only this user can read. The error names that folder.
   static absl::StatusOr<TemporaryFolder> Make();
   ~TemporaryFolder();
   TemporaryFolder(TemporaryFolder&& other) noexcept : path_(std::exchange(other.path_, "")) {}

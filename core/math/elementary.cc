@@ -200,7 +200,7 @@ constexpr double kExpUnderflow = -746;  // exp of less is 0
 struct PowerTables {
   PowerTables();
 
-  // Of the mantissas near step / kSteps: c, about their reciprocal, a multiple of 2^-9, and
+  // Two tables for mantissas near step / kSteps: c, a multiple of 2^-9 near their reciprocal; and
   // -log(c).
   std::array<double, kLastStep - kFirstStep + 1> reciprocals;
   std::array<Pair, kLastStep - kFirstStep + 1> logs;
@@ -276,7 +276,7 @@ double Exp(const Pair& z) {
   const double count = Rounded(z.high * tables.steps_per_unit);
   const Pair rest = Sum(z.high - count * tables.step_high, z.low - count * tables.step_low);
   const double r = rest.high;
-  // exp(r) - 1 - r, of all of the rest.
+  // exp(r) - 1 - r, for the whole remainder r.
   const double higher =
       rest.low +
       r * r * (1.0 / 2 + r * (1.0 / 6 + r * (1.0 / 24 + r * (1.0 / 120 + r * (1.0 / 720)))));

@@ -1,12 +1,12 @@
-// Elementary functions with the same bits on every machine. Whatever decides a bit of a picture
-// calls these, never those of libm: libm's bits depend on its version and on the processor.
+// Elementary functions with the same bits on every machine. Code that decides a bit of a picture
+// calls these, never those of libm. The bits of libm depend on its version and on the processor.
 //
 // Each is a fixed sequence of IEEE binary64 additions, multiplications, divisions and exact
 // operations (rint, frexp, ldexp, fmod), without fused multiply-add. So results depend on the
-// rounding mode, to nearest, and on nothing else.
+// rounding mode (to nearest) alone.
 //
-// Errors are in units of the last place of the result, 1/2 being correct rounding. Where a function
-// has a value that a double holds (Cbrt(27), Pow(0.5, 2), Sin(0)), it returns that value.
+// Errors are in units of the last place of the result, 1/2 being correct rounding. A result that a
+// double can hold is exact: Cbrt(27), Pow(0.5, 2), Sin(0).
 
 #ifndef ISOSCOPE_CORE_MATH_ELEMENTARY_H_
 #define ISOSCOPE_CORE_MATH_ELEMENTARY_H_

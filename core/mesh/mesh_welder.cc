@@ -1,7 +1,7 @@
 // A vertex is shared by blocks iff its edge lies on a face between them, which its key tells: key =
 // 3 * (linear index of the edge's lower sample) + axis, and blocks meet at multiples of
 // block_cells. Only those vertices are looked up in a table; all others are new. Vertices of cuts
-// are looked up, too: there are few, and their keys do not tell where they lie.
+// are looked up, too. There are few, and their keys do not tell their positions.
 //
 // Example: blocks of 8 cells in a volume of 17 samples an axis. The x edge at sample (3, 8, 5) lies
 // on the face y = 8: its vertex is in two blocks. The y edge there is not shared: it goes from y =

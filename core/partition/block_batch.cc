@@ -17,7 +17,8 @@
 namespace isoscope::partition {
 namespace {
 
-// Blocks of a shard whose samples one task counts: enough that adding up its bins is little.
+// The number of blocks of a shard that one task counts: so many that adding up its bins costs
+// little.
 constexpr std::size_t kBlocksPerCount = 64;
 
 }  // namespace

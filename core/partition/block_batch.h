@@ -43,7 +43,7 @@ struct BlockBatch {
   std::vector<Placement> placements;
   std::vector<volume::ScalarSpan> spans;
   std::vector<volume::ScalarSpan> finite_spans;  // without infinite samples
-  std::vector<double> gradient_magnitudes;       // of each block, or of those before if longer
+  std::vector<double> gradient_magnitudes;       // at least the longest of earlier batches
   std::vector<std::uint32_t> crcs;
   std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
 
@@ -85,7 +85,7 @@ class BatchCutter {
   // samples, and sorts them by shard and ordinal.
   void Cut(const Slab& slab, BlockBatch* batch);
 
-  // Of the blocks so far.
+  // Returns the longest gradient of the blocks so far.
   [[nodiscard]] double max_gradient_magnitude() const { return max_gradient_magnitude_; }
   [[nodiscard]] const HistogramBuilder& histograms() const { return histograms_; }
 

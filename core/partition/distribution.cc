@@ -9,7 +9,7 @@
 //      that of its max: its class. Blocks of a class are equal work at every isovalue.
 //   2. Take the classes from the widest to single bins, because wide ones are the hardest to
 //      balance.
-//   3. Of a class, each shard gets the same number of blocks. The blocks left over go one by one to
+//   3. Each shard gets the same number of blocks of a class. The blocks left over go one by one to
 //      the shards whose histogram peaks lowest over the bins of the class.
 //   4. Blocks that are never active go to the shards with the fewest blocks.
 //

@@ -40,10 +40,10 @@ class ShardMap {
 // REQUIRES: 1 <= shard_count <= min(block_count, store::kMaxShardCount).
 
 // Independent Bernoulli trials: each block goes to a shard drawn from (seed, id) alone, so its
-// shard does not depend on any other block. If that leaves shards empty, which is likely only with
-// few blocks a shard, the first blocks, by id, that are not alone in their shard move into the
-// empty shards, in ascending order. O(block_count). Source: Zhang, Bajaj, Ramachandran 2002,
-// section 2.1 (references.bib: zhang-random-distribution).
+// shard does not depend on any other block. Shards may stay empty, which is likely only with few
+// blocks a shard. Then the first blocks by id that are not alone in their shard move into the empty
+// shards, in ascending order. O(block_count). Source: Zhang, Bajaj, Ramachandran 2002, section 2.1
+// (references.bib: zhang-random-distribution).
 std::vector<std::uint16_t> DistributeRandomly(std::int64_t block_count, int shard_count,
                                               std::uint64_t seed);
 

@@ -1,5 +1,5 @@
 // A thread counts some blocks of a shard into tables of its own, then adds these to the shard's
-// under a lock. There are two tables, for even and odd samples of a row: where all samples are
+// under a lock. There are two tables, for even and odd samples of a row. So if all samples are
 // equal, a sample does not wait for the count of the one before.
 
 #include "core/partition/histogram_builder.h"
@@ -109,8 +109,7 @@ void HistogramBuilder::CountRow(const char* row, std::size_t count, LocalCounts*
   }
 }
 
-// Without branches but one, which is nearly never taken: NaN and infinite samples come to lie just
-// outside the bins.
+// Has one branch, which is nearly never taken: NaN and infinite samples fall just outside the bins.
 template <typename SampleAt>
 std::size_t HistogramBuilder::CountPairs(std::size_t count, const SampleAt& sample_at,
                                          LocalCounts* local) const {

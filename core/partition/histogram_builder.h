@@ -1,9 +1,9 @@
 // Counts the samples of all shards by value in one pass, while their range is still unknown.
 //
-// The bins of all shards are those of the range seen so far (volume::BinsOf). When it grows they
-// are regrouped, which loses nothing, because bins of one exponent make whole bins of the next. So
-// at the end all shards have the bins of the whole range, whatever the order of samples, portions
-// and threads was.
+// The bins of all shards are those of the range seen so far (volume::BinsOf). When it grows, they
+// are regrouped without loss, because bins of one exponent make whole bins of the next. So at the
+// end all shards have the bins of the whole range, whatever the order of samples, portions and
+// threads was.
 
 #ifndef ISOSCOPE_CORE_PARTITION_HISTOGRAM_BUILDER_H_
 #define ISOSCOPE_CORE_PARTITION_HISTOGRAM_BUILDER_H_
@@ -36,7 +36,7 @@ class HistogramBuilder {
   // `layout` must outlive it.
   HistogramBuilder(const volume::BlockLayout& layout, volume::ScalarType type, int shard_count);
 
-  // Widens the bins to finite samples of this span. Not while Count runs.
+  // Widens the bins to finite samples of this span. REQUIRES: no call of Count is running.
   void Cover(const volume::ScalarSpan& finite_span);
   // Counts the samples that belong to these blocks of one shard (volume::CountedSamplesOf).
   // Thread-safe. REQUIRES: their finite samples are covered; as SpanOfBlock.
@@ -66,7 +66,7 @@ class HistogramBuilder {
   volume::ScalarSpan range_;  // covered
   volume::HistogramBins bins_;
   std::vector<Counts> shards_;
-  // Of shard i: mutexes_[i % size].
+  // Shard i uses mutexes_[i % size].
   std::array<base::Mutex, 64> mutexes_;
 };
 

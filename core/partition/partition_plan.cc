@@ -6,12 +6,12 @@
 //   for the first of these sizes with which a row of blocks fits:
 //     bands of one layer, as high as fits
 //
-// Two buffers let the next portion be read while one is cut. Fewer layers at a time cost nothing to
-// read, because planes that portions share are kept; rows that bands share are read twice.
+// With two buffers, the next portion is read while one is cut. Portions of fewer layers read no
+// more bytes, because planes that portions share are kept. Rows that bands share are read twice.
 //
 // Memory follows the phases of partitioning: reading ranges and dealing out (greedy only), writing
 // blocks, building the indices of one shard after the other. The total is the source's memory plus
-// the phase that takes most.
+// the largest phase.
 //
 // Example: 256^3 samples of uint8 in blocks of 8 cells are 32 layers of blocks. A portion of 4
 // layers has 4 * 8 + 3 = 35 planes of 64 KiB, 2.2 MiB; two buffers take 4.4 MiB.
@@ -42,13 +42,13 @@ constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
 constexpr std::int64_t kBatchTableBytes = 3 * base::kMiB / 2;
 constexpr std::int64_t kBatchTableBytesPerBlock = 128;
 
-// More memory for sorting would spare merges only beyond about 2^32 bytes; small limits take a
+// More memory would save merges only when sorting more than about 2^32 bytes. Small limits take a
 // share.
 constexpr std::int64_t kSortBytes = 8 * base::kMiB;
 constexpr int kSortShares[] = {1, 4, 16};
 // Sorters have buffers, however few blocks there are.
 constexpr std::int64_t kMinTreeBytes = 32 * base::kKiB;
-// The write buffer of one shard's blocks: most and least; and of all shards together.
+// Bounds of the write buffer of one shard's blocks, and of those of all shards together.
 constexpr std::int64_t kMaxFileBufferBytes = 1 * base::kMiB;
 constexpr std::int64_t kMinFileBufferBytes = 16 * base::kKiB;
 constexpr std::int64_t kFileBuffersBytes = 16 * base::kMiB;

@@ -1,5 +1,5 @@
-// Divides a volume into portions that are in memory at a time, and divides the memory of
-// partitioning, so that it stays under its limit.
+// Divides a volume into portions, of which one or two are in memory at a time. Divides the memory
+// of partitioning, so that it stays under its limit.
 
 #ifndef ISOSCOPE_CORE_PARTITION_PARTITION_PLAN_H_
 #define ISOSCOPE_CORE_PARTITION_PARTITION_PLAN_H_

@@ -1,6 +1,5 @@
-// Two orders meet here: blocks are read in the order of the volume, and files are written in the
-// order of each shard. Records that know both are sorted on disk, so no table of all blocks is in
-// memory.
+// Blocks are read in the order of the volume, and files are written in the order of each shard.
+// Records that know both are sorted on disk, so no table of all blocks is in memory.
 //
 //    1  ShardMap: the shard of each block
 //                |

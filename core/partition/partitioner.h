@@ -1,4 +1,4 @@
-// Cuts a source volume into blocks, deals them out to shards, and writes a dataset directory.
+// Cuts a source volume into blocks, distributes them to shards, and writes a dataset directory.
 
 #ifndef ISOSCOPE_CORE_PARTITION_PARTITIONER_H_
 #define ISOSCOPE_CORE_PARTITION_PARTITIONER_H_

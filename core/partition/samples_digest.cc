@@ -17,7 +17,7 @@ constexpr absl::string_view kPrefix("isoscope samples 1\0", 19);
 
 using Sha256 = std::array<unsigned char, kSha256Bytes>;
 
-// Adding 0 makes -0 the same place as 0.
+// Adding 0 turns -0 into 0, which is the same position.
 void AppendVector(const math::Vec3d& vector, std::string* out) {
   base::AppendLittleEndian(vector.x + 0.0, out);
   base::AppendLittleEndian(vector.y + 0.0, out);
@@ -26,7 +26,7 @@ void AppendVector(const math::Vec3d& vector, std::string* out) {
 
 }  // namespace
 
-// Kept between rows: making it costs more than a row.
+// Kept between rows, because making it costs more than hashing a row.
 struct SamplesDigest::Hash {
   Hash() { ISOSCOPE_CHECK(context != nullptr && algorithm != nullptr); }
   ~Hash() {

@@ -1,5 +1,5 @@
-// A digest of samples and grid that does not depend on how a volume is cut into blocks and dealt
-// out, nor on the portions in which it goes through memory (docs/format/dataset.md).
+// A digest of samples and grid (docs/format/dataset.md). It does not depend on blocks, shards, or
+// the portions in which a volume passes through memory.
 
 #ifndef ISOSCOPE_CORE_PARTITION_SAMPLES_DIGEST_H_
 #define ISOSCOPE_CORE_PARTITION_SAMPLES_DIGEST_H_
@@ -16,9 +16,9 @@
 
 namespace isoscope::partition {
 
-// A sum of the digests of rows: rows may come in any order, and sums of several threads be added.
-// Two volumes that differ have the same digest with a chance of 2^-128, unless somebody seeks for
-// it. Thread-compatible.
+// A sum of the digests of rows: rows may come in any order, and the sums of several threads may be
+// added. Two different volumes have the same digest with a chance of 2^-128, unless somebody
+// searches for such a pair. Thread-compatible.
 class SamplesDigest {
  public:
   SamplesDigest();

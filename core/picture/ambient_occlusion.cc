@@ -2,12 +2,11 @@
 //
 //   1. Each cell takes the depth of one of its pixels. Cells are counted from the corner of the
 //      whole viewport, so a region has the whole's cells.
-//   2. The kernel computes how open each cell is, from 16 cells around it, and blurs that over 5 x
-//   5
-//      cells without crossing jumps in depth.
-//   3. A pixel takes the mean of the 4 cells around it whose surface it lies on: each weighs by its
-//      distance, and by how far the pixel is from the cell's tangent plane. A pixel on none of them
-//      takes the nearest in depth.
+//   2. The kernel computes how open each cell is, from 16 cells around it, and blurs that over
+//      5 x 5 cells without crossing jumps in depth.
+//   3. A pixel takes the mean of those of the 4 cells around it that are on its surface. Weights
+//      are the distance of the cell, and the distance of the pixel from the cell's tangent plane. A
+//      pixel on no cell's surface takes the cell nearest in depth.
 //   4. The pixel's colour is darkened in linear light.
 
 #include "core/picture/ambient_occlusion.h"
@@ -57,11 +56,11 @@ std::array<Direction, 256> MakeDirections() {
   return directions;
 }
 
-// The samples of the cells of one column and row mod kPhases: a spiral from the centre to the
-// radius, turned by 1/16 of a turn for each of the 16 sets, and moved along by 1/16 of a step.
+// Returns the samples of the cells of one column and row mod kPhases: a spiral from the centre to
+// the radius. Each of the 16 sets is turned by 1/16 of a turn, and moved along by 1/16 of a step.
 OcclusionSamples MakeSamples(const OcclusionSetup& setup, int phase_x, int phase_y,
                              const CellPlanes& cells) {
-  // Neighbours differ much: an ordered dither.
+  // An ordered dither, so that neighbours differ much.
   constexpr std::array<std::array<unsigned, kPhases>, kPhases> kTurns{
       {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}}};
   constexpr unsigned kGoldenStep = 98;  // of 256: about the golden angle
@@ -188,7 +187,7 @@ class OpenCells {
   }
 
  private:
-  // Where a pixel lies on an axis: between `cell` and the next one.
+  // The position of a pixel on an axis, between `cell` and the next one.
   struct Place {
     int cell = 0;
     float between = 0;  // [0, 1)
@@ -234,7 +233,7 @@ class OpenCells {
            0.5F * static_cast<float>(side_px);
   }
 
-  // Of the background: any depth.
+  // Returns the depth of a pixel; any depth for the background.
   [[nodiscard]] float DepthOf(std::uint64_t key) const {
     return unprojection_.DistanceOf(image::DepthOf(key)) / far_;
   }

@@ -1,18 +1,18 @@
-// For a cell with depth d, all lengths in pixels at that depth, so that they have a common size:
+// For a cell with depth d, with all lengths in pixels at that depth:
 //
 //   1. The surface's tangents to the right and downward are the differences to the neighbour that
 //      is nearer in depth, on each axis; flat if both lie behind a jump. Their product is the
 //      normal.
-//   2. Each sample is a cell at a fixed offset: v from this cell's point to that one's. It hides as
-//      much as it rises over the tangent plane: cos(v, normal) - kBias, if that is positive, and
-//      less the farther it is: times 1 - |v|^2 / radius^2, if that is positive.
-//   3. What is open is 1 - kGain times the mean over the samples, at least 0.
+//   2. Each sample is a cell at a fixed offset: v from this cell's point to that one's. It occludes
+//      by its height over the tangent plane, cos(v, normal) - kBias, times a falloff with distance,
+//      1 - |v|^2 / radius^2. Negative factors count as 0.
+//   3. The open share is 1 - kGain times the mean over the samples, at least 0.
 //
 // The offsets of a cell depend on its column and row mod 4. Every window of 4 x 4 cells has all 16
-// sets, so that the blur, whose weights 1/2, 1, 1, 1, 1/2 take each column mod 4 once, shows none.
+// sets. The weights of the blur, 1/2, 1, 1, 1, 1/2, count each column mod 4 once, so no set shows.
 //
 // Invariant: the same operations in the same order for each cell, in float32 without contraction;
-// lanes do not meet. So instruction sets give the same bits.
+// lanes are independent. So instruction sets give the same bits.
 
 #include "core/picture/ambient_occlusion_kernel.h"
 
@@ -48,7 +48,7 @@ HWY_INLINE Lanes Dot(const Vector& a, const Vector& b) {
   return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
 }
 
-// A cell's point, from which others are seen.
+// The point of a cell, as the origin of its samples.
 struct Origin {
   Lanes depth;
   Lanes x_px;
@@ -63,8 +63,8 @@ HWY_INLINE Lanes PixelAt(const OcclusionSetup& setup, Lanes depth) {
   return hn::Max(setup.is_perspective ? hn::Mul(size, depth) : size, hn::Set(d, kLeastPixel));
 }
 
-// Returns the way from the origin to the point of `depth`, seen `x_px`, `y_px` to the right and
-// below.
+// Returns the vector from the origin to the point of `depth` that is seen `x_px` to the right and
+// `y_px` below.
 HWY_INLINE Vector WayTo(const OcclusionSetup& setup, const Origin& origin, Lanes depth, Lanes x_px,
                         Lanes y_px) {
   const Lanes z = hn::Mul(hn::Sub(depth, origin.depth), origin.inverse_pixel);
@@ -111,7 +111,8 @@ HWY_INLINE Vector NormalOf(const Vector& right, const Vector& down) {
   return {hn::Mul(normal.x, inverse), hn::Mul(normal.y, inverse), hn::Mul(normal.z, inverse)};
 }
 
-// The place of the cell at a distance of columns and rows, from a place of plane 0 in the row.
+// Returns the offset of the cell at a distance of columns and rows, from a cell of plane 0 in the
+// row.
 std::ptrdiff_t StepTo(const CellPlanes& cells, int phase, int columns, int rows) {
   return static_cast<std::ptrdiff_t>(cells.IndexOf(phase + columns, rows)) -
          static_cast<std::ptrdiff_t>(cells.IndexOf(0, 0));

@@ -1,5 +1,5 @@
-// The inner loops of ambient occlusion, over cells: squares of pixels of which one stands for all.
-// Internal to core/picture.
+// The inner loops of ambient occlusion, over cells: squares of pixels, each represented by one of
+// its pixels. Internal to core/picture.
 
 #ifndef ISOSCOPE_CORE_PICTURE_AMBIENT_OCCLUSION_KERNEL_H_
 #define ISOSCOPE_CORE_PICTURE_AMBIENT_OCCLUSION_KERNEL_H_
@@ -16,9 +16,9 @@ namespace isoscope::picture {
 // The depth of a cell without a surface; those of surfaces are at most 1.
 inline constexpr float kNoDepth = 1e6F;
 
-// Cells of several rows, around which others are all background. Columns are dealt out to
-// kPhases planes, column c to plane c mod kPhases at place c / kPhases: cells of one plane have the
-// same samples, and what lies at some distance from consecutive ones is consecutive too.
+// Cells of several rows, surrounded by background. Column c is in plane c mod kPhases, at index c /
+// kPhases. So the cells of one plane have the same samples, and cells at a fixed distance from
+// consecutive ones are consecutive, too.
 struct CellPlanes {
   static constexpr int kPhases = 4;
   static constexpr std::size_t kMaxLanes = 16;  // places are computed in multiples of it
@@ -52,7 +52,7 @@ struct CellPlanes {
   base::LargePageVector<float> values_;  // all of them, because that takes fewer pages
 };
 
-// What all cells have in common. Lengths are in drawn pixels.
+// The parameters that all cells share. Lengths are in drawn pixels.
 struct OcclusionSetup {
   bool is_perspective = true;
   float pixel_size = 0;  // of a pixel, in units of depth: at depth 1 for perspective

@@ -32,7 +32,7 @@ inline std::size_t ColorMapStepOf(double value, const frame::ColorRange& range) 
 // the map has none.
 inline float OpacityOf(const frame::ColorBy& color_by, std::size_t step) {
   if (step == kColorMapSteps - 1) {
-    return color_by.opacity_at_max;  // what rounding would miss
+    return color_by.opacity_at_max;  // exact, in spite of rounding
   }
   const float share = static_cast<float>(step) / static_cast<float>(kColorMapSteps - 1);
   return color_by.opacity_at_min + (color_by.opacity_at_max - color_by.opacity_at_min) * share;

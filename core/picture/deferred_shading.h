@@ -1,16 +1,16 @@
-// Colours of fragments whose normals have come in place of colours: with directional lights, and
-// with surfaces whose colour shows a quantity.
+// Computes the colours of fragments that agents send as normals: for frames with directional
+// lights, and for surfaces whose colour shows a quantity.
 //
-// A colour follows from the fragment's pixel, depth bits, surface and encoded normal alone, so
-// neither agents nor blocks nor regions can show in it (docs/numerics.md, "Lights and colours").
+// A colour follows from the fragment's pixel, depth bits, surface and encoded normal alone, so it
+// depends neither on agents nor on blocks nor on regions (docs/numerics.md, "Lights and colours").
 //
 // The formula, in sRGB values as the head light's (frame::Appearance), clamped:
 //
 //   colour = base * (ambient + diffuse * D) + specular * S
 //
-// base is the surface's colour, or what its color_by gives. v is the unit direction from the point
-// to the eye. n is the unit normal, turned to the side that is seen: n . v >= 0. Without a normal n
-// is v. D and S are sums over the lights, of intensity * colour of the light *
+// base is the surface's colour, or the colour from its color_by. v is the unit direction from the
+// point to the eye. n is the unit normal, turned to the side that is seen: n . v >= 0. Without a
+// normal n is v. D and S are sums over the lights, of intensity * colour of the light *
 //
 //   d                  for D, with d = max(n . l, 0), l the unit direction to the light
 //   (n . h)^shininess  for S where d > 0, with h = (l + v) / |l + v|
@@ -52,14 +52,14 @@ struct NormalFragment {
 class DeferredShader {
  public:
   // spec:  its surfaces and lights
-  // view:  that the fragments were drawn with
+  // view:  the view that the fragments were drawn with
   // order: of the fragments' owners
   DeferredShader(const frame::FrameSpec& spec, const view::View& view,
                  const image::FragmentOrder& order);
 
   // Sets colors[i] to the colour of fragments[i], with the alpha of its surface's base colour; or,
   // if the surface's map has opacities, with the step of the map as alpha, which BlendLayers knows.
-  // The same for each, whatever stands beside it. REQUIRES: as many colours as fragments, and
+  // A colour does not depend on the other fragments. REQUIRES: as many colours as fragments, and
   // surfaces of the spec.
   void Shade(std::span<const NormalFragment> fragments, std::span<image::Rgba8> colors) const;
 

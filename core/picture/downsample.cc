@@ -1,4 +1,4 @@
-// The mean of a pixel's samples, in whole numbers, so that the order of adding can't show:
+// The mean of a pixel's samples, in whole numbers, so that the order of adding does not matter:
 //
 //   sum of lights = sum over samples of  light(colour) a 255 + light(background) b (255 - a)
 //   sum of alphas = sum over samples of  a 255 + b (255 - a)

@@ -23,9 +23,9 @@ struct SampleGrid {
 // colours: sRGB, straight alpha; those of `drawn` as image::FrameImage says
 // keys:    those of `picture` stay background, because a mean has no depth
 //
-// Works in parallel, in the tbb::task_arena of the caller; the number of threads can't show.
-// REQUIRES: `picture` is all background; its samples lie inside `drawn`; 1 <= samples_per_side
-// <= 4.
+// Works in parallel, in the tbb::task_arena of the caller; the picture does not depend on the
+// number of threads. REQUIRES: `picture` is all background; its samples lie inside `drawn`; 1 <=
+// samples_per_side <= 4.
 void Downsample(const image::FrameImage& drawn, const SampleGrid& grid, image::Rgba8 background,
                 image::FrameImage* picture);
 

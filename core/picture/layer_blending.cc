@@ -1,9 +1,9 @@
 // With T the light that passes all nearer layers (1 before the first), a layer of opacity a and
 // colour c adds T a c and leaves T (1 - a). The opaque fragment, or the background with its alpha,
-// gets what is left. A layer of opacity 0 adds nothing and leaves all, so the bits are those
-// without it; but it counts as one of the max_layers, because what an agent keeps of a pixel must
-// not depend on what other agents have. All in float, in the order of the layers, so that the
-// result depends on them alone.
+// gets the rest. A layer of opacity 0 adds nothing and leaves all light, so it changes no bit. But
+// it counts as one of the max_layers, because the layers that an agent keeps must not depend on
+// other agents. All sums are in float, in the order of the layers, so that the result depends on
+// the layers alone.
 //
 // Source: Porter, Duff 1984, "Compositing digital images" (over).
 
@@ -52,7 +52,7 @@ constexpr std::uint32_t RoundToNearest(float value) {
 
 // Straight alpha.
 image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
-  // The shares of an opaque pixel add up to 1, but for rounding.
+  // The shares of an opaque pixel add up to 1, except for rounding.
   const float alpha = is_opaque ? 1.0F : light.alpha;
   if (!(alpha > 0)) {
     return {};
@@ -135,7 +135,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
       left *= 1 - opacity;
     }
     if (!(light.alpha > 0)) {
-      return;  // no layer, or none that shows
+      return;  // no visible layer
     }
     const bool is_opaque = opaque != image::kBackgroundKey || background.a == 255;
     if (opaque != image::kBackgroundKey) {

@@ -1,4 +1,4 @@
-// Translucent layers and the opaque image of a frame become one picture.
+// Blends the translucent layers and the opaque image of a frame to one picture.
 
 #ifndef ISOSCOPE_CORE_PICTURE_LAYER_BLENDING_H_
 #define ISOSCOPE_CORE_PICTURE_LAYER_BLENDING_H_
@@ -13,9 +13,9 @@ namespace isoscope::picture {
 
 // Lays the layers over the image and the spec's background, in place: of each pixel the first
 // spec.max_layers that lie before its opaque fragment, nearest first, in linear light, with the
-// opacities of their surfaces. Of a surface whose map has opacities, the alpha of a layer's colour
-// is the step of the map (deferred_shading.h). Colours are then final where layers show; keys do
-// not change. Returns the number of pixels where more layers than that would show.
+// opacities of their surfaces. If a surface's map has opacities, the alpha of a layer's colour is
+// the step of the map (deferred_shading.h). Colours are then final where layers show; keys do not
+// change. Returns the number of pixels where more layers than that would show.
 //
 // Works in parallel, in the tbb::task_arena of the caller. O(pixels with layers).
 // REQUIRES: layers and image have the same size.
@@ -23,7 +23,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
                          image::FrameImage* image);
 
 // Replaces key and colour of each pixel by those of its first layer, where that lies before the
-// opaque fragment: planes and picks tell what is nearest, however translucent.
+// opaque fragment: planes and picks report the nearest fragment, however translucent.
 void ShowNearest(const image::LayerStack& layers, image::FrameImage* image);
 // The same for keys alone: colours stay.
 void ShowNearestKeys(const image::LayerStack& layers, image::FrameImage* image);

@@ -149,7 +149,7 @@ HWY_INLINE Light SumUp(const std::vector<LightTerm>& lights, const Vec3& normal,
   return sum;
 }
 
-// The base colour: the lane's, or what the normal gives.
+// Returns the base colour: the lane's, or the colour of the normal.
 HWY_INLINE Vec3 BaseOf(VU base, const Vec3& normal, VF is_by_normal) {
   const DF df;
   const VF half = hn::Set(df, 0.5F);

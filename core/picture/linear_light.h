@@ -18,7 +18,7 @@ struct LinearLightTables {
   std::array<std::uint8_t, kFullLight + 1> srgb;  // the nearest value of a light
 };
 
-// Thread-safe. The way to light and back is the identity.
+// Thread-safe. The conversion to light and back is the identity.
 const LinearLightTables& LinearLight();
 
 }  // namespace isoscope::picture

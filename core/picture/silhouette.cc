@@ -1,12 +1,11 @@
 // Two steps for a band of rows:
 //
-//   1. Edges: a pixel is one if a neighbour, of four, is background; or shows another surface that
-//   is
-//      not nearer; or lies behind a jump: farther by more than the slopes beside the two explain,
-//      plus kJumpShare of the height that the viewport shows at this distance. So a jump does not
-//      depend on the number of pixels, on zoom, or on the units of the volume.
-//   2. Lines: a pixel belongs to one if an edge of its surface lies within the width, and does not
-//      lie in front of it by a jump. That is a maximum over a disc: each edge raises the pixels
+//   1. Edges. A pixel is an edge if one of its four neighbours is background, or shows another
+//      surface that is not nearer, or lies behind a jump. A jump is a growth in distance beyond the
+//      slopes beside the two, by kJumpShare of the height that the viewport shows there. So a jump
+//      does not depend on the number of pixels, on zoom, or on the units of the volume.
+//   2. Lines. A pixel belongs to a line if an edge of its surface lies within the width, and does
+//      not lie in front of it by a jump. That is a maximum over a disc: each edge raises the pixels
 //      around it, row by row of its disc, to the farthest distance that it paints.
 //
 // Example, width 2, one row of distances with a jump of 3: 10 10 10 10 | 20 20 20 20. The fourth
@@ -37,7 +36,7 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNothing = -1;  // nearer than all distances
 static_assert(frame::kMaxSurfaces < kNoSurface);
 
-// How much a distance must grow to be a jump.
+// The growth of a distance that counts as a jump.
 struct JumpRule {
   float base = 0;
   float per_distance = 0;
@@ -124,8 +123,8 @@ class Rows {
   std::bitset<256> seen_;
 };
 
-// How much the distance grows from (x, y) to (x + dx, y + dy): 0 if it does not, or if the two are
-// not of one surface.
+// Returns the growth of the distance from (x, y) to (x + dx, y + dy): 0 if it does not grow, or if
+// the two are not of one surface.
 float GrowthAt(const Rows& rows, int x, int y, int dx, int dy) {
   if (!rows.Contains(x, y) || !rows.Contains(x + dx, y + dy) ||
       rows.SurfaceAt(x, y) != rows.SurfaceAt(x + dx, y + dy)) {
@@ -236,7 +235,7 @@ class Band {
     }
   }
 
-  // Lets the edge at (x, y) paint what is not behind `farthest`.
+  // Lets the edge at (x, y) paint the pixels that are not behind `farthest`.
   void Raise(int edge_x, int edge_y, float farthest) {
     const int begin = std::max(edge_y - radius_ + 1, begin_y_);
     const int end = std::min(edge_y + radius_, end_y_);

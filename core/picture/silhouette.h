@@ -1,5 +1,5 @@
 // Lines where a surface ends: in front of the background, of another surface, or of a part of
-// itself that lies much farther. From depths and owners alone, after compositing.
+// itself that lies much farther. They use depths and owners alone, after compositing.
 
 #ifndef ISOSCOPE_CORE_PICTURE_SILHOUETTE_H_
 #define ISOSCOPE_CORE_PICTURE_SILHOUETTE_H_
@@ -20,7 +20,7 @@ namespace isoscope::picture {
 //
 // A pixel depends on pixels that are at most width + Silhouette::kBorderPx pixels of the final
 // picture away. The border of the viewport is no edge. Works in parallel, in the tbb::task_arena of
-// the caller; threads can't show.
+// the caller; the picture does not depend on threads.
 void DrawSilhouettes(const frame::Silhouette& silhouette, const view::View& view,
                      const image::FragmentOrder& order, int samples_per_side,
                      image::FrameImage* image);

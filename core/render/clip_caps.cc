@@ -1,3 +1,15 @@
+// The caps of one block (Paint), pixel by pixel in the block's rectangle:
+//
+// 1. Find where the pixel's ray enters and leaves the region (ClipCrossingFinder). Skip crossings
+//    in cells of other blocks, and those that is_hidden hides.
+// 2. Find the solid around the crossing (FillingAt): the one with the highest isovalue whose inside
+//    has the point. If there is none, try four rays beside it (FillingBeside).
+// 3. Colour the fragment (FragmentOf): sample colour, step of the gradient's map, code of the
+//    normal, or shade under the head light.
+//
+// NeedOf decides before that, from spans alone, whether a block has caps at all and whether Paint
+// needs its samples. A block without active cells needs none if it is wholly inside one solid.
+
 #include "core/render/clip_caps.h"
 
 #include <algorithm>
@@ -18,8 +30,8 @@
 namespace isoscope::render {
 namespace {
 
-// More than snapping moves a vertex on the screen: by 1/512 pixel with the CPU, by at most 1/16
-// with OpenGL, on both axes.
+// More than the distance by which snapping moves a vertex on either axis: 1/512 pixel with the CPU,
+// at most 1/16 with OpenGL.
 constexpr double kCpuMarginPx = 1.0 / 64;
 constexpr double kEglMarginPx = 1.0 / 8;
 
@@ -91,7 +103,7 @@ CapPainter::CapPainter(const view::View& view, const volume::BlockLayout& layout
                    [](const Solid& a, const Solid& b) { return a.isovalue > b.isovalue; });
   const math::Mat3d to_world = view.geometry().world_gradient_from_index();
   for (const view::HalfSpace& half_space : clipper_.half_spaces()) {
-    // Towards what is dropped.
+    // Points to the dropped side.
     const math::Vec3d normal = math::Normalized(-(to_world * half_space.normal));
     normals_.push_back(normal);
     normal_codes_.push_back(image::EncodeNormal({normal.x, normal.y, normal.z}));
@@ -117,7 +129,7 @@ CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable
     const bool is_active = std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
       return volume::IsActive(span, solid.isovalue);
     });
-    // A span does not tell of NaN.
+    // A span does not tell whether samples are NaN.
     return is_active || needs_values_ || IsFloat(ranges.type()) ? Need::kSamples : Need::kSpan;
   }
   // All cells are outside; but points beside the rays may lie in a block next to this one.
@@ -232,7 +244,7 @@ void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
         }
         if (filling.has_value()) {
           if (scales_[filling->solid->surface_index].has_value()) {
-            // At the point itself, of whose cell the block has all that gradients need.
+            // Uses the point itself: the block has all samples that the gradient in its cell needs.
             filling->value = math::Length(
                 volume::GradientAt(view_.geometry(), layout_, *samples, crossing->position));
           }

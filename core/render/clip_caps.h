@@ -2,14 +2,14 @@
 //
 // Each ray that crosses the border of the region inside the volume has up to two points on it
 // (view::ClipCrossingFinder). A point that lies in the solid of a surface, as the triangles of its
-// cell bound it (extract::IsInsideCell), is a fragment of that surface: of the highest isovalue
-// where there are several. It belongs to the block that has the point's cell, and follows from
-// pixel, view, region and the samples of that cell and its neighbours alone. So caps are fragments
-// like any other to culling, agents and cuts of the volume (docs/numerics.md, "Caps").
+// cell bound it (extract::IsInsideCell), is a fragment of that surface: of the highest isovalue if
+// there are several. It belongs to the block that has the point's cell. It depends only on pixel,
+// view, region, and the samples of that cell and its neighbours. So culling, agents and blocks
+// treat caps as any other fragments (docs/numerics.md, "Caps").
 //
-// No gap opens between a cap and the clipped triangles: rasterising moves what a triangle covers by
-// a part of a pixel, so a point that is outside still counts where the ray beside it, a small
-// margin away, is inside.
+// No gap opens between a cap and the clipped triangles. Rasterising moves the edge of a triangle by
+// a part of a pixel. So a point that is outside still counts if a ray beside it, a small margin
+// away, is inside.
 
 #ifndef ISOSCOPE_CORE_RENDER_CLIP_CAPS_H_
 #define ISOSCOPE_CORE_RENDER_CLIP_CAPS_H_
@@ -53,13 +53,13 @@ using SampleColor = std::function<image::Rgba8(double value)>;
 // The caps of one frame. Immutable; thread-safe.
 class CapPainter {
  public:
-  // spec:         has caps, and its sends_normals says what colours are
-  // back_end:     that draws the triangles: it decides the margin
-  // sample_color: of caps with a colour map; null: caps have the look of their surface
+  // spec:         has caps; sends_normals decides whether colours are normals
+  // back_end:     draws the triangles, and decides the margin
+  // sample_color: the colour map of caps; null: caps have the look of their surface
   CapPainter(const view::View& view, const volume::BlockLayout& layout,
              const frame::FrameSpec& spec, frame::BackEnd back_end, SampleColor sample_color);
 
-  // What Paint needs to know of a block.
+  // The data that Paint needs of a block.
   enum class Need {
     kNothing,  // it has no caps
     kSpan,     // its cells are all inside of one surface: no samples
@@ -83,7 +83,7 @@ class CapPainter {
     std::uint32_t surface_index = 0;
     std::vector<image::Rgba8> shade_table;  // if colours are those of the head light
   };
-  // Where a point is inside of a solid.
+  // The solid that a point is inside of.
   struct Filling {
     const Solid* solid = nullptr;
     double value = 0;  // the sample or the length of the gradient there, if the cap shows it

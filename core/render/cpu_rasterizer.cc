@@ -9,10 +9,10 @@
 //    in each lane and returns the triangles that are too large for it. Those, and all triangles of
 //    a larger block, are filled one at a time (Fill).
 // 4. A full buffer, and the last one, is flushed: fragments outside the open pixels are dropped,
-//    then those outside the clip region, and the caller sees the rest.
+//    then those outside the clip region, and the caller gets the rest.
 //
 // Project does the arithmetic of TransformVertices, in the same order and in double, so both paths
-// snap a vertex to the same place. Neither can open a gap to the block next door.
+// snap a vertex to the same position. Neither can open a gap to the block next door.
 //
 // Clipping cuts a triangle by five planes: the near plane, then the four sides of the guard band.
 // Each plane adds at most one corner, so a clipped triangle has at most 8.
@@ -415,7 +415,7 @@ std::array<double, 3> BarycentricsNearPixel(const mesh::CompactMesh& mesh, std::
   if (is_on_triangle || !is_before_eye) {
     return BarycentricsAtPixel(mesh, triangle, view, x, y);
   }
-  std::array<math::Vec3d, 3> screen;  // in pixels from the pixel, but for a factor
+  std::array<math::Vec3d, 3> screen;  // in pixels from the pixel, up to a factor
   for (std::size_t i = 0; i < 3; ++i) {
     screen[i] = {corner[i].x / corner[i].z * view.viewport().width_px,
                  corner[i].y / corner[i].z * view.viewport().height_px, 0};
@@ -431,7 +431,7 @@ std::array<double, 3> BarycentricsNearPixel(const mesh::CompactMesh& mesh, std::
     const math::Vec3d nearest = screen[i] + side * along;
     if (const double distance = math::Dot(nearest, nearest); distance < least) {
       least = distance;
-      // What is linear on the screen is weighted with 1 / w in space.
+      // Weights that are linear on the screen are divided by w to get those in space.
       const double of_i = (1 - along) / corner[i].z;
       const double of_j = along / corner[j].z;
       weights = {};

@@ -38,8 +38,8 @@ struct FragmentBatch {
 // The weights that tell whether a half-space keeps a fragment. A pixel may lie beside its triangle
 // by a part of a pixel, because vertices are snapped.
 enum class ClipWeights {
-  kAtPixel,  // BarycentricsAtPixel: of a sliver, those of a point far off along it
-  // BarycentricsNearPixel: what frames with caps need, so that no gap opens along a cap.
+  kAtPixel,  // BarycentricsAtPixel: for a sliver, those of a point far off along it
+  // BarycentricsNearPixel: for frames with caps, so that no gap opens along a cap.
   kNearPixel,
 };
 

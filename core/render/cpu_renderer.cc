@@ -8,15 +8,16 @@
 //    ties that still have the depth of their pixel, and the first in the order stays. Most are
 //    hidden by then. No fragment is left, so that the buffers can serve the next pass.
 //
-// Early shading bounds memory. When the kept meshes exceed their limit, the pass is full. Whoever
-// adds stops, and Shade shades every pixel that has a fragment and drops the meshes. A shaded pixel
-// keeps its depth and has the primitive id kShaded; its key and colour are in the image. A nearer
-// fragment replaces it as any other, and a tie with it is settled the next time. So the picture
-// does not change.
+// Early shading bounds memory. When the kept meshes exceed their limit, the pass is full. The
+// adding threads stop, and Shade shades every pixel that has a fragment and drops the meshes. A
+// shaded pixel keeps its depth and has the primitive id kShaded; its key and colour are in the
+// image. A nearer fragment replaces it as any other, and a tie with it is settled the next time. So
+// the picture does not change.
 //
 // Locks, while meshes are added: lock tiles row by row, or the register's mutex. Shading holds
 // none: a thread that waits for a parallel loop may take any other task of its arena, also one that
-// wants the lock. The contract keeps Add and Shade apart, and adding_ notes who breaks it.
+// wants the lock. The contract keeps Add and Shade apart, and adding_ detects callers that break
+// it.
 
 #include "core/render/cpu_renderer.h"
 
@@ -170,7 +171,7 @@ class CpuPass final : public RenderPass {
 
   // Shades every pixel whose triangle is kept, and drops the meshes. The last call of a pass also
   // takes the fragments out of the plane. If `cancellation` fires, it stops between lock tiles and
-  // leaves the rest. Nobody adds meanwhile.
+  // leaves the rest. REQUIRES: no call of Add is running.
   void ShadeKept(bool is_last, const base::Cancellation& cancellation) {
     std::vector<TileToShade> tiles;
     for (std::size_t i = 0; i < plane_.lock_tile_count(); ++i) {
@@ -266,7 +267,7 @@ class CpuPass final : public RenderPass {
   std::unique_ptr<PassBuffers> buffers_;
   FragmentPlane& plane_;        // of the buffers
   MeshRegister& meshes_;        // of the buffers
-  bool is_clean_ = false;       // nothing is left in the buffers
+  bool is_clean_ = false;       // the buffers are empty
   std::atomic<int> adding_{0};  // calls of Add under way
 };
 

@@ -1,3 +1,13 @@
+// Make checks that the libraries can be loaded, then tries the devices (hardware before software),
+// then the platforms without a device. For each candidate, EglContextMaker::MakeOn does four steps:
+//
+// 1. Initialize the display and bind the API to OpenGL.
+// 2. Choose a config, unless the display supports contexts without one.
+// 3. Create an OpenGL 3.3 core context, and a small pbuffer if a context needs a surface.
+// 4. Make it current, and read GL_RENDERER and GL_VERSION.
+//
+// The errors of all candidates are collected, and go into the message if none works.
+
 #include "core/render/egl_context.h"
 
 #include <dlfcn.h>
@@ -168,7 +178,7 @@ std::string GlString(GLenum name) {
 
 }  // namespace
 
-// Makes contexts; apart from the class so that EGL's types stay out of the header.
+// Makes contexts. It is a separate class, so that EGL's types stay out of the header.
 struct EglContextMaker {
   static absl::StatusOr<EGLConfig> ChooseConfig(EGLDisplay display, bool needs_pbuffer) {
     for (const EGLint surface_type : {EGL_PBUFFER_BIT, 0}) {
@@ -198,8 +208,8 @@ struct EglContextMaker {
     if (display == EGL_NO_DISPLAY) {
       return EglFailure("there is no such display");
     }
-    // Displays belong to the process. eglTerminate would take this one from other contexts, so
-    // nobody ever calls it.
+    // Displays belong to the process. eglTerminate would take this one from other contexts, so it
+    // is never called.
     EGLint major = 0;
     EGLint minor = 0;
     if (eglInitialize(display, &major, &minor) != EGL_TRUE) {
@@ -286,7 +296,7 @@ absl::StatusOr<std::unique_ptr<EglContext>> TryDevices(int device,
   return nullptr;
 }
 
-// Tries what needs no device. Null if nothing works.
+// Tries the platforms that need no device. Null if nothing works.
 std::unique_ptr<EglContext> TryPlatforms(std::vector<std::string>* tried) {
   if (HasClientExtension("EGL_MESA_platform_surfaceless")) {
     auto context = EglContextMaker::MakeOn(

@@ -2,7 +2,7 @@
 //
 // Make tries, in this order, until something works: the EGL devices (hardware before software),
 // Mesa's surfaceless platform, the default display. If nothing works, the error has the answer of
-// each and names the packages to install.
+// each attempt, and names the packages to install.
 
 #ifndef ISOSCOPE_CORE_RENDER_EGL_CONTEXT_H_
 #define ISOSCOPE_CORE_RENDER_EGL_CONTEXT_H_
@@ -17,7 +17,7 @@
 
 namespace isoscope::render {
 
-// Lives on one thread, which makes, uses and destroys it. It is current there all the time.
+// One thread makes, uses and destroys it. It is always current on that thread.
 class EglContext {
  public:
   // `device`: an index of ListEglDevices, or -1 for the first device or platform that works.

@@ -1,3 +1,17 @@
+// A pass (EglRenderPass) draws in batches on the one GL thread:
+//
+// 1. Add collects meshes, on any thread, until they have batch_bytes.
+// 2. The thread that fills the batch waits for the batch in flight, composites its picture into the
+//    image of the pass (Absorb), and submits the new batch (SubmitCollected).
+// 3. Finish submits the rest, absorbs it, and returns the image.
+//
+// So a pass holds at most two batches. Batch and pass are separate objects. A pass that is
+// destroyed marks its batch as abandoned, and the GL thread stops at the next chunk
+// (gl_mesh_drawer.h).
+//
+// Locks: drawing_mutex_ is held while a thread exchanges a batch. mutex_ guards the collected
+// meshes.
+
 #include "core/render/egl_renderer.h"
 
 #include <algorithm>

@@ -8,7 +8,7 @@ namespace isoscope::render {
 namespace {
 
 constexpr int kTilePx = image::TileSet::kTilePx;
-// Room for so many ties stays with an idle lock tile.
+// An idle lock tile keeps room for this many ties.
 constexpr std::size_t kMaxIdleTies = 256;
 
 }  // namespace
@@ -55,8 +55,8 @@ void FragmentPlane::LockTile::Touch(const view::PixelRect& rect, int row, int co
   }
 }
 
-// Holds the lock tiles that a rectangle meets, and notes in them what it touches. Every thread
-// takes them row by row, so that no threads wait for each other in a circle.
+// Holds the lock tiles that a rectangle meets, and marks the image tiles that it touches. Every
+// thread takes them row by row, so that no threads wait for each other in a circle.
 class FragmentPlane::LockedTiles {
  public:
   LockedTiles(FragmentPlane* plane, const view::PixelRect& rect) : plane_(*plane), rect_(rect) {
@@ -163,7 +163,7 @@ image::TileMask FragmentPlane::TakeFragments(const ImageTile& tile, bool is_last
 void FragmentPlane::EndTile(std::size_t lock_tile, bool is_last) {
   LockTile& tile = lock_tiles_[lock_tile];
   tile.ties.clear();
-  // Planes that no pass uses must not hold what one frame with many ties needed.
+  // Unused planes must not keep the memory of one frame with many ties.
   if (tile.ties.capacity() > kMaxIdleTies) {
     tile.ties.shrink_to_fit();
   }

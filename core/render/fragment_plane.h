@@ -1,12 +1,12 @@
 // The nearest fragment of each pixel, while meshes are drawn.
 //
 // A pixel is one word, depth bits << 32 | primitive id, so that the nearer of two fragments of
-// different depth is the smaller word. Where two fragments have one depth, surface and then colour
-// decide (docs/numerics.md, "Depth, fragments and exact culling"). Neither is known here, so the
-// later of the two is kept in a list of ties until the pixel is shaded.
+// different depth is the smaller word. If two fragments have the same depth, surface and then
+// colour decide (docs/numerics.md, "Depth, fragments and exact culling"). Neither is known here, so
+// the later of the two is kept in a list of ties until the pixel is shaded.
 //
 // Locks guard squares of 64 x 64 pixels, the lock tiles. A lock tile also notes which of its image
-// tiles, and which rows of their pixels, may have fragments, so that nobody looks at the others.
+// tiles, and which rows of their pixels, may have fragments, so that the others are skipped.
 
 #ifndef ISOSCOPE_CORE_RENDER_FRAGMENT_PLANE_H_
 #define ISOSCOPE_CORE_RENDER_FRAGMENT_PLANE_H_
@@ -33,7 +33,8 @@ inline constexpr DepthPrimitive kNoFragment = std::numeric_limits<DepthPrimitive
 // The primitive id of a fragment whose owner and colour are in the image already. No mesh has it.
 inline constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
 
-// Merge is thread-safe. What shading uses is so for different lock tiles, while nobody merges.
+// Merge is thread-safe. The functions for shading are thread-safe for different lock tiles, while
+// no thread merges.
 class FragmentPlane {
  public:
   // A fragment that has the depth of its pixel, an index of the image's planes.
@@ -62,8 +63,8 @@ class FragmentPlane {
     return tie_count_.load(std::memory_order_relaxed) * sizeof(Tie);
   }
 
-  // Shading: of each lock tile, take the fragments of its image tiles, then its ties, then call
-  // EndTile. At the end of all tiles, call EndShading.
+  // Shading goes lock tile by lock tile: take the fragments of its image tiles, then its ties, then
+  // call EndTile. After all tiles, call EndShading.
   [[nodiscard]] std::size_t lock_tile_count() const { return lock_tiles_.size(); }
   // Has a bit for each image tile that may have fragments.
   [[nodiscard]] std::uint32_t TouchedOf(std::size_t lock_tile) const {

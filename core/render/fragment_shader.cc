@@ -13,7 +13,7 @@
 namespace isoscope::render {
 namespace {
 
-// Finds the corners of all triangles, then what they hold.
+// Finds the corners of all triangles, then the data at the corners.
 void FillVertices(ShadeList* list) {
   ShadeBatch& batch = list->batch;
   for (std::size_t i = 0; i < batch.count; ++i) {

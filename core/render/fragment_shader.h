@@ -25,7 +25,7 @@ namespace isoscope::render {
 
 class PassResources;
 
-// A mesh, with what the colours of its fragments follow from.
+// A mesh, with the data that decides the colours of its fragments.
 struct ShadedMesh {
   const math::Vec3f* positions = nullptr;
   const mesh::CompactNormal* normals = nullptr;
@@ -39,13 +39,13 @@ struct ShadedMesh {
 
 // At most ShadeBatch::kCapacity fragments to shade; batch.count tells how many there are.
 struct ShadeList {
-  // Empties the list. Places are counted from the first pixel of `region`.
+  // Empties the list. Positions count from the first pixel of `region`.
   void Reset(const view::Region& region) {
     batch.count = 0;
     center_x = static_cast<float>(region.x) + 0.5F;
     center_y = static_cast<float>(region.y) + 0.5F;
   }
-  // Appends a fragment at (x, y) of the picture. `pixel`: any name of the place.
+  // Appends a fragment at (x, y) of the picture. `pixel`: any id of the position.
   void Append(std::uint32_t pixel, std::uint32_t x, std::uint32_t y, std::uint32_t depth_bits,
               std::uint32_t primitive_id) {
     pixels[batch.count] = pixel;
@@ -74,7 +74,7 @@ struct ShadeList {
 // Shades the fragments of one picture. Immutable; thread-safe.
 class FragmentShader {
  public:
-  // Copies its arguments, but for the tables of the resources, which it shares.
+  // Copies its arguments, except the tables of the resources, which it shares.
   FragmentShader(const view::View& view, const frame::FrameSpec& spec,
                  const image::FragmentOrder& order, PassResources* resources);
 

@@ -18,9 +18,9 @@
 // 4. The planes are read back. The picture is drawn upside down, so that row 0 of the framebuffer
 //    is row 0 of the image.
 //
-// A region is drawn into a framebuffer of the whole viewport, through a scissor, and alone read
-// back. Only so do its pixels equal the whole's: a viewport of another origin would round vertices
-// otherwise.
+// A region is drawn into a framebuffer of the whole viewport, through a scissor, and only the
+// region is read back. So its pixels equal those of the whole. A viewport of another origin would
+// round vertices differently.
 
 #include "core/render/gl_mesh_drawer.h"
 

@@ -1,4 +1,5 @@
-// Draws block meshes with OpenGL into a FrameImage. It keeps the promise of renderer.h like this:
+// Draws block meshes with OpenGL into a FrameImage. It keeps the guarantees of renderer.h in three
+// ways:
 //
 // * A fragment's colour and depth come from its triangle and the view alone: one program, vertex
 //   positions relative to one point of the volume, no blending, dithering or multisampling.

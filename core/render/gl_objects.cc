@@ -1,3 +1,11 @@
+// Each class owns OpenGL names, which its destructor deletes, and checks glGetError where calls can
+// fail.
+//
+// A GlStreamBuffer grows by half as much again and is orphaned at each Map, so that the driver can
+// still draw with the old contents. GlFramebuffer::ReadInto reads three planes in three calls. It
+// then goes through them by stretches of a row, a tile wide. A stretch without an owner is skipped;
+// in the others, depth and owner become keys, and their pixels are marked as covered.
+
 #include "core/render/gl_objects.h"
 
 #include <algorithm>
@@ -58,7 +66,7 @@ absl::StatusOr<void*> GlStreamBuffer::Map(std::size_t size_bytes) {
   }
   Bind();
   if (size_bytes > capacity_bytes_) {
-    // Half as much again, so that a slowly growing size does not reallocate each time.
+    // Adds a half, so that a slowly growing size does not reallocate each time.
     const std::size_t capacity = size_bytes + size_bytes / 2;
     glBufferData(target_, static_cast<GLsizeiptr>(capacity), nullptr, GL_STREAM_DRAW);
     ISOSCOPE_RETURN_IF_ERROR(GlStatus("allocate a vertex buffer"));

@@ -22,7 +22,7 @@ namespace isoscope::render {
 // GL_OUT_OF_MEMORY, INTERNAL otherwise. `what`: "draw 17 blocks".
 absl::Status GlStatus(const char* what);
 
-// A buffer that is rewritten again and again, and keeps the largest size that it had.
+// A buffer that is rewritten often, and keeps the largest size that it had.
 class GlStreamBuffer {
  public:
   explicit GlStreamBuffer(GLenum target);

@@ -1,4 +1,4 @@
-// The one thread that owns an OpenGL context. Other threads hand it their work.
+// The one thread that owns an OpenGL context. Other threads submit work to it.
 
 #ifndef ISOSCOPE_CORE_RENDER_GL_THREAD_H_
 #define ISOSCOPE_CORE_RENDER_GL_THREAD_H_

@@ -1,6 +1,6 @@
-// A mesh is rasterised into the thread's buffer of 4096 fragments (cpu_rasterizer.h). A full buffer
-// is shaded 512 fragments at a time by the kernel of the opaque pass, and inserted into the layers
-// with the lock of each row of tiles that it meets. Nothing is kept of a mesh.
+// A mesh is rasterised into the thread's buffer of 4096 fragments (cpu_rasterizer.h). The kernel of
+// the opaque pass shades a full buffer, 512 fragments at a time. They are inserted into the layers
+// under the lock of each row of tiles that they meet. Nothing is kept of a mesh.
 //
 // Most fragments of a translucent surface show, so shading them before it is known which do costs
 // little.

@@ -24,7 +24,7 @@
 
 namespace isoscope::render {
 
-// What the layer passes of a process share. Thread-safe; outlives its passes' layers.
+// The resources that the layer passes of a process share. Thread-safe; outlives its passes' layers.
 class LayerRenderer {
  public:
   // Bounds images that no pass uses.
@@ -37,13 +37,13 @@ class LayerRenderer {
   PassResources resources_;  // scratch and shade tables
 };
 
-// The layers of one picture in the making. What a fragment is, and which are dropped, is as
-// RenderPass says.
+// The layers of one picture while it is drawn. RenderPass defines fragments, and which of them are
+// dropped.
 class LayerPass {
  public:
-  // Copies its arguments, but for the renderer. Keeps one fragment more than spec.max_layers of
-  // each pixel, so that the coordinator sees which pixels have more.
-  // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
+  // Copies its arguments, except the renderer. Keeps one fragment more than spec.max_layers of each
+  // pixel, so that the coordinator sees which pixels have more. REQUIRES: frame::CheckOwners is OK
+  // for the surfaces and the layout.
   LayerPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
             LayerRenderer* renderer);
 

@@ -35,14 +35,15 @@ class MapScale {
   double length_;
 };
 
-// The step of a level: kMapSteps of one length; levels outside have that of the nearest end.
+// Returns the step of a level. All steps have the same length; levels outside the range get the
+// nearest end's step.
 inline std::uint8_t MapStepOf(float level) {
   // False for NaN.
   return level > 0 ? static_cast<std::uint8_t>(std::min(level, kMapSteps - 1.0F)) : std::uint8_t{0};
 }
 
-// By surface; none where fragments carry no step. REQUIRES: of a frame that sends map steps,
-// surfaces that show the gradient have a range.
+// Returns the scales by surface; none where fragments carry no step. REQUIRES: if the frame sends
+// map steps, surfaces that show the gradient have a range.
 inline std::vector<std::optional<MapScale>> MapScalesOf(const frame::FrameSpec& spec) {
   std::vector<std::optional<MapScale>> scales(spec.surfaces.size());
   for (std::size_t i = 0; i < scales.size(); ++i) {

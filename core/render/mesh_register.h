@@ -16,7 +16,7 @@ namespace isoscope::render {
 
 // Primitive ids count the triangles of all kept meshes, in the order in which the meshes came. The
 // ids of a mesh begin at a multiple of kPrimitiveUnit, so that a table finds the mesh of an id.
-// Keep is thread-safe; the rest is so while nobody keeps.
+// Keep is thread-safe; the other functions are, while no thread keeps.
 class MeshRegister {
  public:
   static constexpr std::uint32_t kPrimitiveUnit = 64;

@@ -26,7 +26,8 @@ namespace isoscope::render {
 // Returns the colour of each shade step, 0 to kShadeSteps, under the head light.
 std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance);
 
-// What is large in a pass. Between passes there is no fragment, no mesh, and nothing touched.
+// The large memory of a pass. Between passes it has no fragment and no mesh, and no tile is
+// touched.
 struct PassBuffers {
   PassBuffers(int width, int height) : plane(width, height) {}
   [[nodiscard]] std::size_t size_bytes() const { return plane.size_bytes() + meshes.size_bytes(); }
@@ -57,7 +58,7 @@ class PassResources {
 
   // Returns buffers for a picture of this size, in their state between passes.
   std::unique_ptr<PassBuffers> TakeBuffers(int width, int height);
-  // Keeps the buffers, and forgets those unused longest where that is too much. REQUIRES: their
+  // Keeps the buffers, and frees the least recently used ones beyond the limit. REQUIRES: their
   // state is that between passes.
   void GiveBack(std::unique_ptr<PassBuffers> buffers);
   image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
@@ -85,7 +86,7 @@ class PassResources {
     frame::Appearance appearance;
     std::shared_ptr<const std::vector<image::Rgba8>> colors;
   };
-  std::vector<ShadeTable> shade_tables_ ABSL_GUARDED_BY(mutex_);  // the last made is the last
+  std::vector<ShadeTable> shade_tables_ ABSL_GUARDED_BY(mutex_);  // the newest is the last
 };
 
 }  // namespace isoscope::render

@@ -41,7 +41,8 @@ struct Projection {
   std::array<double, 16> clip_from_index{};
   double width_px = 0;  // of the whole viewport
   double height_px = 0;
-  // Screen coordinates are counted from this pixel of the whole, the picture's first.
+  // Screen coordinates count from this pixel of the whole viewport, which is the first of the
+  // picture.
   std::int32_t origin_x = 0;
   std::int32_t origin_y = 0;
   double guard_band_px = kGuardBandPx;  // on both sides of the whole's first pixel

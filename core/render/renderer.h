@@ -1,12 +1,14 @@
 // Draws block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and CPU
-// (docs/architecture.md).
+// (docs/architecture.md, "Renderers").
 //
-// The promise that makes culling exact: a pixel shows the fragment that comes first in the frame's
-// image::FragmentOrder, whose tie rule is that of the back end (frame::TieRuleOf), and neither
-// depth nor colour of a fragment depends on what else is drawn, on the order, or on how meshes are
-// spread over passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1],
-// and fragments outside Footprint::rect are dropped, so that rounding can't break what culling
-// concludes from the footprint. Even a fragment of depth 1 wins over the background.
+// These guarantees make culling exact:
+//
+// * A pixel shows the fragment that comes first in the frame's image::FragmentOrder, whose tie rule
+//   is that of the back end (frame::TieRuleOf). Even depth 1 wins over the background.
+// * Depth and colour of a fragment do not depend on other meshes, on their order, or on how meshes
+//   are spread over passes.
+// * A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1], and fragments
+//   outside Footprint::rect are dropped. So rounding can't break a conclusion from the footprint.
 
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_H_
@@ -33,7 +35,7 @@
 namespace isoscope::render {
 
 struct MeshToDraw {
-  // Not null, and changes no more. Has one normal for each position.
+  // Not null. Nothing changes the mesh any more. Has one normal for each position.
   std::shared_ptr<const mesh::CompactMesh> mesh;
   // The surface of the frame that the mesh is part of.
   std::uint32_t surface_index = 0;
@@ -47,7 +49,7 @@ inline absl::Status NoMemoryFor(const view::Viewport& viewport) {
                                                    " x ", viewport.height_px, " pixels"));
 }
 
-// One picture in the making. Destroying the pass before Finish abandons the picture.
+// One picture while it is drawn. Destroying the pass before Finish abandons the picture.
 class RenderPass {
  public:
   virtual ~RenderPass() = default;
@@ -63,11 +65,12 @@ class RenderPass {
     return Add(std::span(&one, 1));
   }
 
-  // True if more is kept than the back end's limit. Then end the loops that add, call Shade, and go
-  // on: so memory exceeds the limit by one Add of each thread at most. Thread-safe.
+  // True if more is kept than the back end's limit. The caller then ends the loops that add, calls
+  // Shade, and continues. So memory exceeds the limit by at most one Add of each thread.
+  // Thread-safe.
   [[nodiscard]] virtual bool is_full() const { return false; }
 
-  // Shades what was added, and drops it, in parallel. The picture does not depend on when it is
+  // Shades the added meshes in parallel, and drops them. The picture does not depend on when it is
   // called. REQUIRES: no Add is under way, and the caller holds no lock and is in no parallel loop.
   // Returns the error of `cancellation` if it fires, RESOURCE_EXHAUSTED if memory runs out.
   virtual absl::Status Shade(const base::Cancellation& /*cancellation*/) {
@@ -94,9 +97,9 @@ class Renderer {
                                                                 const volume::BlockLayout& layout,
                                                                 const frame::FrameSpec& spec) = 0;
 
-  // Takes the memory of `pass_count` passes of this size and of `image_count` pictures, those of
-  // the passes included, as far as its limit for unused memory allows, and touches it for the first
-  // frames. May do nothing.
+  // Allocates the memory of `pass_count` passes of this size and of `image_count` pictures, those
+  // of the passes included. Touches its pages for the first frames. Stops at the limit for unused
+  // memory. May do nothing.
   virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/,
                        int /*image_count*/) {}
 

@@ -1,4 +1,4 @@
-// Makes the back end that is asked for.
+// Makes the requested back end.
 
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_

@@ -2,10 +2,10 @@
 //
 // 1. Set up the ray through the pixel's centre. Origin and direction are linear over the picture
 //    (PixelRays), so they cost two multiplications a component.
-// 2. Find where the ray meets the plane of the triangle a, b, c, as weights of b and c. With
-//    p = direction x (c - a), q = (origin - a) x (b - a) and determinant = (b - a) . p, they are
-//    wb = (origin - a) . p / determinant and wc = direction . q / determinant. The pixel lies in
-//    the triangle, but for the snapping of vertices; weights are clamped for that.
+// 2. Find where the ray meets the plane of the triangle a, b, c, as weights of b and c. With p =
+//    direction x (c - a), q = (origin - a) x (b - a) and determinant = (b - a) . p, they are wb =
+//    (origin - a) . p / determinant and wc = direction . q / determinant. The pixel lies in the
+//    triangle, except for the snapping of vertices; so weights are clamped.
 // 3. Mix the normals of the vertices with the weights; and the levels, if the surface has them.
 // 4. The step is |n . v| * 4096, rounded, with n the unit normal and v the unit direction of the
 //    ray. A table of the surface then gives the colour.
@@ -83,7 +83,7 @@ HWY_INLINE Vec3 LoadNormal(const ShadeBatch& batch, std::size_t corner, std::siz
   return {axis(0), axis(1), axis(2)};
 }
 
-// Levels that are equal at all corners stay what they are, whatever the weights.
+// If the levels at all corners are equal, the result is that level, for any weights.
 HWY_INLINE void MixLevels(VF wb, VF wc, std::size_t i, ShadeBatch* batch) {
   const DF df;
   const VF a = hn::LoadU(df, batch->level[0].data() + i);

@@ -1,4 +1,4 @@
-// Looks at the own certificate for monitoring: when it expires, and whether it can be read.
+// Monitors the program's own certificate: when it expires, and whether it can be read.
 
 #ifndef ISOSCOPE_CORE_RPC_CERTIFICATE_WATCH_H_
 #define ISOSCOPE_CORE_RPC_CERTIFICATE_WATCH_H_
@@ -27,7 +27,7 @@ class CertificateWatch {
   // Days until the certificate expires, as it is in the file now: negative after that, 0 if it
   // can't be read, infinity without a file.
   double DaysLeft();
-  // How often it could not be read that could be before, as DaysLeft has seen it.
+  // Returns how often DaysLeft began to fail to read the certificate.
   [[nodiscard]] std::int64_t failures() const { return failures_.value(); }
 
  private:

@@ -25,8 +25,8 @@ constexpr int kConnectTimeoutMs = 5'000;
 // Servers allow pings twice as often as our clients send them, because clocks and queues jitter.
 constexpr int kMinPingIntervalMs = kKeepaliveTimeMs / 2;
 
-// Limits of what a peer may hold. Our status messages and tokens fit the metadata; a gateway puts
-// the streams of all its viewers on one connection.
+// Limits of the memory that a peer may hold. Our status messages and tokens fit the metadata; a
+// gateway puts the streams of all its viewers on one connection.
 constexpr int kMaxMetadataBytes = 8 * 1024;
 constexpr int kMaxStreamsOfConnection = 512;
 constexpr int kMaxIdleMs = 10 * 60 * 1000;

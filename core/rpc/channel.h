@@ -1,4 +1,5 @@
-// Makes all channels and servers alike: TLS, message limits, keepalive, reconnect back-off.
+// Gives all channels and servers the same settings: TLS, message limits, keepalive, reconnect
+// back-off.
 //
 // A client with a call in work pings after 10 s of silence, and gives the connection up 5 s later.
 // So it notices within 15 s that a machine has vanished. Servers do the same. They allow a ping
@@ -23,7 +24,7 @@
 
 namespace isoscope::rpc {
 
-// The largest message that our clients and agents take, and that anybody sends: a PNG of the
+// The largest message that clients and agents take, and that any program sends: a PNG of the
 // largest viewport, a band of pixels (composite::kMaxBandBytes), the active blocks of a shard.
 // Reported by GetCapabilities.
 inline constexpr int kMaxMessageBytes = 256 * base::kMiB;
@@ -40,7 +41,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dial
 std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
                                                 const Dialing& dialing = {});
 // Does the same for a coordinator's agents, which are near and many: a stream reads 4 MiB ahead at
-// most, so that the coordinator's memory is what it reserves.
+// most, so that the coordinator needs no more memory than it reserves.
 std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const Dialing& dialing);
 // The same for exports, which hold a stream of each agent for as long as the slowest client reads:
 // a stream reads 256 KiB ahead at most.

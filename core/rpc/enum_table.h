@@ -13,8 +13,8 @@
 
 namespace isoscope::rpc {
 
-// A member of core and that of the protos. Where several of the protos mean one of core, the first
-// row is the way back.
+// A member of core and the member of the protos. If several members of the protos mean one of core,
+// the first row gives the conversion to the proto.
 template <typename Core, typename Wire>
 using EnumRow = std::pair<Core, Wire>;
 

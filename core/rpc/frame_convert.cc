@@ -1,3 +1,14 @@
+// A request becomes a frame::FrameSpec in this order (FrameSpecFromProto):
+//
+// 1. Unknown fields are refused (CheckKnownFields).
+// 2. Each part is converted by a function that checks its fields: surfaces, window, culling,
+//    camera, background, clip region, caps, layers, lights, output, effects. The first wrong field
+//    is the error.
+// 3. Checks across fields follow, such as a background that must be opaque for JPEG.
+//
+// Each error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.
+// Checks that need the dataset come later: ResolveCamera, and surface_convert.h.
+
 #include "core/rpc/frame_convert.h"
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// The messages of google.rpc are not in Debian's packages for C++. What is needed of them has few
+// The messages of google.rpc are not in Debian's packages for C++. The needed messages have few
 // fields, which are written and read by their numbers:
 //
 //   Status     1: code (int32), 2: message (string), 3: details (Any, repeated)
@@ -28,7 +28,7 @@ namespace {
 using google::protobuf::UnknownField;
 using google::protobuf::UnknownFieldSet;
 
-// The message stands in the header beside it, too.
+// The message is also in the header grpc-message.
 constexpr std::size_t kMaxDetailMessageBytes = 1024;
 constexpr int kCodeField = 1;
 constexpr int kMessageField = 2;
@@ -105,7 +105,7 @@ std::optional<absl::Duration> DelayOfRetryInfo(const std::string& bytes) {
   return read >= absl::ZeroDuration() ? std::optional<absl::Duration>(read) : std::nullopt;
 }
 
-// None for the reasons of other services.
+// Returns none for the reasons of other services.
 std::optional<base::ErrorReason> ReasonOfErrorInfo(const std::string& bytes) {
   UnknownFieldSet error_info;
   if (!error_info.ParseFromString(bytes)) {
@@ -175,7 +175,7 @@ absl::Status ToAbslStatus(const grpc::Status& status) {
       number > static_cast<int>(absl::StatusCode::kUnauthenticated)) {
     return absl::UnknownError(absl::StrCat("status code ", number, ": ", status.error_message()));
   }
-  // gRPC's own words for a connection that broke, as on a damaged TLS record. No server says so.
+  // gRPC's own message for a connection that broke, as on a damaged TLS record. No server sends it.
   if (status.error_code() == grpc::StatusCode::UNKNOWN &&
       status.error_message() == "Stream removed") {
     return absl::UnavailableError("the connection broke: Stream removed");
@@ -185,7 +185,7 @@ absl::Status ToAbslStatus(const grpc::Status& status) {
   if (details.delay.has_value()) {
     converted = base::WithRetryDelay(std::move(converted), *details.delay);
   }
-  // A reason that the code tells anyway would only lengthen what people read.
+  // A reason that follows from the code would only make the message longer.
   if (details.reason.has_value() && *details.reason != base::DefaultReasonOf(converted)) {
     converted = base::WithReason(std::move(converted), *details.reason);
   }

@@ -1,8 +1,8 @@
 // The only place where absl::Status becomes grpc::Status and back. Codes have the same numbers and
-// meanings on both sides; messages are kept. The time to wait of a refusal (base/retry_delay.h)
-// travels as google.rpc.RetryInfo in a google.rpc.Status, the metadata grpc-status-details-bin, as
-// other services of gRPC do it. So does the reason (base/error_reason.h), as google.rpc.ErrorInfo
-// with kErrorDomain and the metadata transient = true or false. Other details are not read.
+// meanings on both sides; messages are kept. The retry delay of a refusal (base/retry_delay.h)
+// travels as google.rpc.RetryInfo in a google.rpc.Status, in the metadata grpc-status-details-bin,
+// as in other gRPC services. So does the reason (base/error_reason.h), as google.rpc.ErrorInfo with
+// kErrorDomain and the metadata transient = true or false. Other details are not read.
 
 #ifndef ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 #define ISOSCOPE_CORE_RPC_GRPC_STATUS_H_

@@ -18,12 +18,13 @@ enum class Probe {
   kLive,   // whether it answers at all
 };
 
-// OK if the server is so. UNAVAILABLE: it is not, or nobody answers; other errors of the call.
+// OK if the server is ready or live, as asked. UNAVAILABLE: it is not, or no server answers; other
+// errors of the call.
 absl::Status ProbeHealth(const std::string& address, const Dialing& dialing, absl::Duration timeout,
                          Probe probe = Probe::kReady);
 
-// Where a server that listens on `listen_address` is reached from its own machine: "0.0.0.0:1" is
-// "127.0.0.1:1".
+// Returns the address at which the own machine reaches a server that listens on `listen_address`:
+// "0.0.0.0:1" is "127.0.0.1:1".
 std::string OwnAddress(absl::string_view listen_address);
 
 }  // namespace isoscope::rpc

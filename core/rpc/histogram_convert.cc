@@ -1,3 +1,12 @@
+// Two messages carry a histogram. The internal one (GetShardHistogramResponse) goes from an agent
+// to the coordinator and back to a volume::HistogramPart. The public one goes from the coordinator
+// to a client, in one direction only.
+//
+// A part from the wire is checked in this order: the limits of bins and groups, the lengths of the
+// lists, and each count, which must lie in [0, 2^46].
+//
+// Invariant: no sum over agents can overflow, because of kMaxOfAgent.
+
 #include "core/rpc/histogram_convert.h"
 
 #include <cstddef>
@@ -19,8 +28,8 @@ namespace v1 = isoscope::v1;
 
 constexpr std::int64_t kDefaultBinCount = 256;
 constexpr std::int64_t kMaxFirstBin = std::int64_t{1} << 53;
-// The most of one agent: 70 million million blocks, bytes or samples. Sums over all agents fit 63
-// bits, whatever they send.
+// The largest count from one agent, of blocks, bytes or samples. With this limit, sums over all
+// agents fit 63 bits.
 constexpr std::int64_t kMaxOfAgent = std::int64_t{1} << 46;
 
 absl::StatusOr<HistogramQuery> QueryOf(std::int32_t max_bin_count, bool has_range,

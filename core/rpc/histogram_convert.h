@@ -18,7 +18,7 @@
 
 namespace isoscope::rpc {
 
-// The wishes of a request.
+// The parameters of a request.
 struct HistogramQuery {
   std::int64_t max_bin_count = 256;               // 1 to kMaxHistogramBins
   std::optional<volume::ScalarSpan> value_range;  // finite, min <= max

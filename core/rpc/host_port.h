@@ -1,4 +1,4 @@
-// Addresses as people write them.
+// Addresses as users write them.
 
 #ifndef ISOSCOPE_CORE_RPC_HOST_PORT_H_
 #define ISOSCOPE_CORE_RPC_HOST_PORT_H_
@@ -14,13 +14,13 @@ namespace isoscope::rpc {
 // quotes it and says what is allowed.
 absl::StatusOr<std::string> ParseHostPort(absl::string_view text);
 
-// Where an address names no port.
+// The port of an address that names none.
 constexpr int kCoordinatorPort = 50051;
 constexpr int kAgentPort = 50052;
 constexpr int kGatewayPort = 8080;
 
 // Returns "HOST" and "[IPV6]" with the port, all other texts and gRPC targets as they are. A number
-// alone is no host: somebody meant a port.
+// alone is no host: the user probably meant a port.
 std::string WithDefaultPort(absl::string_view text, int port);
 
 // As ParseHostPort, and takes "HOST" alone, which gets the port.

@@ -1,9 +1,9 @@
 // Serves a program's metrics to Prometheus: GET /metrics over HTTP, in Prometheus' text format. A
-// scrape reads atomics and asks the program for gauges; it takes no lock that a frame waits for
-// longer than that.
+// scrape reads atomics and asks the program for gauges; it holds no lock for longer than that, so
+// no frame waits for it.
 //
-// The HTTP server (civetweb, in prometheus-cpp) has no TLS and asks nobody who they are, so it
-// listens on loopback unless it is told another host.
+// The HTTP server (civetweb, in prometheus-cpp) has no TLS and no authentication, so it listens on
+// loopback unless another host is given.
 
 #ifndef ISOSCOPE_CORE_RPC_METRICS_SERVER_H_
 #define ISOSCOPE_CORE_RPC_METRICS_SERVER_H_

@@ -1,4 +1,4 @@
-// Who is at the other end of a call: its certificate, and the token that the call brings.
+// The peer of a call: its certificate, and the token that the call carries.
 
 #ifndef ISOSCOPE_CORE_RPC_PEER_H_
 #define ISOSCOPE_CORE_RPC_PEER_H_
@@ -45,7 +45,7 @@ absl::Status CheckTokenText(absl::string_view token);
 // The token in a file, without white space around it. Errors of reading; INVALID_ARGUMENT as
 // CheckTokenText.
 absl::StatusOr<std::string> ReadTokenFile(const std::string& path);
-// Lets a call bring the token. REQUIRES: CheckTokenText, or it is empty: none.
+// Adds the token to a call. REQUIRES: CheckTokenText, or it is empty: none.
 void SendToken(const std::string& token, grpc::ClientContext* context);
 
 }  // namespace isoscope::rpc

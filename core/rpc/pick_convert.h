@@ -50,15 +50,15 @@ absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
 absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProto(
     const isoscope::internal::v1::GetGradientsRequest& proto, std::int64_t block_count);
 
-// Puts the gradients of one agent's answer to their points. INVALID_ARGUMENT if a point is none of
-// the request's, or a gradient is not finite.
+// Assigns the gradients of one agent's answer to their points. INVALID_ARGUMENT if a point is none
+// of the request's, or a gradient is not finite.
 //
 // gradients: one for each point
 absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
                           std::vector<std::optional<math::Vec3d>>* gradients);
 
-// Puts the shards of one agent's answer to their points. INVALID_ARGUMENT if a point is none of the
-// request's, or a shard none of those that the agent was asked for.
+// Assigns the shards of one agent's answer to their points. INVALID_ARGUMENT if a point is none of
+// the request's, or a shard none of those that the agent was asked for.
 //
 // asked:  ascending
 // shards: one for each point

@@ -1,3 +1,14 @@
+// One FromProto and one ToProto function for each message, from small messages to large ones:
+// vectors, camera, viewport, region, colour, grid, dataset, block lists, statistics, durations.
+//
+// Each From function builds the path of a field with Join and reports a wrong value with Invalid,
+// as "camera.eye.x is nan: must be finite". Checks that core has itself (view::Validate) are called
+// there, and WithPath puts the path in front of their errors.
+//
+// Invariants: degrees and radians convert so that a camera survives the way to the wire and back
+// (DegreesOf). Ids of blocks travel as differences, each checked against the rest of the range, so
+// that no sum overflows.
+
 #include "core/rpc/proto_convert.h"
 
 #include <algorithm>

@@ -16,7 +16,7 @@
 
 namespace isoscope::rpc {
 
-// Stands around one read:
+// Guards one read:
 //
 //   rpc::ReadTimeout timeout(&context, absl::Minutes(5));
 //   const bool has_message = reader->Read(&message);

@@ -1,5 +1,4 @@
-// The identity of a request at the border of gRPC: which one a call belongs to, and how the answer
-// tells it.
+// The identity of a request in gRPC's metadata: that of a call, and that in its answer.
 
 #ifndef ISOSCOPE_CORE_RPC_REQUEST_CONTEXT_H_
 #define ISOSCOPE_CORE_RPC_REQUEST_CONTEXT_H_
@@ -13,8 +12,8 @@
 
 namespace isoscope::rpc {
 
-// Keys of metadata: of a call, as W3C Trace Context has it, and of the trailing metadata of its
-// answer, with the request id.
+// Keys of metadata: of a call, in the format of W3C Trace Context; and of the trailing metadata of
+// its answer, with the request id.
 inline constexpr char kTraceparentKey[] = "traceparent";
 inline constexpr char kRequestIdKey[] = "x-request-id";
 
@@ -25,7 +24,7 @@ base::TraceContext TraceContextOf(const grpc::ServerContextBase& context);
 // The same, and answers the call with the request id. Call it once, before the call is finished.
 base::TraceContext AnswerTraceContext(grpc::ServerContextBase* context);
 
-// Lets a call to another process carry the identity.
+// Adds the identity to a call to another process.
 void SetTraceparent(const base::TraceContext& identity, grpc::ClientContext* context);
 
 // Returns the request id of an answered call; "" if the server gave none.

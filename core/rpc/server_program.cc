@@ -1,3 +1,14 @@
+// The main() of a server, step by step (ParseAndServe):
+//
+// 1. Set up the process, before any thread runs, and block the signals (ShutdownSignal).
+// 2. Declare the flags. Answer --man-page and --completion, which need the declarations alone.
+// 3. Parse. Wrong usage ends with 2; --help and --version print and end with 0.
+// 4. With --probe, ask a running server and end with 0 or 1.
+// 5. Check the flags against each other, start the server, and wait for SIGTERM or SIGINT.
+// 6. Announce the drain, wait as long as the program asks, then shut down within the grace period.
+//
+// An exception on the way, such as std::bad_alloc, is one line on standard error and exit code 1.
+
 #include "core/rpc/server_program.h"
 
 #include <cstdlib>
@@ -32,7 +43,7 @@ namespace {
 constexpr int kDone = 0;
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
-// A server that takes longer is not well.
+// A server that takes longer counts as not serving.
 constexpr absl::Duration kProbeTimeout = absl::Seconds(4);
 
 // Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them. Statuses have the errors.
@@ -78,8 +89,8 @@ int RunProbe(const ServerProgram& program, const ServerFlags& flags) {
   return status.ok() ? kDone : kFailed;
 }
 
-// Waits for the end, and changes the log's level meanwhile: SIGUSR1 shows debug lines, SIGUSR2 goes
-// back to --log-level.
+// Waits for the shutdown signal. Meanwhile SIGUSR1 makes the log show debug lines, and SIGUSR2
+// restores --log-level.
 absl::string_view WaitForShutdown(const ServerFlags& flags, base::ShutdownSignal* shutdown_signal) {
   base::RestWatch watch;
   while (true) {
@@ -117,8 +128,8 @@ constexpr char kEnvironmentNote[] =
     "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once.\n"
     "SIGUSR1 shows debug lines in the log, SIGUSR2 goes back to --log-level.";
 
-// Answers what builds and shells ask: --man-page, --completion SHELL. Unset if something else is
-// asked.
+// Answers the flags that builds and shells use: --man-page, --completion SHELL. Unset if neither is
+// given.
 std::optional<int> DescribeItself(const ServerProgram& program, const cli::FlagSet& set, int argc,
                                   char** argv) {
   const absl::string_view asked = argc >= 2 ? argv[1] : "";

@@ -4,8 +4,8 @@
 //
 // SIGUSR1 and SIGUSR2 change the level of the log meanwhile.
 //
-// Each program brings its own flags and its start. The exit code is 0 after a shutdown, --help or
-// --version; 2 for wrong usage, which plaintext beyond this machine is unless --insecure is said;
+// Each program adds its own flags and its start function. The exit code is 0 after a shutdown,
+// --help or --version; 2 for wrong usage, such as plaintext beyond this machine without --insecure;
 // 1 if the server could not start, with one line on standard error.
 //
 // With --probe the program starts nothing: it asks a running server whether it serves, prints one
@@ -43,11 +43,12 @@ struct ServerProgram {
   std::function<absl::Status(const ServerFlags& flags)> check = nullptr;
   // Returns OK if the server at `address` serves; null: ProbeHealth with the program's own flags.
   std::function<absl::Status(const ServerFlags& flags, const std::string& address)> probe = nullptr;
-  // On SIGTERM, before the shutdown: lets others know that this server is about to stop, and
-  // returns how long to wait until they do. It serves on meanwhile. Null: nobody needs to know.
+  // Called on SIGTERM, before the shutdown. Tells other programs that this server will stop, and
+  // returns the time that they need. The server still serves meanwhile. Null: no other program
+  // needs to know.
   std::function<absl::Duration()> announce_drain = nullptr;
   // Starts the server once all flags are read, and logs that it serves. Returns an empty function
-  // if the flags asked for something else, which it has done.
+  // if the flags asked for other work, which is then done.
   std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start;
 };
 

@@ -1,3 +1,11 @@
+// The parts of a surface, in the order of a request: colour and opacity, material, the colour by a
+// quantity, caps, lights. A request has a list of surfaces, or one surface by its fields isovalue
+// and base_color, never both.
+//
+// Numbers are checked with InRange or CheckFinite, which refuse NaN, and directions with
+// CheckLength. A range of colours that the request leaves out is filled in later by
+// ResolveColorRanges, because it depends on the dataset.
+
 #include "core/rpc/surface_convert.h"
 
 #include <cmath>

@@ -19,7 +19,7 @@
 
 namespace isoscope::rpc {
 
-// `value`, which must lie in [min, max]; NaN does not.
+// Returns `value`. INVALID_ARGUMENT unless it lies in [min, max]; NaN does not.
 absl::StatusOr<float> InRange(float value, float min, float max, absl::string_view path);
 // The length must be neither 0 nor infinite.
 absl::Status CheckLength(const math::Vec3d& v, const std::string& path);

@@ -1,11 +1,11 @@
 // The trace of a frame between core types and messages.
 //
-// All times are monotonic clocks'. An agent tells its times since `begin` arrived, and when it
-// received and sent each message of its stream. The coordinator knows when it sent and received the
-// same messages, so base::ClockAlignment gives it the difference of the clocks, and it moves the
-// agent's spans to its own axis. The times between sending and receiving become spans of the tracks
-// "network in" and "network out". A message counts there from the arrival of the one before it, so
-// that the spans of a track do not overlap.
+// All times come from monotonic clocks. An agent reports its times since `begin` arrived, and when
+// it received and sent each message of its stream. The coordinator knows when it sent and received
+// the same messages. So base::ClockAlignment gives it the difference of the clocks, by which it
+// moves the agent's spans to its own axis. The times between sending and receiving become spans of
+// the tracks "network in" and "network out". A message counts there from the arrival of the one
+// before it, so that the spans of a track do not overlap.
 
 #ifndef ISOSCOPE_CORE_RPC_TRACE_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_TRACE_CONVERT_H_
@@ -43,8 +43,8 @@ isoscope::v1::ProcessTrace AlignAgentTrace(isoscope::internal::v1::AgentTrace tr
 // Drops and counts the last of all spans, by their begin, so that at most `max_spans` are left.
 void KeepFirstSpans(std::size_t max_spans, isoscope::v1::ProcessTrace* trace);
 
-// Returns how many spans each of the agents of a frame records, so that what they tell one
-// coordinator is bounded.
+// Returns how many spans each of the agents of a frame records, so that the traces that a
+// coordinator gets are bounded.
 inline std::size_t MaxSpansOfAgent(int agent_count) {
   constexpr std::size_t kOfAllAgents = 2 * base::TraceRecorder::kMaxSpans;
   constexpr std::size_t kLeast = 256;

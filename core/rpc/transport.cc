@@ -1,3 +1,14 @@
+// Credentials in four steps:
+//
+// 1. CheckListen and CheckDial refuse flags that would send plaintext beyond this machine.
+// 2. CheckFiles reads the files once: certificate, key, validity, role. So errors appear at the
+//    start, with the name of the file, and not as a failed handshake.
+// 3. gRPC gets a FileWatcherCertificateProvider, which reads the files again when they change.
+// 4. Roles are checked for each connection or call. A server refuses calls by RoleGate, except
+//    those for health. A client refuses servers by ServerRoleVerifier, in the handshake.
+//
+// So a program need not restart when certificates are renewed.
+
 #include "core/rpc/transport.h"
 
 #include <algorithm>
@@ -37,7 +48,7 @@
 namespace isoscope::rpc {
 namespace {
 
-// How soon a changed file is seen.
+// The time after which a changed file is read again.
 constexpr unsigned kReloadSeconds = 1;
 constexpr std::int64_t kMaxFileBytes = base::kMiB;
 
@@ -96,7 +107,7 @@ absl::StatusOr<X509Ptr> ReadCertificate(absl::string_view flag, const std::strin
   return certificate;
 }
 
-// Asks nobody for a pass phrase: a daemon has no terminal.
+// Never asks for a pass phrase, because a daemon has no terminal.
 int NoPassPhrase(char* /*buffer*/, int /*size*/, int /*is_writing*/, void* /*user*/) { return -1; }
 
 absl::Status CheckKey(const TransportFlags& flags, const X509& certificate) {

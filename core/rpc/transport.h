@@ -1,12 +1,12 @@
-// How programs speak with each other: TLS in which both sides show certificates, or plaintext on
-// one machine. The names of the files, what is refused before anything starts, and gRPC's
-// credentials made of them.
+// Connections between programs: TLS with certificates on both sides, or plaintext on one machine.
+// This header has the flags with the files' names, the checks before the start, and gRPC's
+// credentials.
 //
-// All parties have certificates of one private authority (CA). A certificate says by a URI among
-// its alternative names what its holder is: "isoscope:role:coordinator". docs/security.md has the
-// whole picture.
+// All parties have certificates of one private authority (CA). A URI among the alternative names of
+// a certificate states the role of its holder: "isoscope:role:coordinator". docs/security.md
+// describes the scheme.
 //
-// gRPC reads the files again when they change: connections that exist go on, later ones see the
+// gRPC reads the files again when they change: existing connections continue, later ones use the
 // new certificates.
 
 #ifndef ISOSCOPE_CORE_RPC_TRANSPORT_H_
@@ -34,7 +34,7 @@ inline constexpr absl::string_view kClientRole = "client";
 // Before the role in the URI.
 inline constexpr absl::string_view kRolePrefix = "isoscope:role:";
 
-// What a command line says about connections.
+// The flags of a command line about connections.
 struct TransportFlags {
   std::string certificate_file = {};  // --tls-cert: own chain, PEM
   std::string key_file = {};          // --tls-key: its key, PEM
@@ -51,13 +51,13 @@ struct TransportFlags {
 // 127.x.y.z, ::1 or localhost.
 bool IsLoopbackTarget(absl::string_view target);
 
-// Wrong usage of a program that listens, INVALID_ARGUMENT: it has some of the three files and not
-// all, or would serve plaintext beyond this machine without --insecure.
+// Checks the flags of a program that listens. INVALID_ARGUMENT: only some of the three files are
+// given, or it would serve plaintext beyond this machine without --insecure.
 absl::Status CheckListen(const TransportFlags& flags, absl::string_view listen_address);
-// Wrong usage of a program that dials, INVALID_ARGUMENT: a certificate without its key or without a
-// CA; --tls-server-name without TLS.
+// Checks the flags of a program that dials. INVALID_ARGUMENT: a certificate without its key or
+// without a CA; --tls-server-name without TLS.
 absl::Status CheckDialFlags(const TransportFlags& flags);
-// The same, or `peer` ("the agent") would be dialled in plaintext beyond this machine without
+// The same; also if `peer` ("the agent") would be dialled in plaintext beyond this machine without
 // --insecure.
 absl::Status CheckDial(const TransportFlags& flags, absl::string_view peer,
                        absl::string_view target);
@@ -70,7 +70,7 @@ absl::Status CheckFiles(const TransportFlags& flags, absl::string_view own_role)
 // The first name (DNS) that the certificate of a file bears; "" if it has none, or can't be read.
 std::string FirstNameOf(const std::string& certificate_file);
 
-// Whose certificates a server asks for.
+// Whether a server requires a certificate of its peers.
 enum class PeerCertificate {
   kRequired,  // the handshake fails without one
   kIfShown,   // checked if there is one; calls decide

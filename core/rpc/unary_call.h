@@ -27,7 +27,7 @@
 
 namespace isoscope::rpc {
 
-// Is told how a call ended, how long it took, and which request it was. May be empty.
+// Called with the status of an ended call, its duration, and the id of its request. May be empty.
 using OnCallEnd = std::function<void(const absl::Status& status, absl::Duration duration,
                                      const base::TraceContext& identity)>;
 
@@ -61,9 +61,8 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
 
   // Refuses a request with a field that this program does not know; else lets `answer` fill the
   // response, and ends the call with its status. The cancellation fires when the caller cancels;
-  // its deadline is the caller's, or `max_duration` from now if that is sooner.
-  // RESOURCE_EXHAUSTED if the executor's queue is full, try again after kBusyDelay; or if memory
-  // runs out.
+  // its deadline is the caller's, or `max_duration` from now if that is sooner. RESOURCE_EXHAUSTED
+  // if the executor's queue is full (retry after kBusyDelay), or if memory runs out.
   static grpc::ServerUnaryReactor* Start(grpc::CallbackServerContext* context,
                                          const google::protobuf::Message& request,
                                          base::Executor* executor, absl::Duration max_duration,

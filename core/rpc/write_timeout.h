@@ -1,5 +1,5 @@
-// Ends a call whose client does not take what was written: it would hold the memory of the answer,
-// or a thread, for as long as it likes.
+// Ends a call whose client does not read. Such a call would hold a thread, or the memory of the
+// answer, without limit.
 
 #ifndef ISOSCOPE_CORE_RPC_WRITE_TIMEOUT_H_
 #define ISOSCOPE_CORE_RPC_WRITE_TIMEOUT_H_

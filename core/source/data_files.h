@@ -13,15 +13,16 @@
 
 namespace isoscope::source {
 
-// How the samples are shared out: the header's sizes, fastest first, and how many of these axes one
-// file holds. "64 64 93" with two axes a file is 93 files; with three, each of any number of files
-// holds as many slices of the last axis.
+// The division of the samples among files: the header's sizes, fastest first, and the number of
+// axes that one file holds. "64 64 93" with two axes a file is 93 files; with three, each of any
+// number of files holds as many slices of the last axis.
 struct FileShares {
   std::vector<std::int64_t> sizes;
   std::int64_t axes_per_file = 0;
 };
 
-// "slice%03d.raw 1 93 1" in its parts. A '%' that begins no number ("100%.raw") makes none.
+// The parts of "slice%03d.raw 1 93 1". A '%' that begins no number ("100%.raw") makes no numbered
+// name.
 struct NumberedName {
   std::string pattern;                // "slice%03d.raw"
   std::vector<std::int64_t> numbers;  // 1, 93, 1

@@ -1,5 +1,5 @@
 // Both processes are the same program: a request is one packet, the limits and the bytes of the
-// request, and an answer is another. A packet comes whole or not at all (SOCK_SEQPACKET).
+// request, and an answer is another. A packet arrives whole or not at all (SOCK_SEQPACKET).
 //
 //   parent                                child
 //   fork, close the child's end    ->     signals, descriptors, limits
@@ -7,8 +7,9 @@
 //   poll, recv                     <-     send(answer)
 //   close                          ->     recv gives 0 bytes: _exit
 //
-// Death shows as a socket that ends, a hang as CPU time that runs out (SIGXCPU) or as a clock that
-// does. PR_SET_PDEATHSIG is not used: it fires when the thread that forked ends, not the process.
+// The parent notices a death as the end of the socket. It notices a hang by a limit of CPU time
+// (SIGXCPU) or of the clock. PR_SET_PDEATHSIG is not used: it fires when the thread that forked
+// ends, not the process.
 
 #include "core/source/decoder_process.h"
 
@@ -79,7 +80,7 @@ std::int64_t AddressSpaceBytes() {
   return size > 0 ? std::strtoll(text.data(), nullptr, 10) * sysconf(_SC_PAGESIZE) : 0;
 }
 
-// Sets the limit that the process feels, never above the one that it was given.
+// Sets the soft limit of the process, never above its present one.
 void SetLimit(decltype(RLIMIT_CORE) resource, rlim_t value) {
   rlimit limit{};
   if (getrlimit(resource, &limit) == 0) {
@@ -97,12 +98,12 @@ void Limit(const DecoderProcess::Limits& limits, std::int64_t bytes_at_start) {
   }
 }
 
-// Leaves what the parent is: its signals, its descriptors, its terminal.
+// Detaches the child from the parent: from its signals, its descriptors and its terminal.
 void BecomeChild(int socket) {
   for (int number = 1; number < NSIG; ++number) {
     std::signal(number, SIG_DFL);
   }
-  // The child ends when its parent is done, even where a terminal tells both to end.
+  // The child ignores the signals of a terminal. It ends when its parent is done.
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) {
     std::signal(number, SIG_IGN);
   }
@@ -126,7 +127,7 @@ void BecomeChild(int socket) {
   pthread_sigmask(SIG_SETMASK, &none, nullptr);
 }
 
-// What is thrown here ends the child, and goes nowhere else.
+// An exception in here ends the child, and never leaves it.
 [[noreturn]] void RunChild(int socket, const DecoderProcess::Job& job, char* shared) noexcept {
   BecomeChild(socket);
   const std::int64_t bytes_at_start = AddressSpaceBytes();
@@ -150,7 +151,7 @@ void BecomeChild(int socket) {
 
 // ---- The parent. ------------------------------------------------------------------------------
 
-// Forks while no signal comes, so that no handler of ours runs in the child.
+// Forks with all signals blocked, so that no handler of the parent runs in the child.
 pid_t ForkQuietly() {
   sigset_t all;
   sigset_t before;
@@ -165,7 +166,7 @@ pid_t ForkQuietly() {
   return pid;
 }
 
-// By errno.
+// Returns the error for errno.
 absl::Status NoProcess(absl::string_view what) {
   return absl::ResourceExhaustedError(absl::StrCat(
       absl::ErrnoToStatus(errno, absl::StrCat(what, " for a process that decodes")).message(),
@@ -240,8 +241,8 @@ int DecoderProcess::Stop() {
   }
   close(socket_);
   int status = 0;
-  // A child that is gone already keeps its status. Where nobody may wait for children (SIGCHLD is
-  // ignored), its number may be another's by now.
+  // A child that is gone already keeps its status. If SIGCHLD is ignored, no process can wait for
+  // children, and the id may belong to another process by now.
   const pid_t ended = Retry([&] { return waitpid(pid_, &status, WNOHANG); });
   if (ended == 0) {
     kill(pid_, SIGKILL);

@@ -1,4 +1,4 @@
-// A wall around libraries that may end the process they run in.
+// Isolates libraries that may end the process they run in.
 
 #ifndef ISOSCOPE_CORE_SOURCE_DECODER_PROCESS_H_
 #define ISOSCOPE_CORE_SOURCE_DECODER_PROCESS_H_
@@ -15,17 +15,17 @@
 namespace isoscope::source {
 
 // A child of this process, forked from it, that answers one request at a time, so that hostile
-// bytes can end it and not us:
+// bytes can end the child, but not this process:
 //
 //   struct Request { std::array<char, 4096> path; };  // both trivially copyable
 //   struct Answer { std::int64_t width; };
 //   DecoderProcess process({&DecodeInChild, sizeof(Request), sizeof(Answer), slice_bytes});
 //   absl::Status status = process.Ask(request, {.cpu_seconds = 60}, &answer);
 //
-// The child has no other descriptors of ours, writes no core file, ignores the signals that a
-// terminal sends, and its standard input, output and error are /dev/null. It takes no lock of ours.
-// It ends when we do, whatever the way, as soon as its request is done. Thread-compatible; other
-// threads may run, if none of them holds a lock that the handler takes.
+// The child keeps no other descriptors of the parent, writes no core file, and ignores the signals
+// that a terminal sends. Its standard input, output and error are /dev/null. It takes no lock of
+// the parent. It ends when this process ends, for any reason, as soon as its request is done.
+// Thread-compatible; other threads may run, if none of them holds a lock that the handler takes.
 class DecoderProcess {
  public:
   // Runs in the child: fills `answer`, which is zeros, from `request`. May throw, abort, crash,
@@ -38,7 +38,7 @@ class DecoderProcess {
     std::size_t shared_bytes = 0;
   };
 
-  // Of one request.
+  // The limits of one request.
   struct Limits {
     std::int64_t cpu_seconds = 60;     // at least 1
     std::int64_t clock_seconds = 600;  // at least 1; while this process runs
@@ -54,21 +54,23 @@ class DecoderProcess {
   // False under sanitizers, which reserve more address space than there is memory.
   static bool HasMemoryLimit();
 
-  // Starts the child if there is none. Best while this process is small: until the child ends, what
-  // we write to is copied, page by page. RESOURCE_EXHAUSTED: the system gives no process or memory.
+  // Starts the child if there is none. Call it while this process is small: until the child ends,
+  // each page that this process writes to is copied. RESOURCE_EXHAUSTED: the system gives no
+  // process or memory.
   absl::Status Start();
 
-  // UNAVAILABLE: the child ended, or was ended by a limit: the message says how, and the next
-  // request gets a new one. So does this request if somebody else killed the child (SIGKILL), once.
-  // An answer is whatever the child wrote: check it as any bytes from outside. Otherwise as Start.
+  // UNAVAILABLE: the child ended, or a limit ended it. The message says how, and the next request
+  // gets a new child. If another process killed the child (SIGKILL), this request is retried once.
+  // The child may have written anything: check the answer as any bytes from outside. Otherwise as
+  // Start.
   template <typename Request, typename Answer>
   absl::Status Ask(const Request& request, const Limits& limits, Answer* answer) {
     static_assert(std::is_trivially_copyable_v<Request> && std::is_trivially_copyable_v<Answer>);
     return AskBytes(&request, sizeof(Request), limits, answer, sizeof(Answer));
   }
 
-  // What both processes see, of Job::shared_bytes; null before Start. The child may write to it at
-  // any time: copy before checking.
+  // The memory that both processes share, Job::shared_bytes long; null before Start. The child may
+  // write to it at any time: copy before checking.
   [[nodiscard]] const char* shared() const { return shared_; }
   // The child, or -1.
   [[nodiscard]] pid_t pid() const { return pid_; }

@@ -1,3 +1,13 @@
+// A request is the path of a file; the answer is its header. Pixels travel in the shared memory.
+//
+// 1. Parent: send the path, the size of a slice, and whether DicomScan has counted the pixels.
+// 2. Child (DecodeInChild): read the header with ITK; if the size fits, decode into the memory.
+// 3. Parent (Check): accept the answer only if all its numbers are possible.
+// 4. Parent: copy the pixels.
+//
+// Invariants: an answer of zeros means "not decoded", so a child that ends early gives no header.
+// No text but the series UID leaves the child, because texts may quote fields of the patient.
+
 #include "core/source/dicom_decoder.h"
 
 #include <algorithm>
@@ -94,7 +104,8 @@ void DecodeInChild(const void* request_bytes, void* answer_bytes, char* shared) 
         return;
       }
       if (has_pixels) {
-        // GDCM leaves pixels that a file does not have as they are: those of the slice before.
+        // GDCM does not write pixels that the file lacks. Those of the previous slice would stay
+        // there.
         std::memset(shared, 0, static_cast<std::size_t>(bytes));
         io->Read(shared);
       }
@@ -108,7 +119,7 @@ void DecodeInChild(const void* request_bytes, void* answer_bytes, char* shared) 
 
 // ---- The parent. ------------------------------------------------------------------------------
 
-// GDCM holds a file a few times, and its pixels. It also makes room for whatever length an element
+// GDCM holds the file and its pixels several times. It also allocates any length that an element
 // claims to have.
 DecoderProcess::Limits LimitsOf(const std::string& path, std::int64_t slice_bytes) {
   constexpr std::int64_t kMaxBytes = std::int64_t{1} << 50;  // the sums below have room
@@ -119,11 +130,11 @@ DecoderProcess::Limits LimitsOf(const std::string& path, std::int64_t slice_byte
       (error ? 0 : static_cast<std::int64_t>(std::min<std::uintmax_t>(file_bytes, kMaxBytes)));
   const std::int64_t seconds = 60 + bytes / base::kMiB;
   return {.cpu_seconds = seconds,
-          .clock_seconds = 10 * seconds,  // for slow disks and machines that have much to do
+          .clock_seconds = 10 * seconds,  // for slow disks and busy machines
           .memory_bytes = 256 * base::kMiB + 8 * bytes};
 }
 
-// The child may have been overrun: nothing it says is taken for granted.
+// An attacker may control the child, so every number of the answer is checked.
 absl::StatusOr<DicomHeader> Check(const Answer& answer, const std::string& path) {
   constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 16;  // rows and columns are 16-bit
   constexpr std::uint64_t kMaxCount = std::uint64_t{1} << 31;
@@ -162,7 +173,7 @@ DicomDecoder::DicomDecoder(std::int64_t slice_bytes)
                 .request_bytes = sizeof(Request),
                 .answer_bytes = sizeof(Answer),
                 .shared_bytes = static_cast<std::size_t>(slice_bytes)}) {
-  SilenceImageLibraries();  // once, and its lock is free when the process forks
+  SilenceImageLibraries();  // first, so that its lock is free when the process forks
 }
 
 absl::Status DicomDecoder::Start() { return process_.Start(); }

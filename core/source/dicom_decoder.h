@@ -41,8 +41,8 @@ class DicomDecoder {
   // Starts the process early (decoder_process.h). RESOURCE_EXHAUSTED: there can be none.
   absl::Status Start();
 
-  // DATA_LOSS: the file can't be decoded. Without its path, the message says how the process ended,
-  // or is "" where the libraries refused the file. RESOURCE_EXHAUSTED: as Start.
+  // DATA_LOSS: the file can't be decoded. The message, without the path, says how the process
+  // ended; it is "" if the libraries refused the file. RESOURCE_EXHAUSTED: as Start.
   absl::StatusOr<DicomHeader> ReadHeader(const std::string& path);
 
   // Also decodes the pixels into `out`, as [y][x], if they have `slice_bytes`; else `out` stays as

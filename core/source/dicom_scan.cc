@@ -1,6 +1,6 @@
-// GDCM ends its process by an assertion where some elements are cut, and it says of a report no
-// more than that it can't be read. Every file is looked through before GDCM sees it, so that the
-// user reads what is wrong with it.
+// GDCM ends its process by an assertion if some elements are cut. About a report it says only that
+// it can't be read. So this scan checks every file before GDCM reads it, and the user gets a
+// precise message.
 //
 // A file is 128 bytes, "DICM", the group 0002 (always explicit, little-endian), and elements:
 //
@@ -11,21 +11,20 @@
 //   (0008,0016) UI 26 "1.2.840.10008.5.1.4.1.1.2\0"  explicit: 08 00 16 00 55 49 1a 00 31 2e 32 ...
 //
 // A sequence or an item may have the length 0xffffffff: then it holds elements up to its delimiter.
-// The walk steps over all lengths that are given and goes into those that are not, counting how
-// deep it is: the pixels of an icon inside a sequence are not those of the image. Pixels of such a
-// length are a row of items. A value of unknown kind (UN) and no length holds implicit elements,
-// whatever the file has around it (CP-246).
+// The walk skips values with a length, and enters those without one. It counts its depth, because
+// the pixels of an icon inside a sequence are not those of the image. Pixels without a length are a
+// row of items. A value of unknown kind (UN) without a length holds implicit elements, in any file
+// (CP-246).
 //
-// GDCM also ends its process where the numbers that say how pixels are stored are of another kind
-// than they must be, such as rows that are a text, and where a kind in the group 0002 is none. Such
-// a file counts as cut. Whatever else ends that process is left to the wall (decoder_process.h).
+// GDCM also ends its process if a number that describes the pixels is of a wrong kind, such as rows
+// that are a text. The same holds for an invalid kind in the group 0002. Such a file counts as cut.
+// For other causes there is the child process (decoder_process.h).
 //
-// And it takes pixels that are fewer than the numbers say, and leaves the others to chance: in
-// files that are not compressed they are counted here.
+// GDCM also accepts files with too few pixels, and leaves the others undefined. So this scan counts
+// the pixels of files that are not compressed.
 //
-// A file without pixels is no image, unless its class is one of images or it has a number of rows:
-// then it is cut.
-// Big-endian files pass unseen; of deflated ones the elements are.
+// A file without pixels is no image. But if its class is one of images, or it has a number of rows,
+// it counts as cut. Big-endian files are not scanned, nor are the elements of deflated ones.
 // Source: DICOM PS3.5, sections 6.2.2 and 7, annex A.4; PS3.10, section 7.
 
 #include "core/source/dicom_scan.h"
@@ -71,17 +70,17 @@ struct Element {
   std::uint32_t tag = 0;
   std::uint32_t length = 0;
   bool is_unknown = false;   // of kind UN
-  bool is_no_short = false;  // of another kind than US
-  bool has_kind = false;     // one that there is
+  bool is_no_short = false;  // not of kind US
+  bool has_kind = false;     // the kind exists
 };
 
-// Of kind US, two bytes: samples a pixel, planar configuration, rows, columns, bits allocated, bits
-// stored, high bit, pixel representation.
+// Elements of kind US, two bytes: samples a pixel, planar configuration, rows, columns, bits
+// allocated, bits stored, high bit, pixel representation.
 constexpr std::array<std::uint32_t, 8> kNumbers{kSamplesOfPixel, 0x00280006,     kRows,
                                                 kColumns,        kBitsAllocated, 0x00280101,
                                                 0x00280102,      0x00280103};
 
-// Whether the element is one of kNumbers, but holds no such number.
+// Whether the element is one of kNumbers, but does not hold a number of kind US.
 bool IsBrokenNumber(const Element& element) {
   return std::find(kNumbers.begin(), kNumbers.end(), element.tag) != kNumbers.end() &&
          (element.is_no_short || (element.length != 2 && element.length != 0));
@@ -122,7 +121,8 @@ class Scanner {
   [[nodiscard]] bool IsKnownClass() const { return Class() != gdcm::MediaStorage::MS_END; }
   [[nodiscard]] bool IsImageClass() const { return gdcm::MediaStorage::IsImage(Class()); }
 
-  // Reads the group 0002, from whose first element on its length counts. False if it is not there.
+  // Reads the group 0002, whose length counts from behind its first element. False if it is not
+  // there.
   absl::StatusOr<bool> ReadMeta() {
     std::array<char, 4> mark;
     position_ = 128;
@@ -193,7 +193,7 @@ class Scanner {
     return Has(0);
   }
 
-  // A value of digits and dots, as far as it is one.
+  // Returns the leading digits and dots of a value.
   absl::StatusOr<std::string> ReadUid(std::uint32_t length) {
     constexpr std::uint32_t kMaxSeriesUidBytes = 64;
     std::string uid(std::min(length, kMaxSeriesUidBytes), '\0');
@@ -213,13 +213,13 @@ class Scanner {
     }
     std::array<char, sizeof(*number)> bytes;
     ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, bytes.size(), bytes.data()));
-    // GDCM takes one of those that are there twice.
+    // GDCM takes one of two equal elements, so this keeps the larger number.
     *number = std::max(*number, base::LoadLittleEndian<std::uint16_t>(bytes.data()));
     return absl::OkStatus();
   }
 
-  // Whether pixels of `length` bytes are not fewer than the numbers say, as far as that is known:
-  // colours may be stored with less, and compressed pixels are.
+  // Whether `length` bytes are enough for the pixels that the numbers describe. True if that can't
+  // be known: colours may be stored in fewer bytes, and compressed pixels are.
   bool CountPixels(std::uint32_t length) {
     scan_.is_counted = samples_of_pixel_ == 1 &&
                        (scan_.transfer_syntax == kImplicit || scan_.transfer_syntax == kExplicit);
@@ -229,7 +229,7 @@ class Scanner {
 
   absl::StatusOr<End> Walk() {
     std::int64_t depth = 0;            // of sequences and items without a length
-    std::int64_t implicit_depth = -1;  // within which elements are implicit though the file is not
+    std::int64_t implicit_depth = -1;  // elements below it are implicit, in an explicit file
     bool is_in_pixels = false;
     Element element;
     while (Has(8)) {

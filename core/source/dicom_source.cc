@@ -1,11 +1,10 @@
-// A series is a folder of files, one slice each, and their names say nothing of their order. A file
-// says where its first pixel lies (0020,0032), how its rows and columns run (0020,0037), how far
-// apart its pixels are (0028,0030) and which series it belongs to (0020,000e). Opening a series
-// takes four steps:
+// A series is a folder of files, one slice each, whose names do not give their order. A file has
+// the position of its first pixel (0020,0032), the directions of rows and columns (0020,0037), the
+// distance of pixels (0028,0030), and the series (0020,000e). Opening a series takes four steps:
 //
-//   1. Every file with the DICOM mark is looked through (dicom_scan.h). Those that are no images
-//      are left out with one line in the log.
-//   2. The series is chosen: that of the file which the user gave, or the only one in the folder.
+//   1. Every file with the DICOM mark is scanned (dicom_scan.h). Files that are no images are left
+//      out, with one line in the log.
+//   2. The series is chosen: that of the file that the user gave, or the only one in the folder.
 //      From here on files of other series do not matter, damaged or not.
 //   3. ITK and GDCM read the headers of its slices, not their pixels, in a process of their own,
 //      which a damaged file may end (dicom_decoder.h).
@@ -20,7 +19,7 @@
 // intercept (0028,1053 and 1052).
 //
 // Fields of the patient must never be printed. The libraries are silent (silent_libraries.h), their
-// process writes nowhere, and no message of ours repeats one of theirs: exceptions quote fields
+// process writes nowhere, and no message repeats one of theirs, because exceptions quote fields,
 // too.
 
 #include "core/source/dicom_source.h"
@@ -72,7 +71,8 @@ absl::Status CutError(const std::string& path) {
                    "damaged; copy it again, or put it elsewhere if it is no slice of the series"));
 }
 
-// The code of `error`, by which the decoder refused the file, unless there was no decoder.
+// Returns an error of `code` for a file that the decoder refused (DATA_LOSS). Other errors keep
+// their code.
 absl::Status NotDecodable(absl::StatusCode code, const absl::Status& error, const std::string& path,
                           const DicomScan& scan) {
   if (!absl::IsDataLoss(error)) {
@@ -116,7 +116,7 @@ absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& 
   return slice;
 }
 
-// Whether they can be slices of one volume, wherever they lie.
+// Checks that two slices can be of one volume, apart from their positions.
 absl::Status CheckAlike(const Slice& slice, const Slice& first) {
   if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
     return absl::InvalidArgumentError(absl::StrFormat(
@@ -228,12 +228,12 @@ class DicomReader final : public SliceReader {
 // The files of a folder that carry the DICOM mark.
 struct Folder {
   std::map<std::string, std::vector<std::string>> series;  // images by their series' UID
-  std::map<std::string, DicomScan> scans;                  // of these, by path
-  std::vector<std::string> cut;                            // of no series that is known
+  std::map<std::string, DicomScan> scans;                  // of the images, by path
+  std::vector<std::string> cut;                            // of an unknown series
   std::vector<std::string> left_out;                       // no images
 };
 
-// Of a file whose elements pass unseen, GDCM finds it.
+// Returns the series of a file. GDCM finds it if the scan did not read the elements.
 std::string SeriesUid(const std::string& path, const DicomScan& scan, DicomDecoder* decoder) {
   if (!scan.series.empty() || scan.content != DicomContent::kImage) {
     return scan.series;
@@ -305,7 +305,7 @@ absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
                                                        ? ChooseSeries(folder, path)
                                                        : SeriesOf(path, &decoder));
   const auto files = folder.series.find(uid);
-  if (files == folder.series.end()) {  // the file itself is none of the folder's, by its name
+  if (files == folder.series.end()) {  // the file's name is not listed in the folder
     return absl::InvalidArgumentError(absl::StrCat(path, ": can't be read as a DICOM series"));
   }
   std::vector<Slice> slices;

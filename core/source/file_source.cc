@@ -1,3 +1,14 @@
+// Reading rows takes up to four steps:
+//
+// 1. StoredBytes::Read finds the file of the first byte, opens it, and reads or inflates up to the
+//    end of that file; then it goes on with the next file.
+// 2. Big-endian samples are swapped in place.
+// 3. With a slope or an intercept, samples are widened: the stored ones are read into the tail of
+//    the output, and rescaled from front to back (Rescale).
+//
+// A compressed file can only be read forwards. Reading before its position starts it over, so such
+// a source is not seekable. CheckFiles compares sizes at the start, where files show them.
+
 #include "core/source/file_source.h"
 
 #include <algorithm>
@@ -29,7 +40,7 @@ bool IsRescaled(const SampleLocation& location) {
   return location.slope != 1 || location.intercept != 0;
 }
 
-// float32 where it holds every stored value, as ITK does; else float64, where ITK rounds.
+// Returns float32 if it holds every stored value, as in ITK; else float64, where ITK would round.
 volume::ScalarType RescaledType(volume::ScalarType stored) {
   switch (stored) {
     case volume::ScalarType::kUint32:
@@ -41,7 +52,7 @@ volume::ScalarType RescaledType(volume::ScalarType stored) {
   }
 }
 
-// `in` may lie in the tail of `out`: no sample is written over before it was read.
+// `in` may be the tail of `out`: every sample is read before it is overwritten.
 template <typename Out, typename In>
 void Rescale(std::size_t count, double slope, double intercept, const char* in, char* out) {
   for (std::size_t i = 0; i < count; ++i) {
@@ -60,7 +71,7 @@ class StoredBytes {
 
   [[nodiscard]] const SampleLocation& location() const { return location_; }
 
-  // INVALID_ARGUMENT if a file is too short, as far as its size shows.
+  // INVALID_ARGUMENT if an uncompressed file is too short.
   absl::Status CheckFiles(const volume::GridGeometry& geometry);
 
   // Bytes [begin, begin + size).
@@ -84,20 +95,20 @@ class StoredBytes {
     if (file_ != nullptr && index == open_index_) {
       return absl::OkStatus();
     }
-    inflater_ = nullptr;  // before its file
+    inflater_ = nullptr;  // released before its file
     file_ = nullptr;
     ISOSCOPE_ASSIGN_OR_RETURN(file_, io::OpenRandomAccessFile(location_.files[index]));
     open_index_ = index;
     return absl::OkStatus();
   }
 
-  // Of the first sample in the open file.
+  // Returns the offset of the first sample in the open file.
   [[nodiscard]] std::int64_t offset() const {
     return location_.at_file_end ? std::max<std::int64_t>(file_->size_bytes() - bytes_per_file_, 0)
                                  : location_.offset;
   }
 
-  // From `begin` within the open file.
+  // Decodes `size` bytes from `begin` of the open file's samples.
   absl::Status Inflate(std::int64_t begin, std::size_t size, char* out) {
     if (inflater_ == nullptr) {
       inflater_ = std::make_unique<InflateReader>(file_.get(), location_.offset);
@@ -137,7 +148,7 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
   for (std::size_t i = location_.files.size(); i-- > 0;) {  // the first one stays open
     ISOSCOPE_RETURN_IF_ERROR(Open(i));
     if (location_.is_compressed) {
-      continue;  // its size says nothing
+      continue;  // its size does not tell the length
     }
     const std::int64_t file_size = file_->size_bytes();
     if (offset() > file_size || file_size - offset() < bytes_per_file_) {

@@ -1,4 +1,4 @@
-// A source that streams samples from one file, or from several one after the other.
+// A source that streams samples from one file, or from several in turn.
 
 #ifndef ISOSCOPE_CORE_SOURCE_FILE_SOURCE_H_
 #define ISOSCOPE_CORE_SOURCE_FILE_SOURCE_H_
@@ -17,8 +17,8 @@ namespace isoscope::source {
 // Opens the samples at `location` as a volume of `geometry`; `name` is for messages. With a slope
 // or an intercept the samples become float32, those of 32-bit integers and float64 become float64.
 // INVALID_ARGUMENT if an uncompressed file is too short (names it and both sizes), or the files
-// can't hold as many samples each; longer files are accepted with a warning in the log. A
-// compressed file shows its length only as it is read. Memory: a third of a MiB, and one open file,
+// can't hold as many samples each; longer files are accepted with a warning in the log. The length
+// of a compressed file is known only after reading it. Memory: a third of a MiB, and one open file,
 // however many there are.
 absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
     const volume::GridGeometry& geometry, const SampleLocation& location, const std::string& name,

@@ -1,4 +1,4 @@
-// Identifiers of the HDF5 library that close themselves, and its errors in words.
+// Identifiers of the HDF5 library that close themselves, and its errors as text.
 
 #ifndef ISOSCOPE_CORE_SOURCE_HDF5_HANDLE_H_
 #define ISOSCOPE_CORE_SOURCE_HDF5_HANDLE_H_

@@ -2,15 +2,15 @@
 // number of axes, slowest first: [z][y][x]. The library reads boxes of it ("hyperslabs") and
 // converts type and byte order on the way. Opening one takes these steps:
 //
-//   1. The name is taken apart; without a dataset the file must hold exactly one that is a volume.
-//   2. All files that the dataset is read from are looked for (hdf5_storage.h): the library would
-//      read fill values where one is missing, and say nothing.
-//   3. Three axes are found: of (1, 93, 64, 1, 64) the axes 1, 2 and 4 are z, y and x.
+//   1. The name is split. If it names no dataset, the file must hold exactly one that is a volume.
+//   2. All files of the dataset are located (hdf5_storage.h), because the library silently reads
+//      fill values in place of a missing file.
+//   3. Three axes are chosen: in (1, 93, 64, 1, 64) the axes 1, 2 and 4 are z, y and x.
 //   4. For a dataset in chunks the cache is set to one layer of them, and the dataset opened again.
 //
-// The cache is what makes rows cheap. Chunks are compressed whole, and rows come in ascending
-// order: of chunks of 32 x 32 x 32 samples each is needed for 32 planes. A layer, all chunks that
-// share their z, is decoded once if it fits (32 MiB); a larger one is decoded anew for each run of
+// The cache makes rows cheap. Chunks are compressed whole, and rows are read in ascending order, so
+// a chunk of 32 x 32 x 32 samples is needed for 32 planes. A layer has all chunks of the same z. If
+// it fits into the cache (32 MiB), it is decoded once; else it is decoded again for each run of
 // rows.
 //
 // Rows [begin, end) are at most three boxes: the rest of a plane, whole planes, the start of a
@@ -46,7 +46,7 @@ namespace {
 constexpr std::int64_t kMaxChunkCacheBytes = 32 * base::kMiB;
 // The library's buffers for type conversion, beside the chunk cache.
 constexpr std::int64_t kConversionBytes = 4 * base::kMiB;
-// A chunk larger than this would not fit beside a small memory limit.
+// A larger chunk would not fit under a small memory limit.
 constexpr std::int64_t kMaxChunkBytes = 256 * base::kMiB;
 
 // The dimensions of a space of three axes or more; empty if it has fewer.
@@ -60,8 +60,8 @@ std::vector<hsize_t> VolumeDims(hid_t space) {
   return dims;
 }
 
-// Which axes of the dataset are z, y and x: all of three, or of more those three that have more
-// than one element. False if there are not three.
+// Finds the axes of the dataset that are z, y and x: those with more than one element if there are
+// more than three. False if there are not three.
 bool FindAxes(const std::vector<hsize_t>& dims, std::array<std::size_t, 3>* axes) {
   if (dims.size() < 3) {
     return false;
@@ -87,7 +87,7 @@ bool ScalarTypeOf(hid_t type, volume::ScalarType* scalar) {
   const std::size_t size = H5Tget_size(type);
   const H5T_class_t kind = H5Tget_class(type);
   if (kind == H5T_FLOAT) {
-    // Those of IEEE alone: what the library makes of other bits depends on how much is read at
+    // Only IEEE types: the library's conversion of other formats depends on how much is read at
     // once.
     const bool is_single = H5Tequal(type, H5T_IEEE_F32LE) > 0 || H5Tequal(type, H5T_IEEE_F32BE) > 0;
     const bool is_double = H5Tequal(type, H5T_IEEE_F64LE) > 0 || H5Tequal(type, H5T_IEEE_F64BE) > 0;
@@ -217,7 +217,7 @@ class Hdf5Source final : public VolumeSource {
     count[axes_[0]] = static_cast<hsize_t>(planes);
     count[axes_[1]] = static_cast<hsize_t>(rows);
     count[axes_[2]] = static_cast<hsize_t>(geometry_.sample_dims.x);
-    // The library leaves memory as it is where nothing was written and no fill value is defined.
+    // The library does not write samples that the file lacks and that have no fill value.
     std::fill_n(
         out,
         static_cast<std::size_t>(planes * rows * geometry_.sample_dims.x) * volume::SizeOf(type_),
@@ -298,7 +298,7 @@ math::Vec3d SpacingOf(hid_t dataset) {
 
 // A dataset and the file that holds it.
 struct NamedDataset {
-  Hdf5Path parts;  // with the dataset's name, whether it was given or not
+  Hdf5Path parts;  // with the dataset's name, given or found
   Hdf5Handle file;
   Hdf5Handle dataset;
 };
@@ -311,7 +311,7 @@ absl::StatusOr<NamedDataset> OpenByName(const std::string& path) {
   if (!io::PathExists(parts.file)) {
     return absl::NotFoundError(absl::StrCat(parts.file, ": no such file"));
   }
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // statuses report the errors
   Hdf5Handle file(H5Fopen(parts.file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file.is_valid()) {
     return absl::InvalidArgumentError(absl::StrCat(parts.file,

@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// "file.h5:/path/to/dataset" in its two parts; `dataset` is empty if none is named.
+// The two parts of "file.h5:/path/to/dataset"; `dataset` is empty if none is named.
 struct Hdf5Path {
   std::string file;
   std::string dataset;
@@ -24,20 +24,21 @@ struct Hdf5Path {
 // a dataset.
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
 
-// Opens a three-dimensional dataset [z][y][x] of integers of 8 to 32 bits or floats of 32 or 64
-// bits, of either byte order, contiguous, chunked or compressed with the filters that the library
-// has; further axes of one element are left out. Without a name the file must hold exactly one such
-// dataset. The spacing is the attribute "element_size_um" (z, y, x) if there is one, else 1.
+// Opens a three-dimensional dataset [z][y][x]. Samples are integers of 8 to 32 bits or floats of 32
+// or 64 bits, in either byte order. Storage is contiguous, chunked, or compressed with the
+// library's filters; further axes of one element are left out. Without a name the file must hold
+// exactly one such dataset. The spacing is the attribute "element_size_um" (z, y, x) if there is
+// one, else 1.
 //
-// Chunks are kept while neighbouring rows are read, at most 32 MiB of them; where a layer of chunks
-// is larger, chunks are decompressed more than once.
-// NOT_FOUND: no such file or dataset (lists those there are). INVALID_ARGUMENT: no HDF5 file; not
-// such a dataset. DATA_LOSS: damaged. Of a dataset in several files (external storage, virtual
-// datasets, links) all must be there: NOT_FOUND or DATA_LOSS names the one that is not.
+// Keeps the chunks of neighbouring rows, at most 32 MiB of them. Chunks of a larger layer are
+// decompressed more than once. NOT_FOUND: no such file or dataset (lists those there are).
+// INVALID_ARGUMENT: no HDF5 file; not such a dataset. DATA_LOSS: damaged. All files of a dataset
+// (external storage, virtual datasets, links) must exist: NOT_FOUND or DATA_LOSS names the missing
+// or short one.
 //
 // The library crashes on some damaged files: it runs in a child process (walled_source.h).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path);
-// The files that it is read from (hdf5_storage.h). Errors as above.
+// Returns the files of such a dataset (hdf5_storage.h). Errors as above.
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path);
 
 }  // namespace isoscope::source

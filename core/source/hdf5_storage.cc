@@ -1,3 +1,13 @@
+// FileFinder::Visit walks from a dataset to all files that its samples lie in:
+//
+// 1. Add the file of the dataset itself.
+// 2. External storage: for each raw file, find its path and check that it is long enough.
+// 3. Virtual dataset: for each source, find its file and dataset, and visit that in the same way.
+//    A name with "%b" stands for numbered sources 0, 1, 2, ... up to the first missing one.
+//
+// Paths follow the rules of the library (version 1.10), prefixes from the environment included.
+// Invariant: a dataset is visited once, and one that leads back to itself is an error (open_).
+
 #include "core/source/hdf5_storage.h"
 
 #include <algorithm>
@@ -27,7 +37,7 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string Environment(const char* name) {
-  const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nobody sets any
+  const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): no code sets variables
   return value == nullptr ? "" : value;
 }
 
@@ -64,7 +74,7 @@ std::string Joined(const std::string& folder, const std::string& file) {
   return (fs::path(folder) / file).lexically_normal().string();
 }
 
-// Where a raw file of external storage lies: H5D__efl_read.
+// Returns the path of a raw file of external storage, by the rules of H5D__efl_read.
 std::string ExternalPath(const std::string& file, const std::string& owner) {
   const std::string prefix = Environment("HDF5_EXTFILE_PREFIX");
   if (file.starts_with('/') || prefix.empty() || prefix == ".") {
@@ -73,8 +83,8 @@ std::string ExternalPath(const std::string& file, const std::string& owner) {
   return Joined(WithOrigin(prefix, FolderOf(owner)), file);
 }
 
-// Where the library looks for the source file of a virtual dataset, in its order:
-// H5F_prefix_open_file.
+// Returns the paths at which the library looks for the source file of a virtual dataset, in its
+// order (H5F_prefix_open_file).
 std::vector<std::string> VirtualPaths(const std::string& file, const std::string& owner) {
   std::vector<std::string> paths;
   std::string relative = file;
@@ -116,7 +126,7 @@ class FileFinder {
     }
     const std::string owner = FileOf(dataset);
     const Address address(info.fileno, info.addr);
-    // The library would follow such a circle until its stack ends.
+    // The library would follow such a circle until its stack overflows.
     if (open_.contains(address)) {
       return absl::InvalidArgumentError(
           absl::StrCat(name_, ": a virtual dataset in '", owner, "' that is made of itself"));
@@ -211,7 +221,7 @@ class FileFinder {
     return absl::OkStatus();
   }
 
-  // `is_there` is set if the source exists, whatever else is wrong.
+  // Sets `is_there` if the source exists, even if there is another error.
   absl::Status VisitSource(const std::string& file_name, const std::string& dataset_name,
                            const std::string& owner, bool* is_there) {
     const std::vector<std::string> paths =
@@ -242,7 +252,7 @@ class FileFinder {
   const std::string& name_;
   std::vector<std::string> files_;
   std::set<Address> visited_;
-  std::set<Address> open_;  // what led to the dataset that is visited now
+  std::set<Address> open_;  // the datasets on the path to the visited one
 };
 
 }  // namespace

@@ -29,7 +29,7 @@ class InflateReader::Stream {
 
   z_stream z{};
   bool at_member_end = false;
-  bool is_finished = false;  // nothing more to decode
+  bool is_finished = false;  // the stream has ended
 };
 
 InflateReader::InflateReader(const io::RandomAccessFile* file, std::int64_t offset)

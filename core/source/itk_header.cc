@@ -58,7 +58,7 @@ std::string MetaDataOf(const itk::ImageIOBase& io, const std::string& key) {
 }
 
 // The field "space" of an NRRD header in lower case; "" if there is none. ITK keeps only the space
-// that it has turned the file to.
+// into which it has converted the file.
 std::string NrrdSpaceOf(const std::string& path) {
   const absl::StatusOr<std::string> text = ReadTextHeader(path);
   std::size_t position = 0;
@@ -71,11 +71,11 @@ std::string NrrdSpaceOf(const std::string& path) {
   return "";
 }
 
-// Whether the file says how its world, which ITK turned to LPS, lies in the patient.
+// Whether the file defines how its world, which ITK has converted to LPS, lies in the patient.
 bool HasPatientFrame(FileFormat format, const itk::ImageIOBase& io, const std::string& path) {
   switch (format) {
     case FileFormat::kNifti:
-      // Code 0: unknown. ITK then makes up a world from the dimensions.
+      // Code 0: unknown. ITK then invents a world from the dimensions.
       for (const char* key : {"qform_code", "sform_code"}) {
         int code = 0;
         if (absl::SimpleAtoi(MetaDataOf(io, key), &code) && code > 0) {
@@ -84,7 +84,7 @@ bool HasPatientFrame(FileFormat format, const itk::ImageIOBase& io, const std::s
       }
       return false;
     case FileFormat::kNrrd: {
-      // Not left-anterior-superior: ITK 5.2 turns its x where y must be turned.
+      // Not left-anterior-superior: ITK 5.2 negates x instead of y.
       const std::string space = NrrdSpaceOf(path);
       return space == "left-posterior-superior" || space == "lps" ||
              space == "right-anterior-superior" || space == "ras";

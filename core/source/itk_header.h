@@ -1,5 +1,4 @@
-// Where a volume file's samples lie in the world and of what type they are, as ITK reads its
-// header.
+// The geometry and sample type of a volume file, as ITK reads its header.
 
 #ifndef ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
@@ -22,8 +21,8 @@ struct ImageHeader {
   // always, NRRD by its "space") are turned by ITK: x and y change their signs.
   volume::GridGeometry geometry;
   volume::ScalarType type = volume::ScalarType::kUint8;  // after a NIfTI slope and intercept
-  // LPS, if the file says how its world lies in the patient: NIfTI with a qform or sform code above
-  // 0, NRRD with the space LPS or RAS. MetaImage does not say.
+  // LPS, if the file defines how its world lies in the patient: NIfTI with a qform or sform code
+  // above 0, NRRD with the space LPS or RAS. MetaImage does not define it.
   std::optional<volume::PatientFrame> patient_frame;
 };
 

@@ -6,8 +6,8 @@
 //   ElementType = MET_SHORT
 //   BinaryDataByteOrderMSB = True       big-endian
 //   CompressedData = True               a zlib stream
-//   HeaderSize = 12                     bytes before the samples; -1: they are the file's last
-//   bytes ElementDataFile = quarter.%d 1 93 1
+//   HeaderSize = 12                     bytes before the samples; -1: at the end of the file
+//   ElementDataFile = quarter.%d 1 93 1
 //
 // ElementDataFile is one of
 //
@@ -49,7 +49,7 @@ struct MetaHeader {
   }
 };
 
-// MetaIO takes NDims for the length of other fields, and counts for minutes if it is negative.
+// MetaIO uses NDims as the length of other fields, and loops for minutes if it is negative.
 absl::Status CheckAxes(const HeaderFields& fields, const std::string& path) {
   constexpr std::int64_t kMaxAxes = 10;  // MetaIO's
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t axes, fields.GetInteger("ndims", 1));
@@ -67,10 +67,10 @@ absl::StatusOr<MetaHeader> ReadMetaHeader(const std::string& path) {
   while (header.data_file().empty() && NextLine(header.text, &header.end, &line)) {
     const std::size_t equals = line.find('=');
     if (equals == absl::string_view::npos) {
-      break;  // no header line: whatever this is, it is not looked through to its end
+      break;  // no header line: unknown files are not read to their end
     }
     header.fields.Set(line.substr(0, equals), line.substr(equals + 1));
-    // Each time: MetaIO does not wait for a later line either.
+    // After each line, because MetaIO does not wait for a later line either.
     ISOSCOPE_RETURN_IF_ERROR(CheckAxes(header.fields, path));
   }
   if (header.data_file().empty()) {

@@ -1,6 +1,7 @@
 // NIfTI-1 is a header of 348 bytes in front of the samples ("n+1", one file .nii), or beside them
 // ("ni1", a pair .hdr and .img); either may be a gzip stream. Its numbers have the byte order of
-// the machine that wrote it: the first one, 348, shows which. Those that say where the samples lie:
+// the machine that wrote it: the first one, 348, shows which. These fields describe where the
+// samples lie:
 //
 //   byte   0  int32   348
 //   byte  70  int16   type of the samples (kNiftiTypes)

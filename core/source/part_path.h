@@ -13,9 +13,8 @@ struct PartPath {
   std::string part;  // "" if none is named
 };
 
-// True, with both, if `path` is a file with one of these endings (".vti", in any case), alone or
-// with
-// ':' and a part behind it. The first such ':' counts: a part may have some.
+// Returns true, and sets both, if `path` is a file with one of these endings (".vti", in any case),
+// alone or with ':' and a part behind it. The first such ':' separates them; a part may have more.
 bool SplitPartPath(const std::string& path, const std::vector<std::string>& endings,
                    PartPath* parts);
 

@@ -1,6 +1,6 @@
-// Where in which files the samples of a volume lie, and how they are encoded: the part of a header
-// that ITK reads but does not tell. With it samples are streamed in constant memory, compressed or
-// not, and a file that is too short is noticed; ITK itself reads NIfTI and NRRD whole.
+// The files, offsets and encoding of a volume's samples: the part of a header that ITK reads, but
+// does not expose. With it, samples are streamed in constant memory, compressed or not, and short
+// files are detected. ITK itself reads NIfTI and NRRD whole.
 
 #ifndef ISOSCOPE_CORE_SOURCE_SAMPLE_LOCATION_H_
 #define ISOSCOPE_CORE_SOURCE_SAMPLE_LOCATION_H_
@@ -17,9 +17,10 @@
 namespace isoscope::source {
 
 struct SampleLocation {
-  // One after the other they hold all samples, each as many. One alone may be the header file.
+  // Together they hold all samples in order, each the same number. A single one may be the header
+  // file.
   std::vector<std::string> files;
-  // Of each file:
+  // The members below hold for each file.
   std::int64_t offset = 0;        // bytes before the samples or the compressed stream
   bool at_file_end = false;       // the samples are the last bytes of the file; offset is ignored
   bool is_compressed = false;     // a gzip or zlib stream

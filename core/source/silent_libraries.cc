@@ -30,7 +30,7 @@ class Nowhere final : public std::streambuf {
 bool Silence() {
   itk::Object::GlobalWarningDisplayOff();
   itk::OutputWindow::SetInstance(SilentWindow::New());
-  // The flags stop the messages at their source. The stream takes those that ask for no flag.
+  // The flags stop the messages at their source. The stream takes those that have no flag.
   static auto* const nowhere = new std::ostream(new Nowhere);  // GDCM may use it to the very end
   gdcm::Trace::DebugOff();
   gdcm::Trace::WarningOff();

@@ -6,8 +6,8 @@
 namespace isoscope::source {
 
 // Turns their messages off, for good and for the whole process: they quote fields of the patient's
-// examination, thousands of lines a series. Anything that matters to the user is said in a status
-// or a log line of ours. Cheap when called again. Thread-safe.
+// examination, thousands of lines a series. Statuses and log lines of this program tell users what
+// matters. Cheap when called again. Thread-safe.
 void SilenceImageLibraries();
 
 }  // namespace isoscope::source

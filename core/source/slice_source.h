@@ -22,8 +22,9 @@ class SliceReader {
   virtual absl::Status ReadSlice(std::int64_t z, char* out) = 0;
 };
 
-// Rows of slices: whole ones are decoded in place, parts by way of a copy of their slice. Holds two
-// slices at most (one here, one in the library that decodes it). REQUIRES: `geometry` is valid.
+// Makes a source from slices. Whole slices are decoded in place, parts through a copy of their
+// slice. Holds two slices at most (one here, one in the library that decodes it). REQUIRES:
+// `geometry` is valid.
 std::unique_ptr<VolumeSource> MakeSliceSource(
     const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
     std::unique_ptr<SliceReader> reader,

@@ -1,4 +1,4 @@
-// Headers of text: lines of keys and values, as NRRD and MetaImage have them.
+// Text headers: lines of keys and values, as in NRRD and MetaImage.
 
 #ifndef ISOSCOPE_CORE_SOURCE_TEXT_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_TEXT_HEADER_H_

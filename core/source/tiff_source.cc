@@ -10,16 +10,16 @@
 //   +------------+          |::::|::::|
 //                           +----+----+
 //
-// When it is opened, every file's first page, and of a file of many pages their number, is looked
-// at; all must be of the size and type of the first. A slice is decoded when its rows are asked
-// for: strips straight into their place, tiles by way of one tile. Going on to the next page is
-// cheap, going back opens the file anew.
+// Opening a stack reads the first page of every file, and the number of pages. All must have the
+// size and type of the first. A slice is decoded when its rows are read: strips directly into their
+// place, tiles through a buffer of one tile. Going to the next page is cheap; going back opens the
+// file again.
 //
-// libtiff inflates a whole strip or tile by libdeflate, and takes one that is too short for a good
-// one: of a damaged page, some samples would be what the memory held before. zlib tells.
+// libtiff inflates a whole strip or tile by libdeflate, and accepts one that is too short. Samples
+// of a damaged page would then be old memory. So zlib checks the data.
 //
 // libtiff writes its messages to standard error unless it is given functions: the last error goes
-// into a status of ours, warnings (private tags, mostly) are dropped.
+// into the status, warnings (mostly private tags) are dropped.
 
 #include "core/source/tiff_source.h"
 
@@ -44,7 +44,7 @@
 namespace isoscope::source {
 namespace {
 
-// A decoded strip or tile takes no more: else it would be no slice but an attack.
+// The largest decoded strip or tile. A larger one is taken for an attack.
 constexpr std::int64_t kMaxPieceBytes = 2 * base::kGiB;
 
 // The last message of libtiff in this thread. It takes plain functions only.
@@ -88,7 +88,7 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
   return tiff;
 }
 
-// All pages must share it.
+// The format that all pages must share.
 struct PageFormat {
   std::uint32_t width = 0;
   std::uint32_t height = 0;
@@ -121,7 +121,7 @@ bool ScalarTypeOf(unsigned bits, unsigned format, volume::ScalarType* type) {
   }
 }
 
-// Of the current page.
+// Returns the format of the current page.
 absl::StatusOr<PageFormat> FormatOf(TIFF* tiff, const std::string& path) {
   PageFormat page;
   std::uint16_t bits = 1;

@@ -19,7 +19,7 @@ bool NaturalLess(const std::string& a, const std::string& b);
 // Opens one file of several pages, or several files of one page each in the order given, as slices
 // of one volume. Greyscale integers of 8 to 32 bits or floats of 32 or 64 bits; strips or tiles,
 // any compression that libtiff knows, BigTIFF too. By libtiff itself: ITK reads all pages at once.
-// The spacing is 1: TIFF tells that of a print. `name` is for messages.
+// The spacing is 1, because TIFF has only that of a print. `name` is for messages.
 // INVALID_ARGUMENT: no TIFF files; pages of different size or type (names the first); colour,
 // palette, bits that are no whole bytes. DATA_LOSS: damaged.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenTiffStack(const std::vector<std::string>& files,

@@ -23,7 +23,8 @@ enum class VolumeFileKind {
   kRaw,           // .raw: no header
 };
 
-// By the name's ending. INVALID_ARGUMENT, listing the endings, if it is none of them.
+// Returns the kind by the ending of the name. INVALID_ARGUMENT, listing the endings, if it is none
+// of them.
 absl::StatusOr<VolumeFileKind> VolumeFileKindOf(const std::string& path);
 
 struct VolumeFileOptions {
@@ -37,8 +38,8 @@ struct VolumeFileOptions {
 // Generates in parallel and writes front to back, in constant memory (2 MiB or four rows, twice
 // each thread). Crash-safe: written to "<path>.partial-<pid>", flushed, and renamed at the end;
 // replaces a file of that name in one step; an error or a cancellation leaves nothing.
-// INVALID_ARGUMENT: unknown ending, spacing or origin that can't be used. RESOURCE_EXHAUSTED: the
-// disk is full, or would be (asked before the first byte). Returns the bytes of samples.
+// INVALID_ARGUMENT: unknown ending, invalid spacing or origin. RESOURCE_EXHAUSTED: the disk is
+// full, or would be (checked before the first byte). Returns the bytes of samples.
 absl::StatusOr<std::int64_t> WriteVolumeFile(const VolumeGenerator& generator,
                                              const VolumeFileOptions& options,
                                              const base::Cancellation& cancellation);

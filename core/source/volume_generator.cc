@@ -1,3 +1,15 @@
+// A field is a function of x, y, z in [-1, 1], computed a few rows at a time:
+//
+// - Random and mixing are sums of plane waves. A wave is a product of factors for each axis, so
+//   sines and cosines come from tables (Phases).
+// - Gyroid gets the sines and cosines along x by rotation, from sample to sample.
+// - Shells and marschner-lobb interpolate a table by radius; marschner-lobb adds a function of z.
+//
+// Then Quantize clamps values to [0, 1] and scales them to the sample type.
+//
+// Invariant: a sample is computed by the same operations in the same order, however rows are
+// grouped, so the bytes do not depend on threads or on calls.
+
 #include "core/source/volume_generator.h"
 
 #include <algorithm>
@@ -19,8 +31,8 @@ namespace isoscope::source {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-// Rows that share one pass over the waves' tables, and samples of them at a time: what is summed
-// up stays in the first level cache.
+// Rows that share one pass over the waves' tables, and samples of them at a time: the sums stay in
+// the first-level cache.
 constexpr std::int64_t kRowsAtOnce = 4;
 constexpr std::int64_t kSamplesAtOnce = 256;
 // Steps of the table of radial fields, up to the corner of the cube at sqrt(3).
@@ -28,7 +40,7 @@ constexpr int kRadialSteps = 1 << 16;
 constexpr float kMaxRadius = 1.7320510F;
 // The smallest wave number of random fields, in half-periods over the longest axis.
 constexpr double kMinWaveNumber = 2;
-// The divisor of a random sum of unit variance: 3.5 standard deviations on each side.
+// The scale of a random sum of unit variance: 3.5 standard deviations on each side.
 constexpr float kRandomScale = 1.0F / 7;
 // Half the height over which the two fluids of the mixing layer change into each other.
 constexpr float kInterface = 0.06F;
@@ -265,7 +277,7 @@ void VolumeGenerator::FillMixing(std::int64_t row, std::int64_t count, float* va
   for (std::int64_t r = 0; r < count; ++r) {
     const double strength = stir[static_cast<std::size_t>(r)];
     const auto height = static_cast<float>(Coordinate(2, (row + r) / dims_.y));
-    // A row's values must not depend on the rows that it is filled with.
+    // A row's values must not depend on the other rows of the call.
     const float scale =
         strength < kCalm ? 0.0F : static_cast<float>(0.5 * parameters_.thickness * strength);
     float* const line = values + r * dims_.x;

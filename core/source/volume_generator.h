@@ -47,8 +47,8 @@ struct GeneratorParameters {
 // floats hold f, integers lowest + f * (highest - lowest), rounded to nearest. Random and gyroid
 // are 0.5 where the sum of waves is 0; f = 0.5 + sum / 7 with a sum of unit variance, 0.5 + g / 3.
 //
-// The same bytes for the same parameters whatever the number of threads and the order of calls (on
-// one machine; another one may round sines differently). Immutable, thread-safe.
+// The same bytes for the same parameters for any number of threads and order of calls (on one
+// machine; another may round sines differently). Immutable, thread-safe.
 class VolumeGenerator {
  public:
   // INVALID_ARGUMENT: parameters out of range, dims below 2 or more samples than a file holds.

@@ -1,3 +1,15 @@
+// A path becomes a source in two steps. FindVolume decides, in this order, by name and content:
+//
+//   a pattern ("slice*.tif")      TIFF stack
+//   file.h5:/dataset              HDF5
+//   a folder                      TIFF files if it has some, else a DICOM series
+//   file.vti, file.vti:array      VTK ImageData
+//   .tif, .tiff                   TIFF pages
+//   .dcm, or the DICOM mark       the series of that file
+//   the endings in kSuffixes      NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
+//
+// OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
+
 #include "core/source/volume_source.h"
 
 #include <glob.h>
@@ -89,8 +101,8 @@ enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
   std::vector<std::string>
-      files;  // TIFF slices from the lowest up; of a kSampleFile header, samples
-  // Of a kSampleFile:
+      files;  // TIFF: slices from the lowest up; kSampleFile: header, then samples
+  // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};
 };

@@ -53,8 +53,8 @@ class VolumeSource {
   }
 };
 
-// The command line's words about a raw file; ignored for formats that carry it themselves, except
-// that a flag given for those is an error (the caller checks is_raw).
+// The flags that describe a raw file. For formats with a header, such a flag is an error (the
+// caller checks is_raw).
 struct RawFormat {
   math::Index3 dims;
   volume::ScalarType type = volume::ScalarType::kUint8;
@@ -72,10 +72,10 @@ struct RawFormat {
 // lists those known, and says how to read it as raw; not three-dimensional; more than one
 // component), DATA_LOSS.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);
-// The files that such a volume is read from: as long as none of them changes and none is added, it
-// stays as it is. Of a DICOM series that is all DICOM files of its folder, whatever their series.
-// Reads names and headers only. Errors as OpenVolumeFile where these show them; files that are
-// named but missing are left to the caller.
+// Returns the files of such a volume. While none of them changes and none is added, the volume does
+// not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
+// names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
+// missing files.
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path);
 // Opens a raw file. INVALID_ARGUMENT if it is smaller than the flags promise (names both sizes).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,

@@ -9,10 +9,11 @@
 // blocks.
 //
 // Either is in base64 if it stands inline, or if AppendedData says so. Plain data are one run of
-// base64; of compressed data sizes and blocks are encoded apart, so that the blocks begin at the
-// next whole group of four characters. Every three bytes are four characters without gaps: a byte
-// is found by its offset. Sizes beyond 4 GiB with a header of 32 bits are written without their
-// upper bits. Source: VTK's file format description, "XML File Formats", https://docs.vtk.org.
+// base64; in compressed data, sizes and blocks are encoded separately, so that the blocks begin at
+// the next whole group of four characters. Three bytes are always four characters, without gaps, so
+// the position of a byte follows from its offset. Sizes beyond 4 GiB with a header of 32 bits are
+// written without their upper bits. Source: VTK's file format description, "XML File Formats",
+// https://docs.vtk.org.
 
 #include "core/source/vti_data.h"
 
@@ -46,7 +47,7 @@ class EncodedBytes {
   EncodedBytes(const io::RandomAccessFile* file, std::int64_t start, bool is_base64)
       : file_(file), start_(start), is_base64_(is_base64) {}
 
-  // Where bytes begin that are encoded anew behind the first `size` bytes.
+  // Returns the separately encoded bytes behind the first `size` bytes.
   [[nodiscard]] EncodedBytes Behind(std::int64_t size) const {
     return {file_, start_ + (is_base64_ ? (size + 2) / 3 * 4 : size), is_base64_};
   }
@@ -68,7 +69,7 @@ class EncodedBytes {
       text.resize(4 * std::min(kGroupsAtOnce, (skip + size + 2) / 3));
       ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(position, text.size(), text.data()));
       const std::size_t take = std::min(size, text.size() / 4 * 3 - skip);
-      // Abseil passes over white space and takes padding anywhere: then there are fewer bytes.
+      // Abseil skips white space and accepts padding anywhere; both give fewer bytes.
       if (!absl::Base64Unescape(text, &bytes) || bytes.size() < skip + take) {
         return absl::DataLossError(
             absl::StrFormat("%s: no base64 text in the %d characters at byte %d: damaged or cut",
@@ -236,7 +237,7 @@ absl::StatusOr<BlockTable> ReadBlockTable(const SizeReader& reader, std::int64_t
   return blocks;
 }
 
-// Where the array's bytes begin.
+// Finds the first byte of the array.
 absl::StatusOr<EncodedBytes> FindBytes(const io::RandomAccessFile& file, const VtiHeader& header,
                                        const VtiArray& array) {
   const bool is_appended = array.format == "appended";

@@ -16,10 +16,10 @@
 //    <AppendedData encoding="raw">_...</AppendedData>    bytes: no XML from the underscore on
 //   </VTKFile>
 //
-// expat gets the file in portions of 64 KiB and is stopped at AppendedData, or at an inline array
-// that is certain to be chosen: gigabytes of text need not be looked through. Handlers see tags
-// only; text passes by. An extent counts points, inclusive: "0 63" are 64 points and 63 cells.
-// Source: VTK's file format description, "XML File Formats", https://docs.vtk.org.
+// expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an inline array
+// that is certain to be chosen: the text behind it may have gigabytes. Handlers get tags only, and
+// no text. An extent counts points, inclusive: "0 63" are 64 points and 63 cells. Source: VTK's
+// file format description, "XML File Formats", https://docs.vtk.org.
 
 #include "core/source/vti_header.h"
 
@@ -71,8 +71,8 @@ const KnownType* FindType(const std::string& name) {
   return row == kTypes.end() ? nullptr : row;
 }
 
-// An array that may be taken without being asked for. VTK marks points and cells that count double
-// in one of its own.
+// Whether an array may be the default. VTK marks ghost points and cells in an array of its own,
+// which may not.
 bool IsEligible(const VtiArray& array) {
   return array.components == 1 && FindType(array.type) != nullptr && array.name != "vtkGhostType";
 }
@@ -110,7 +110,7 @@ class HeaderParser {
                             static_cast<std::int64_t>(XML_GetCurrentLineNumber(parser_)),
                             XML_ErrorString(XML_GetErrorCode(parser_))));
       }
-      // expat holds what it has not finished.
+      // expat buffers an unfinished tag.
       if (!is_done_ && offset - XML_GetCurrentByteIndex(parser_) > kMaxTagBytes) {
         return absl::InvalidArgumentError(absl::StrFormat(
             "%s: a tag of more than %d bytes: no VTK ImageData file", file.path(), kMaxTagBytes));
@@ -164,7 +164,7 @@ class HeaderParser {
     } else if (name == "AppendedData") {
       header_.appended_encoding = attributes["encoding"];
       header_.appended_start = EndOfTag();
-      Stop();  // what follows need not be XML
+      Stop();  // the rest need not be XML
     }
   }
 
@@ -345,7 +345,7 @@ absl::StatusOr<VtiChoice> ChooseVtiArray(const VtiHeader& header, const std::str
     const auto single = std::find_if(header.arrays.begin(), header.arrays.end(),
                                      [](const VtiArray& array) { return array.components == 1; });
     if (single != header.arrays.end()) {
-      return VtiChoice{*single, 0};  // of a type that will be refused by its name
+      return VtiChoice{*single, 0};  // its type is refused later, by name
     }
     return WithoutChoice(header, header.arrays.front(), path);
   }

@@ -21,7 +21,8 @@
 namespace isoscope::source {
 namespace {
 
-// Of interleaved components, read at once to pick one; more only if a single tuple is larger.
+// The bytes of interleaved components that are read at once, to pick one component. A single larger
+// tuple exceeds it.
 constexpr std::int64_t kTupleBytes = 64 * base::kKiB;
 
 class VtiSource final : public VolumeSource {

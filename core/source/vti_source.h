@@ -19,16 +19,16 @@ bool SplitVtiPath(const std::string& path, PartPath* parts);
 
 // Opens one array of points or of cells, whose samples lie at the cells' centres: integers of 8 to
 // 32 bits or floats, either byte order; "appended" data (raw or base64) or inline "binary",
-// uncompressed or in zlib blocks. Of an array of several components, one (counted from 0). Without
-// a name: the first array of one component, points before cells, and of either that which is called
-// its scalars. The file's Origin, Spacing, Direction and the start of its extent give the world.
+// uncompressed or in zlib blocks. Reads one component (counted from 0) of an array of several.
+// Without a name: the first array of one component, points before cells, and among either the one
+// that the file calls its scalars. Origin, Spacing, Direction and the start of the extent define
+// the world coordinates.
 //
-// Holds the header, 64 KiB, and of compressed data one block and where each one lies (8 bytes a
-// block; VTK writes blocks of 32 KiB).
-// INVALID_ARGUMENT: no such file; only arrays of several components and none chosen (lists them,
-// with the argument to give); text ("ascii") data; several pieces; another compressor; sizes that
-// do not fit; the file ends early. NOT_FOUND: no such array (lists those there are). DATA_LOSS:
-// damaged.
+// Holds the header and 64 KiB; for compressed data also one block and 8 bytes for each block (VTK
+// writes blocks of 32 KiB). INVALID_ARGUMENT: no such file; only arrays of several components and
+// none chosen (lists them, with the argument to give); text ("ascii") data; several pieces; another
+// compressor; sizes that do not fit; the file ends early. NOT_FOUND: no such array (lists those
+// there are). DATA_LOSS: damaged.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path);
 
 }  // namespace isoscope::source

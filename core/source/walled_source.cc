@@ -7,9 +7,9 @@
 //   kFindFiles       -                                  -                  names, each ends with 0
 //   an error of any                                     code               message
 //
-// Rows come in runs: a plane, or as many as fit into kRunBytes, so that a library that decodes in
-// chunks is asked for as much at a time as it was without the wall. After an error none are asked
-// for: what a library keeps of a damaged file from one read to the next should not be guessed at.
+// Rows are read in runs: a plane, or as many as fit into kRunBytes. So a library that decodes in
+// chunks gets requests as large as without the child. After an error there are no more requests,
+// because the state of the library after a damaged file is unknown.
 
 #include "core/source/walled_source.h"
 
@@ -36,7 +36,7 @@ namespace isoscope::source {
 namespace {
 
 constexpr std::int64_t kRunBytes = 8 * base::kMiB;
-constexpr std::size_t kSharedBytes = 32 * base::kMiB;  // taken as far as it is used
+constexpr std::size_t kSharedBytes = 32 * base::kMiB;  // memory only as far as it is used
 constexpr std::int64_t kOpenMemoryBytes = base::kGiB;
 
 enum class Question : std::uint32_t { kOpen, kReadRows, kFindFiles };
@@ -87,7 +87,7 @@ absl::Status DoInChild(const Request& request, Answer* answer, char* shared) {
     return absl::OkStatus();
   }
   if (request.question == Question::kReadRows) {
-    if (source == nullptr) {  // somebody killed the child that had it
+    if (source == nullptr) {  // another process killed the child that had it
       ISOSCOPE_ASSIGN_OR_RETURN(source, request.library.open(path));
     }
     return source->ReadRows(request.begin_row, request.end_row, shared);
@@ -126,7 +126,7 @@ class Child {
                   .answer_bytes = sizeof(Answer),
                   .shared_bytes = kSharedBytes}) {}
 
-  // The answer, or the error that the child told, or that it met.
+  // Returns the answer, the error that the child reported, or the error that ended it.
   absl::StatusOr<Answer> Ask(Question question, const DecoderProcess::Limits& limits,
                              std::int64_t begin_row = 0, std::int64_t end_row = 0) {
     Request request{};
@@ -154,7 +154,7 @@ class Child {
     return answer;
   }
 
-  // Of an answer; nothing that a terminal would obey.
+  // Returns the text of an answer, without control characters, so that it can't steer a terminal.
   [[nodiscard]] std::string Text(const Answer& answer) const {
     std::string text(process_.shared(), answer.text_bytes);
     std::replace_if(
@@ -194,7 +194,7 @@ class WalledSource final : public VolumeSource {
     ISOSCOPE_RETURN_IF_ERROR(failure_);
     const std::int64_t plane_rows = header_.geometry.sample_dims.y;
     while (begin_row < end_row) {
-      // Up to the end of a plane first, then whole planes, as far as these fit.
+      // First up to the end of a plane, then as many whole planes as fit.
       const std::int64_t in_plane = begin_row % plane_rows;
       const std::int64_t run = in_plane > 0             ? plane_rows - in_plane
                                : run_rows_ > plane_rows ? run_rows_ - run_rows_ % plane_rows

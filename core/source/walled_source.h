@@ -1,4 +1,4 @@
-// A volume whose library runs behind a wall: in a process of its own (decoder_process.h).
+// A volume whose library runs in a process of its own (decoder_process.h), called the wall here.
 
 #ifndef ISOSCOPE_CORE_SOURCE_WALLED_SOURCE_H_
 #define ISOSCOPE_CORE_SOURCE_WALLED_SOURCE_H_
@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// What a library does with a path, in the process that it runs in.
+// The functions of a library on a path. They run in the child process.
 struct WalledLibrary {
   const char* name = "";  // for messages: "HDF5"
   absl::StatusOr<std::unique_ptr<VolumeSource>> (*open)(const std::string& path) = nullptr;
@@ -21,7 +21,7 @@ struct WalledLibrary {
 };
 
 // Opens the volume by `library.open` in a child process, which then reads the rows, too, and ends
-// with the source. What it says is checked, and its errors are those of `library.open` and
+// with the source. Its answers are checked, and its errors are those of `library.open` and
 // ReadRows. DATA_LOSS also: the library ended its process, or took too long. After an error of
 // ReadRows all later ones fail. RESOURCE_EXHAUSTED: the system gives no process.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& library,

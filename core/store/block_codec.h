@@ -33,7 +33,7 @@ BlockEncoding EncodeBlock(BlockEncoding wanted, volume::ScalarType type, absl::s
 //
 // stored:   the bytes that EncodeBlock returned
 // raw_size: size of the decoded samples, bytes
-// scratch:  overwritten; pass the same string again to spare allocations
+// scratch:  overwritten; pass the same string again to avoid allocations
 // out:      raw_size bytes
 //
 // DATA_LOSS if `stored` is no such encoding of exactly raw_size bytes.

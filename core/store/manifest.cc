@@ -6,8 +6,7 @@
 //      are read in a row and the error is checked once. Unknown members are ignored.
 //   4. Names become enumerators.
 //   5. CheckConsistency: the digests have 32 hex digits, the geometry is valid, the blocks make a
-//   layout,
-//      and the block counts of the shards add up to its blocks.
+//      layout, and the block counts of the shards add up to its blocks.
 //
 // Invariant: decoding an encoded manifest gives the same manifest, bit for bit, if its strings are
 // UTF-8. Doubles are written with as many digits as that takes; the two infinities, which JSON

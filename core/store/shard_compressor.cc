@@ -2,7 +2,7 @@
 //
 //   1. RawBlocks::Next reads the entries of the next blocks and their bytes, which lie one after
 //      the other in blocks.bin: one read each.
-//   2. Encode the blocks of the batch side by side, each into a string of its own, with the CRC-32C
+//   2. Encode the blocks of the batch in parallel, each into a string of its own, with the CRC-32C
 //      of the encoded bytes.
 //   3. Append them by ordinal to blocks.bin.compressed, and their entries to
 //      block_index.bin.compressed. A block's new offset is the sum of the encoded sizes before it.

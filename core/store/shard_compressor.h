@@ -38,9 +38,9 @@ using ParallelFor =
 // the same order, and returns the new summary. Blocks that would not become smaller stay raw. The
 // disk must have room for both versions.
 //
-// directory:    a shard that ShardWriter::Finish has written and WriteDescriptions has not
-// described raw:          the summary that ShardWriter::Finish returned parallel_for: runs the
-// encoding of a batch
+// directory:    a shard that Finish has written and WriteDescriptions has not described
+// raw:          the summary that ShardWriter::Finish returned
+// parallel_for: runs the encoding of a batch
 //
 // DATA_LOSS if the directory does not hold that raw shard, CANCELLED, or the files' errors; after
 // an error the caller removes the directory.

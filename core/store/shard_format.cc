@@ -10,8 +10,8 @@ namespace {
 constexpr std::size_t kHeaderCrcOffset = 12;
 
 // The CRC-32C of a header, with its own field taken as zero. The field lies inside the header, not
-// at its end: the CRC-32C of bytes that end in their own CRC-32C is the same for all contents, and
-// the checksum of the whole file would then tell nothing.
+// at its end: the CRC-32C of bytes that end in their own CRC-32C is the same for all contents. The
+// checksum of the whole file would then be useless.
 std::uint32_t HeaderCrc32c(std::string header) {
   base::StoreLittleEndian(std::uint32_t{0}, header.data() + kHeaderCrcOffset);
   return base::Crc32c(header);

@@ -8,15 +8,15 @@
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
 //   6. blocks.bin        size; each block's CRC-32C when it is read
-//   7. histogram.bin     only when somebody asks for it: CRC-32C of the file, from shard.json
+//   7. histogram.bin     on request only: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
 //
-// Blocks are read in disk runs. PlanDiskRuns sorts the gaps between the wanted blocks and reads
-// over the smallest, up to 18 % of the wanted bytes, because a few bytes more cost less than
-// another request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000
-// bytes, so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13)
-// is not: two disk runs, of 1000 and of 100 bytes.
+// Blocks are read in disk runs. PlanDiskRuns sorts the gaps between the wanted blocks, and reads
+// over the smallest ones, up to 18 % of the wanted bytes. A few more bytes cost less than another
+// request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000 bytes,
+// so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13) is
+// not: two disk runs, of 1000 and of 100 bytes.
 //
 // Layouts: docs/format/dataset.md, docs/format/shard.md.
 
@@ -278,7 +278,7 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
 
 absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_view bytes) {
   entries_.reserve((bytes.size() - kBinaryHeaderBytes) / kBlockIndexEntryBytes);
-  // Blocks may come in any order: another writer may have reasons for another one.
+  // Blocks may come in any order, because other writers may use another one.
   volume::BlockSet seen(layout_.block_count());
   std::int64_t offset = 0;
   for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
@@ -400,8 +400,8 @@ std::vector<ShardReader::DiskRun> ShardReader::PlanDiskRuns(
       }
     }
   }
-  // Find the largest gap that is read over. Of the gaps that equal it, only the first `ties_left`
-  // are.
+  // Find the largest gap that is read over. Only the first `ties_left` gaps of that size are read
+  // over.
   std::sort(gaps.begin(), gaps.end());
   auto budget = static_cast<std::int64_t>(kMaxGapShare * static_cast<double>(useful_bytes));
   std::int64_t largest_gap = 0;

@@ -1,4 +1,4 @@
-// A shard directory comes into being in this order:
+// A shard directory is written in this order:
 //
 //   ShardWriter::Create             the directory, and blocks.bin
 //   ShardWriter::WriteBlock         samples at the offset that the caller gives, in any order
@@ -263,7 +263,7 @@ std::string ComputeDatasetId(const Manifest& manifest) {
     base::AppendLittleEndian(shard.block_bytes, &canonical);
     base::AppendLittleEndian(shard.block_index_crc32c, &canonical);
   }
-  if (manifest.patient_frame.has_value()) {  // datasets without one keep the ids that they had
+  if (manifest.patient_frame.has_value()) {  // datasets without one keep their earlier ids
     AppendString("patient_frame", &canonical);
     AppendString(manifest.patient_frame->name(), &canonical);
   }

@@ -117,10 +117,10 @@ class RangeTableWriter {
 };
 
 // Writes the manifest into a dataset directory (shard_index < 0), or the manifest and shard.json
-// into a shard directory. The range table must lie there already, and in a shard the interval tree,
-// which is read once for its checksum, as is the histogram if there is one. The manifest comes last
-// and appears whole. NOT_FOUND if one of the former files is missing; ALREADY_EXISTS if the
-// directory has a manifest.
+// into a shard directory. The range table must be there already. A shard must also have its
+// interval tree. That is read once for its checksum, as is the histogram if there is one. The
+// manifest comes last and appears whole. NOT_FOUND if one of the former files is missing;
+// ALREADY_EXISTS if the directory has a manifest.
 absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
                                int shard_index);
 // Writes the range table, then does the same.

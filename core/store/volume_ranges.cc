@@ -7,7 +7,8 @@
 namespace isoscope::store {
 namespace {
 
-// The ranges that shards of this process share. A volume is forgotten with its last shard.
+// The ranges that shards of this process share. The ranges of a volume are freed with its last
+// shard.
 class Pool {
  public:
   std::shared_ptr<VolumeRanges> Share(volume::RangeTable table) ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -37,7 +38,7 @@ std::shared_ptr<VolumeRanges> VolumeRanges::Share(volume::RangeTable table) {
 }
 
 std::shared_ptr<const volume::BlockSet> VolumeRanges::ActiveBlocks(double isovalue) {
-  // The lock is held while a set is made: agents of one process ask for the same one at once.
+  // The lock is held while a set is made, because agents of one process need the same set at once.
   const base::MutexLock lock(&mutex_);
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.isovalue == isovalue; });

@@ -1,5 +1,5 @@
-// The range table of a volume, and what follows from it: one copy for all shards of the volume that
-// a process has open.
+// The range table of a volume, and the active sets computed from it. All open shards of the volume
+// in a process share one copy.
 
 #ifndef ISOSCOPE_CORE_STORE_VOLUME_RANGES_H_
 #define ISOSCOPE_CORE_STORE_VOLUME_RANGES_H_

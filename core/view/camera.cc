@@ -12,7 +12,7 @@ namespace isoscope::view {
 namespace {
 
 // The sine of the smallest angle between `up` and the view direction at which `up` counts as a
-// direction of its own: far above rounding errors, far below any camera that is meant.
+// direction of its own: far above rounding errors, far below the angles of real cameras.
 constexpr double kMinUpSine = 1e-6;
 
 // Rotates `v` about the unit vector `axis`, right-handed. Source: Rodrigues' rotation formula.

@@ -50,8 +50,9 @@ inline constexpr int kMaxWholeViewportPx = 65536;
 // The default of clients; servers keep images of this size ready.
 inline constexpr Viewport kCommonViewport{.width_px = 1024, .height_px = 1024};
 
-// Returns INVALID_ARGUMENT, naming the field and its value, unless all components are finite,
-// eye != target, up is not parallel to the view direction, and the angle or height is in its range.
+// Returns INVALID_ARGUMENT, with the field and its value, unless the camera is valid: all
+// components are finite, eye != target, up is not parallel to the view direction, and the angle or
+// height is in its range.
 absl::Status Validate(const Camera& camera);
 // Returns INVALID_ARGUMENT unless both sides are in [1, kMaxViewportPx].
 absl::Status Validate(const Viewport& viewport);

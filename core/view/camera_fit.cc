@@ -15,7 +15,7 @@ namespace {
 using volume::PatientFrame;
 using volume::PatientSide;
 
-// Where the eye is, seen from the target, and what is up: unit vectors.
+// The direction from the target to the eye, and the up direction: unit vectors.
 struct Side {
   math::Vec3d to_eye;
   math::Vec3d up;

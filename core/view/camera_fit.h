@@ -1,4 +1,4 @@
-// Cameras that frame something: the volume from a named side, or the surface instead of the volume.
+// Cameras that fit an object: the volume from a named side, or the surface instead of the volume.
 
 #ifndef ISOSCOPE_CORE_VIEW_CAMERA_FIT_H_
 #define ISOSCOPE_CORE_VIEW_CAMERA_FIT_H_
@@ -18,13 +18,13 @@ namespace isoscope::view {
 // Returns the world box around the cells [begin, end) of a grid. REQUIRES: they are cells of it.
 math::Box3d BoundsOfCells(const volume::GridGeometry& geometry, const math::IndexBox& cells);
 
-// Returns the part of `bounds` inside of the region's box; `bounds` if there is no box, or if
-// nothing but a point would be left.
+// Returns the part of `bounds` inside the region's box; `bounds` if there is no box, or if only a
+// point would be left.
 math::Box3d ClippedBounds(const math::Box3d& bounds, const ClipRegion& clip);
 
-// Returns a camera for box `to` that frames it as `camera` frames box `from`: moved and scaled by
-// what takes the sphere around the one to the sphere around the other. Direction, up and angle
-// stay. REQUIRES: from.Radius() > 0.
+// Returns a camera for box `to` that frames it as `camera` frames box `from`: moved and scaled as
+// the sphere around one box to the sphere around the other. Direction, up and angle stay the same.
+// REQUIRES: from.Radius() > 0.
 Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3d& to);
 
 // The sides to look from; named_views.inc has their numbers. Front is the default camera's.

@@ -9,8 +9,8 @@
 namespace isoscope::view {
 namespace {
 
-// How far outside the volume a crossing may be by rounding, in samples: a clip box on the volume's
-// border is one that cuts it.
+// The distance, in samples, by which rounding may put a crossing outside the volume. A clip box on
+// the volume's border still cuts it.
 constexpr double kBorderSlack = 1e-6;
 
 }  // namespace

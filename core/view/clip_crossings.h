@@ -1,8 +1,9 @@
-// Where the rays through pixels enter and leave a clip region: the points that caps are drawn at.
+// Finds the points where the rays through pixels enter and leave a clip region. Caps are drawn
+// there.
 //
 // A region is convex, so a ray has one interval in it: from the last half-space that it enters to
-// the first that it leaves. At the edge between two planes one of the two is taken, so that no ray
-// slips through between them.
+// the first that it leaves. At the edge between two planes, one of the two is taken, so that no ray
+// passes between them.
 
 #ifndef ISOSCOPE_CORE_VIEW_CLIP_CROSSINGS_H_
 #define ISOSCOPE_CORE_VIEW_CLIP_CROSSINGS_H_
@@ -20,7 +21,7 @@ namespace isoscope::view {
 // A point on the border of the clip region, inside the volume and behind the near plane.
 struct ClipCrossing {
   math::Vec3d position;        // index space
-  std::size_t half_space = 0;  // whose border it is, in Clipper::half_spaces()
+  std::size_t half_space = 0;  // the half-space with this border, in Clipper::half_spaces()
   float depth = 0;             // window depth, in [0, 1]
 };
 

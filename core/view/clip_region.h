@@ -1,9 +1,9 @@
 // The part of a volume that a frame shows. Fragments outside are dropped, one by one; whole blocks
 // outside are never read.
 //
-// Why clipped pictures stay exact: whether a fragment is kept follows from its triangle and pixel
-// alone, by IsKept. SideOf only skips work whose result is certain: a fragment's weights are not
-// negative, so its distance to a plane lies between those of its triangle's vertices, and these lie
+// Clipped pictures are exact for two reasons. IsKept decides about a fragment from its triangle and
+// pixel alone. SideOf only skips work whose result is certain: a fragment's weights are not
+// negative, so its distance to a plane lies between those of its triangle's vertices. These lie
 // between those of the corners of its block (docs/numerics.md).
 
 #ifndef ISOSCOPE_CORE_VIEW_CLIP_REGION_H_
@@ -33,7 +33,7 @@ struct HalfSpace {
 
 inline constexpr std::size_t kMaxHalfSpaces = 6;  // of a request; a box adds as many
 
-// The intersection of its members, in world space. Without members: all of it.
+// The intersection of its members, in world space. Without members: the whole space.
 struct ClipRegion {
   std::vector<HalfSpace> half_spaces;
   std::optional<math::Box3d> box;

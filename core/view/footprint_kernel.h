@@ -28,9 +28,10 @@ inline constexpr double kSnapErrorPx = 1.0 / 16;
 // A block whose rectangle would need a wider margin gets the whole picture.
 inline constexpr double kMaxMarginPx = 4;
 
-// The bounds hold while float32 neither overflows nor loses digits near 0. So a block gets the
-// whole picture too if a clip coordinate's bound of the error is above the first, 2^-20 of 2^120,
-// or if a corner's w may be below the second, whose own error by underflow is 2^-47 of it.
+// The bounds hold while float32 neither overflows nor loses digits near 0. So a block also gets the
+// whole picture in two cases. A clip coordinate's bound of the error is above the first constant,
+// 2^-20 of 2^120. Or a corner's w may be below the second, whose own error by underflow is 2^-47 of
+// it.
 inline constexpr double kMaxClipError = 0x1p100;
 inline constexpr double kMinClipW = 0x1p-100;
 

@@ -1,4 +1,4 @@
-// The way back from a pixel and its window depth to the distance from the eye, and to the world.
+// Converts a pixel and its window depth back to the distance from the eye, and to world space.
 
 #ifndef ISOSCOPE_CORE_VIEW_UNPROJECTION_H_
 #define ISOSCOPE_CORE_VIEW_UNPROJECTION_H_

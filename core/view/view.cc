@@ -6,13 +6,13 @@
 //      far for perspective, at least 0 for orthographic.
 //   4. Projection times both eye matrices gives clip_from_world and clip_from_index.
 //
-// A footprint answers, for a box of cells: which pixels can a float32 renderer cover, and how near
-// can a fragment be? footprint_kernel.cc computes rectangles and depths. Here depths are rounded
-// towards the viewer. A box that the kernel gives the whole picture has depth 0, so that it is
-// never hidden.
+// A footprint holds, for a box of cells, the pixels that a float32 renderer can cover, and the
+// least depth of a fragment. footprint_kernel.cc computes rectangles and depths. Here depths are
+// rounded towards the viewer. A box that the kernel gives the whole picture has depth 0, so that it
+// is never hidden.
 //
-// A region only cuts rectangles, and counts their pixels from its own corner. All else is the
-// whole's, so that a region has the whole's pixels.
+// A region only cuts rectangles, and counts their pixels from its own corner. Everything else is
+// computed for the whole, so that a region has the pixels of the whole.
 //
 // Invariant: the same operations in the same order on every agent, in double, without contraction.
 //
@@ -41,9 +41,9 @@ namespace {
 // The near plane is at least this part of the far distance (VTK's choice for deep buffers): at the
 // far end one step of a 32-bit float depth is then 6e-5 of the far distance, less than a cell.
 constexpr double kMinNearFraction = 1e-3;
-// The planes keep off the volume, so that nothing on its boundary is clipped: by this fraction of
-// its depth, plus this fraction of its distance for the error of float32 clip coordinates
-// (kClipError, with room to spare).
+// The planes keep a distance from the volume, so that nothing on its boundary is clipped: by this
+// fraction of its depth, plus this fraction of its distance for the error of float32 clip
+// coordinates (kClipError, with room to spare).
 constexpr double kPlaneSlack = 1e-3;
 constexpr double kPlaneRoundingSlack = 4e-6;
 

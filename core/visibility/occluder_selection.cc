@@ -1,8 +1,8 @@
-// The rays of a frame, their division among agents, and the way from hits to occluding blocks. The
+// The rays of a frame, their division among agents, and the step from hits to occluding blocks. The
 // walk of a ray is in ray_kernel.cc.
 //
 // Ray indices count the faces of the volume's sides first, axis by axis, the lower side before the
-// upper, then the cells of a grid over the image. Rows are walked to and fro, so that successive
+// upper, then the cells of a grid over the image. Rows alternate in direction, so that successive
 // rays are neighbours:
 //
 //        row 0    0 -> 1 -> 2
@@ -35,9 +35,9 @@
 namespace isoscope::visibility {
 namespace {
 
-// The density of random rays. They find blocks that rays through face centres miss: those inside
-// the volume that show between others. Four times as many rays save less than 2 % of the triangles
-// (docs/lab/experiments.md).
+// The density of random rays. They find blocks that rays through face centres miss: blocks inside
+// the volume that are visible between others. Four times as many rays save less than 2 % of the
+// triangles (docs/lab/experiments.md).
 constexpr double kPixelsPerRay = 8.0 * 8.0;
 constexpr double kMinImageRays = 1024;
 constexpr double kMaxImageRays = 65536;
@@ -124,7 +124,7 @@ void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
 }
 
 // Aims the rays at a region: its centre becomes the middle of the image plane, its half sides the
-// plane's half sides, and what the region does not show is outside the frustum.
+// plane's half sides, and everything outside the region is outside the frustum.
 void AimAtRegion(const view::View& view, RayScene* scene) {
   const view::Region& region = view.region();
   const double width = view.viewport().width_px;

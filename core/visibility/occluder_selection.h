@@ -1,5 +1,5 @@
-// Step 1 of a frame: rays through the grid of blocks find a first guess of the visible blocks. Only
-// spans are read, no samples. Source: Zhang, Bajaj and Ramachandran 2002, section 3.1
+// Step 1 of a frame: rays through the grid of blocks give a first estimate of the visible blocks.
+// Only spans are read, no samples. Source: Zhang, Bajaj and Ramachandran 2002, section 3.1
 // (references.bib: zhang-random-distribution).
 
 #ifndef ISOSCOPE_CORE_VISIBILITY_OCCLUDER_SELECTION_H_
@@ -73,8 +73,9 @@ struct RayShare {
 // Divides the rays evenly. REQUIRES: 0 <= agent_index < agent_count.
 RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count);
 
-// Returns the occluding blocks: the hits, and those of their 26 neighbours that are active.
-// `hits`: of all agents. A set, so that neither their order nor their number shows. O(blocks / 64).
+// Returns the occluding blocks: the hits, and those of their 26 neighbours that are active. `hits`:
+// of all agents. It is a set, so the result depends neither on the order of the agents nor on their
+// number. O(blocks / 64).
 volume::BlockSet OccludingBlocks(const volume::BlockSet& hits, const volume::BlockLayout& layout,
                                  const volume::BlockSet& active);
 

@@ -8,15 +8,15 @@
 // Level 4 has one texel a tile and, with the coarser levels, is stored as a plane. All tiles
 // without a fragment share the first stored tile, which is uncovered throughout.
 //
-// Hides begins at a level at which the rectangle is a few texels wide. A texel that is nearer than
-// the block settles its pixels. One that is not settles the whole answer if all its pixels are in
-// the rectangle, for its farthest pixel is one of them; else its children inside the rectangle
-// decide. So only texels on the rectangle's border are refined, and the answer is that of all
+// Hides begins at a level at which the rectangle is a few texels wide. A texel nearer than the
+// block decides for all its pixels. Any other texel makes the answer false if all its pixels are in
+// the rectangle, because its farthest pixel is one of them. Else its children inside the rectangle
+// decide. So only texels on the rectangle's border are refined, and the answer equals a test of all
 // pixels.
 //
 // Example: 20 x 9 pixels, x from 30 to 49 and y from 5 to 13, begin at level 3, as 20 >> 3 = 2 is
 // the first shift that gives at most 4: texels of 8 x 8 pixels, 3 to 6 across and 0 to 1 down,
-// eight looks where testing each pixel would take 180.
+// eight tests, where testing each pixel would take 180.
 //
 // Invariants: an uncovered pixel is 2, farther than any depth; a texel outside the image is 0,
 // nearer than any limit but 0, at which nothing is hidden. Nothing is rounded: depths stay
@@ -62,7 +62,7 @@ void Halve(const float* fine, float* coarse) {
 std::uint32_t OpenBits(const float* texels, int begin_x, int end_x, float limit) {
   std::uint32_t bits = 0;
   int x = begin_x;
-  // Four independent comparisons a step: else each would wait for the one before.
+  // Four independent comparisons a step, so that none waits for the one before.
   for (; x + 4 <= end_x; x += 4) {
     const std::uint32_t four =
         std::uint32_t{!(texels[x] < limit)} | std::uint32_t{!(texels[x + 1] < limit)} << 1 |

@@ -30,8 +30,8 @@ inline constexpr int kMaxMaskSide = 32;
 
 // Returns the mask of a rectangle with no cell open. Its cells are those that touch the rectangle,
 // with the smallest shift for which there are at most kMaxMaskSide columns and rows; an empty
-// rectangle has none. The shape depends on the rectangle alone: to a receiver that knows the
-// rectangle, the bits suffice. REQUIRES: 0 <= begin_x, begin_y.
+// rectangle has none. The shape depends on the rectangle alone: a receiver that knows the rectangle
+// needs only the bits. REQUIRES: 0 <= begin_x, begin_y.
 image::PixelMask ClosedMaskOf(const view::PixelRect& rect);
 
 // Depths of an image, one texel a pixel, row 0 at the top, and a pyramid of farthest depths above

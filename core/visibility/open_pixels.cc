@@ -65,7 +65,8 @@ std::vector<std::uint64_t> Concatenate(std::span<const image::PixelMask> masks,
   return all;
 }
 
-// Does the reverse: fills the words of each mask from `all`, which has one word more than its bits.
+// The inverse of Concatenate: fills the words of each mask from `all`, which has one word more than
+// its bits.
 void Split(std::span<const std::uint64_t> all, std::span<image::PixelMask> masks) {
   std::uint64_t position = 0;
   for (image::PixelMask& mask : masks) {

@@ -146,7 +146,8 @@ void MakeFaceRays(F64 d, const RayScene& scene, const RayRow& row, std::int64_t 
 // on.
 void MakeImageRays(F64 d, const RayScene& scene, const RayRow& row, std::int64_t column,
                    std::size_t count, RayLanes* rays) {
-  // Ray indices run to and fro over the rows; the random numbers of a ray follow from its index.
+  // Ray indices alternate in direction from row to row; the random numbers of a ray follow from its
+  // index.
   const bool is_forth = row.row % 2 == 0;
   const std::int64_t first =
       row.row * scene.grid_columns + (is_forth ? column : scene.grid_columns - 1 - column);
@@ -294,7 +295,7 @@ hn::Vec<U64> IdStep(F64 d, const RayLanes& rays, std::size_t axis, std::int64_t 
                         hn::Set(du, static_cast<std::uint64_t>(-stride)));
 }
 
-// Step 3 walks all rays of a packet side by side until each has met an active block or left the
+// Step 3 walks all rays of a packet in parallel until each has met an active block or left the
 // volume, and inserts the blocks met into `hits`.
 void WalkRays(F64 d, const RayScene& scene, const StepFields& fields, const RayLanes& rays,
               const std::uint64_t* active, std::uint64_t* hits) {
@@ -320,7 +321,8 @@ void WalkRays(F64 d, const RayScene& scene, const StepFields& fields, const RayL
   const auto overrun = hn::Set(du, fields.overrun);
   auto id = hn::BitCast(du, hn::ConvertTo(di, hn::Load(d, walks.id.data())));
   auto steps_left = hn::BitCast(du, hn::ConvertTo(di, hn::Load(d, walks.steps_left.data())));
-  // A ray that has hit walks on until all have: the next step then need not wait for the gather.
+  // A ray that has hit still walks until all have, so that the next step need not wait for the
+  // gather.
   auto is_inside = hn::Ge(t_exit, hn::Zero(d));
   auto is_searching = is_inside;
   auto has_hit = hn::Lt(t_exit, t_exit);  // none

@@ -67,7 +67,7 @@ class BlockLayout {
 
 // Returns the default cells of a block: on each axis 16, or 12, if that leaves 32 768 blocks, 2048
 // for each of 16 agents; else 8, so that agents have equal shares of smaller volumes
-// (docs/architecture.md, "Blocks"). The result depends on the volume alone, because statistics
+// (docs/decisions/0002-block-sizes.md). The result depends on the volume alone, because statistics
 // count triangles block by block and must not change with the number of agents. REQUIRES:
 // sample_dims >= 1.
 math::Index3 DefaultBlockCells(const math::Index3& sample_dims);

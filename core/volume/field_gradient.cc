@@ -22,12 +22,13 @@ double SampleAt(const BlockSamples& samples, const math::IndexBox& stored, const
   });
 }
 
-// In index space. The stored samples hold all neighbours of the block's own samples that there are.
+// Returns the gradient in index space. The stored samples include all existing neighbours of the
+// block's own samples.
 math::Vec3d GradientAtSample(const BlockSamples& samples, const math::IndexBox& stored,
                              const math::Index3& p) {
   math::Vec3d gradient;
   for (int axis = 0; axis < 3; ++axis) {
-    // A neighbour that is not there, or not finite, leaves its place to the sample itself.
+    // The sample itself replaces a neighbour that is missing or not finite.
     const auto neighbour = [&](std::int64_t step) {
       math::Index3 at = p;
       at[axis] += step;

@@ -13,8 +13,8 @@ namespace {
 // a float of its own, so that a vertex never leaves its cell.
 constexpr std::int64_t kMaxAxisSamples = std::int64_t{1} << 24;
 // The least and the largest distance between samples, in world units, and the largest coordinate of
-// a corner of the volume. World positions, and what is computed from them on the way to a pixel,
-// are 32-bit floats: these limits keep all of it far from where it vanishes or overflows.
+// a corner of the volume. World positions, and the values computed from them for a pixel, are
+// 32-bit floats. These limits keep all of them far from underflow and overflow.
 constexpr double kMinSampleDistance = 1e-24;
 constexpr double kMaxSampleDistance = 1e24;
 constexpr double kMaxCoordinate = 1e30;
@@ -25,7 +25,7 @@ math::Mat3d LinearPart(const GridGeometry& geometry) {
            geometry.direction.columns[2] * geometry.spacing.z}};
 }
 
-// Whether the world positions of samples are far from where 32-bit floats vanish or overflow.
+// Whether the world positions of samples are far from underflow and overflow of 32-bit floats.
 absl::Status CheckFloats(const GridGeometry& geometry) {
   for (int axis = 0; axis < 3; ++axis) {
     const double distance =

@@ -12,8 +12,8 @@ namespace isoscope::volume {
 namespace {
 
 constexpr double kEnclosedShare = 0.01;
-// Classes as good as the best one, up to rounding: moving the border through an empty gap changes
-// nothing but the order of the sums.
+// The tolerance within which classes count as equally good. Moving the border through an empty gap
+// changes only the order of the sums.
 constexpr double kTieTolerance = 1e-12;
 
 // The bins that hold samples, ascending, and how many.

@@ -1,4 +1,4 @@
-// Isovalues that are worth a look, from a histogram alone.
+// Suggests isovalues from a histogram alone.
 
 #ifndef ISOSCOPE_CORE_VOLUME_ISOVALUE_SUGGESTIONS_H_
 #define ISOSCOPE_CORE_VOLUME_ISOVALUE_SUGGESTIONS_H_

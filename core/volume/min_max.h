@@ -55,8 +55,8 @@ class MinMax {
       min = min_[lane] < min ? min_[lane] : min;
       max = max_[lane] > max ? max_[lane] : max;
     }
-    // min > max only if no sample counted. Adding 0 turns -0 into +0: which of them came first then
-    // does not matter.
+    // min > max only if no sample counted. Adding 0 turns -0 into +0, so that their order does not
+    // matter.
     return min > max
                ? volume::ScalarSpan{}
                : volume::ScalarSpan{static_cast<double>(min) + 0.0, static_cast<double>(max) + 0.0};

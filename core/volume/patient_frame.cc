@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::array<absl::string_view, 3> kOpposites{"LR", "PA", "SI"};
 
-// Which pair of opposite sides a letter is of; -1 if it is of none.
+// Returns the pair of opposite sides that a letter belongs to; -1 if none.
 int PairOf(char letter) {
   for (std::size_t pair = 0; pair < kOpposites.size(); ++pair) {
     if (kOpposites[pair].find(letter) != absl::string_view::npos) {

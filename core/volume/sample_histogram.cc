@@ -14,7 +14,7 @@
 namespace isoscope::volume {
 namespace {
 
-// The digits of a double: bins finer than its last one tell nothing apart.
+// The mantissa bits of a double. Bins finer than its last bit separate no values.
 constexpr int kMantissaBits = 52;
 
 bool IsInteger(ScalarType type) {
@@ -55,7 +55,7 @@ HistogramBins BinsOf(ScalarType type, const ScalarSpan& finite_range) {
       IsInteger(type)
           ? 0
           : MinExponentOf(std::max(std::abs(finite_range.min), std::abs(finite_range.max)));
-  // The first guess is at most 2 below what suffices.
+  // The first guess is at most 2 below the result.
   const double width = finite_range.max * 0.5 - finite_range.min * 0.5;
   if (width > 0) {
     bins.exponent = std::max(bins.exponent, std::ilogb(width) - 12);

@@ -1,9 +1,8 @@
-// How many samples have which value: counts in bins on a grid of powers of two.
+// Counts of samples by value, in bins on a grid of powers of two.
 //
 // Bin i holds the samples in [first + i, first + i + 1) * 2^exponent. Two bins make one of the next
-// exponent, so a histogram is made coarser without loss, and the bins of a volume follow from the
-// range of its samples alone: neither the order in which samples are counted nor how they are
-// spread over shards shows.
+// exponent, so coarsening a histogram is exact. The bins of a volume follow from the range of its
+// samples alone. So they depend neither on the order of counting nor on the shards.
 //
 // Example: uint8 samples of 3 to 250 have exponent 0, first 3 and 248 bins: exact counts. Samples
 // of float32 in [0, 1] have exponent -11, first 0 and 2049 bins; the last one holds only the ones.
@@ -27,7 +26,8 @@
 namespace isoscope::volume {
 
 inline constexpr std::int64_t kMaxHistogramBins = 4096;
-// Of doubles: no bin is finer than 2^kMin, and 2^kMax suffices for the range of all doubles.
+// Bounds for doubles: no bin is finer than 2^kMin, and 2^kMax suffices for the range of all
+// doubles.
 inline constexpr int kMinHistogramExponent = -1000;
 inline constexpr int kMaxHistogramExponent = 1014;
 
@@ -52,8 +52,8 @@ struct HistogramBins {
 HistogramBins BinsOf(ScalarType type, const ScalarSpan& finite_range);
 
 // The samples of a block that a histogram counts: its own ones without the +1 layer, which other
-// blocks have too, but with the last layer of the volume. Each sample of the volume belongs to
-// exactly one block so. REQUIRES: id < layout.block_count().
+// blocks have too, but with the last layer of the volume. So each sample of the volume belongs to
+// exactly one block. REQUIRES: id < layout.block_count().
 math::IndexBox CountedSamplesOf(const BlockLayout& layout, BlockId id);
 
 struct SampleHistogram {
@@ -71,7 +71,7 @@ struct SampleHistogram {
   void Add(const SampleHistogram& other);
 };
 
-// Neighbouring bins taken together: group g has bins [begin + g * size, begin + (g + 1) * size) of
+// Groups of neighbouring bins: group g has bins [begin + g * size, begin + (g + 1) * size) of
 // `bins`, of which the last group may overhang.
 struct BinGroups {
   HistogramBins bins;
@@ -100,8 +100,7 @@ struct BinGroups {
 absl::StatusOr<BinGroups> GroupBins(const HistogramBins& bins, std::int64_t max_count,
                                     const std::optional<ScalarSpan>& range);
 
-// The knowledge of some blocks about isovalues. The parts of all shards add up to that of the
-// volume.
+// Numbers about isovalues, for some blocks. The parts of all shards add up to those of the volume.
 struct HistogramPart {
   BinGroups groups;
   // By group, for the isovalue at its centre.

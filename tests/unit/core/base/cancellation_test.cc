@@ -1,3 +1,10 @@
+// Three parts of a cancellation, each with its races:
+//
+// - Check: the deadline and the flag, and which of the two wins.
+// - Callbacks: called once, by the first Cancel or at once; never outside their life; free to
+//   destroy themselves.
+// - AwaitOrCancelled: ends by its predicate, by the deadline, or by Cancel, and loses no wake-up.
+
 #include "core/base/cancellation.h"
 
 #include <atomic>
@@ -193,7 +200,7 @@ TEST(AwaitOrCancelledTest, EndsAtTheDeadline) {
   EXPECT_GE(absl::Now(), deadline);
 }
 
-// Without a deadline: a wake-up that is lost would hang.
+// There is no deadline, so a lost wake-up would hang the test.
 TEST(AwaitOrCancelledTest, CancelWakesAllWhoWaitWhenever) {
   for (int round = 0; round < 300; ++round) {
     Cancellation cancellation;

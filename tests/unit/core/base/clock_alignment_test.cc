@@ -18,7 +18,7 @@ TEST(ClockAlignmentTest, AnEvenRoundTripGivesTheOffsetItselfAndHalfTheTripAsErro
 
 TEST(ClockAlignmentTest, TheFastestMessageOfEachWayCounts) {
   ClockAlignment alignment;
-  alignment.AddSent(absl::Milliseconds(0), absl::Milliseconds(50));  // waited for something
+  alignment.AddSent(absl::Milliseconds(0), absl::Milliseconds(50));  // a slow message
   alignment.AddSent(absl::Milliseconds(60), absl::Milliseconds(61));
   alignment.AddReceived(absl::Milliseconds(70), absl::Milliseconds(73));
   alignment.AddReceived(absl::Milliseconds(80), absl::Milliseconds(190));

@@ -1,3 +1,10 @@
+// Most tests use keys of one hash (OneListCacheTest), which fall into one part of the cache:
+//
+// - the order of eviction, within a round and across rounds;
+// - the bound in bytes, for one large entry and for many small ones;
+// - random use, compared with a model that follows the definition literally;
+// - threads that share a cache.
+
 #include "core/base/lru_cache.h"
 
 #include <algorithm>
@@ -33,14 +40,14 @@ constexpr std::size_t kMaxBytes = std::size_t{64} * 1024;
 
 std::shared_ptr<const int> Value(int value) { return std::make_shared<const int>(value); }
 
-// What an entry costs beside its value.
+// Returns the bytes of an entry without its value.
 std::size_t EntryBytes() {
   OneListCache cache(kMaxBytes);
   cache.Insert({0}, Value(0), 0);
   return cache.size_bytes();
 }
 
-// The most that fits into one list, values and entries together.
+// Returns the bytes that fit into one list, values and entries together.
 std::size_t ListBytes(std::size_t max_bytes) {
   const std::size_t entry_bytes = EntryBytes();
   std::size_t fits = 0;
@@ -55,7 +62,7 @@ std::size_t ListBytes(std::size_t max_bytes) {
 }
 
 constexpr std::uint64_t kFirstRound = 2;
-// When every entry of the first round is old enough to be forgotten.
+// The round from which every entry of the first round is old enough to be evicted.
 constexpr std::uint64_t kLaterRound = kFirstRound + 2;
 
 class OneListCacheTest : public ::testing::Test {
@@ -117,7 +124,7 @@ TEST_F(OneListCacheTest, WhatWasUsedInThisOrTheLastRoundIsNotForgotten) {
   cache_.SetRound(kFirstRound + 1);
   cache_.Insert({4}, Value(4), quarter_);
   EXPECT_EQ(cache_.Find({4}), nullptr) << "something of the last round was forgotten";
-  ASSERT_NE(cache_.Find({0}), nullptr);  // used again: lives a round longer
+  ASSERT_NE(cache_.Find({0}), nullptr);  // used again: kept for one more round
   cache_.SetRound(kFirstRound + 2);
   for (int key = 4; key < 8; ++key) {
     cache_.Insert({key}, Value(key), quarter_);
@@ -131,8 +138,8 @@ TEST_F(OneListCacheTest, WhatWasUsedInThisOrTheLastRoundIsNotForgotten) {
   }
 }
 
-// A working set larger than the cache, asked for in the same order again and again: plain LRU would
-// never hit.
+// A working set larger than the cache, read in the same order each round: plain LRU would never
+// hit.
 TEST_F(OneListCacheTest, RoundsOverMoreThanFitsHitOnAPart) {
   for (std::uint64_t round = 0; round < 6; ++round) {
     cache_.SetRound(kFirstRound + round);
@@ -234,7 +241,7 @@ TEST(LruCacheTest, BytesOfManyKeysStayBoundedAndUseMostOfTheRoom) {
   EXPECT_GT(cache.size_bytes(), kMaxBytes / 2);
 }
 
-// The definition, word by word.
+// A model that follows the definition of the cache literally.
 class Model {
  public:
   Model(std::size_t max_bytes, std::size_t entry_bytes)
@@ -303,7 +310,7 @@ TEST(LruCacheTest, RandomUseIsThatOfTheModel) {
       const double what = RandomUnit(seed, 3 * step);
       const int key = static_cast<int>(30 * RandomUnit(seed, 3 * step + 1));
       if (what < 0.03) {
-        // Rounds may overlap: now and then the next one is one that was there before.
+        // Rounds may overlap: sometimes the next one is an earlier one.
         round = what < 0.005 && round > kFirstRound ? round - 1 : round + 1;
         cache.SetRound(round);
         model.SetRound(round);

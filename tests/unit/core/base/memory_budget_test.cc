@@ -1,3 +1,10 @@
+// The rule of the queue, on a clock that stands still, and use by real threads:
+//
+// - MemoryBudgetQueueTest moves the clock itself: order of arrival, overtaking, and its end after
+//   kMaxOvertakenDuration.
+// - A model of the rule takes random arrivals, releases and cancellations.
+// - The other tests let threads wait: sizes, moves, cancellations and deadlines.
+
 #include "core/base/memory_budget.h"
 
 #include <atomic>
@@ -28,16 +35,16 @@ using isoscope::testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-// Long enough for another thread to do what it must not do.
+// Long enough for another thread to break the rule.
 constexpr absl::Duration kAWhile = absl::Milliseconds(50);
 
 // Far longer than anything takes. A wrong rule then fails the test rather than hang it.
 constexpr absl::Duration kGiveUp = absl::Seconds(20);
 
-// A budget whose clock stands still, and threads that wait for it. Nothing is slept through.
+// A budget whose clock stands still, and threads that wait for it. No test sleeps.
 class MemoryBudgetQueueTest : public ::testing::Test {
  protected:
-  // A thread that reserves, and what it got.
+  // A thread that reserves, and its reservation.
   class Holder {
    public:
     Holder(MemoryBudget* budget, std::size_t bytes)
@@ -56,7 +63,7 @@ class MemoryBudgetQueueTest : public ::testing::Test {
       thread_.join();
     }
 
-    // Waits until it has its bytes, and gives them back.
+    // Waits for the bytes, and gives them back.
     void Release() {
       EXPECT_THAT(AwaitReturn(), IsOk());
       const MutexLock lock(&mutex_);
@@ -102,7 +109,7 @@ class MemoryBudgetQueueTest : public ::testing::Test {
   }
   template <typename Predicate>
   static void AwaitThat(const Predicate& predicate) {
-    // After a failure, nothing is waited for: the rest would come to more than CTest's limit.
+    // After a failure nothing waits, because all waits together would exceed CTest's limit.
     const absl::Time give_up = absl::Now() + (HasFailure() ? absl::ZeroDuration() : kGiveUp);
     while (!predicate()) {
       ASSERT_LT(absl::Now(), give_up) << "the budget is not as it must be";
@@ -186,7 +193,7 @@ TEST_F(MemoryBudgetQueueTest, ThePatienceOfTheNextCountsFromItsOwnArrival) {
   Advance(MemoryBudget::kMaxOvertakenDuration);
   const auto next = Wait(900);
   large->Cancel();
-  const auto small = Hold(400);  // `next` is first, and patient
+  const auto small = Hold(400);  // `next` is first, and waits
   small->Release();
   Advance(MemoryBudget::kMaxOvertakenDuration);
   const auto late = Wait(400);
@@ -261,7 +268,7 @@ TEST_F(MemoryBudgetQueueTest, RandomUseFollowsTheRule) {
       Advance(absl::Milliseconds(30));
       now += absl::Milliseconds(30);
     }
-    // A thread that has just begun is there once both figures are.
+    // A thread that has just begun has arrived once both numbers show it.
     AwaitThat([&] {
       return budget_.waiting_count() == waiting.size() &&
              budget_.reserved_bytes() == 1000 - free_bytes;

@@ -71,7 +71,7 @@ TEST(MemoryPoolTest, ChunkComesBackWithItsLastReference) {
   const auto pool = MemoryPool::Make();
   Chunk chunk = pool->Take();
   const char* const place = chunk.get();
-  // As holders of a part of it do.
+  // Some holders keep a part of a chunk only.
   std::shared_ptr<const char> part(chunk, chunk.get() + 100);
   chunk.reset();
   EXPECT_NE(pool->Take().get(), place) << "somebody still holds a part of it";
@@ -95,7 +95,7 @@ TEST(MemoryPoolTest, ChunksKeepTheirPoolAlive) {
 #if !defined(__SANITIZE_THREAD__)
 TEST(MemoryPoolTest, PopulatedMemoryIsResidentBeforeItIsTaken) {
   constexpr std::size_t kBytes = 64 * kChunkBytes;
-  constexpr std::size_t kSlack = kBytes / 4;  // what else the process does
+  constexpr std::size_t kSlack = kBytes / 4;  // for other memory of the process
   auto pool = MemoryPool::Make();
   const std::size_t before = ResidentBytes();
   pool->Populate(kBytes);

@@ -21,7 +21,7 @@ TEST(PrintableTest, NoControlCharacterIsLeft) {
     const char c = static_cast<char>(code);
     EXPECT_EQ(Printable(std::string(1, c)), c == '\t' || c == '\n' || c == '\r' ? " " : "?");
   }
-  // 8-bit ones, which UTF-8 terminals know, too: U+009B is ESC [.
+  // 8-bit control characters work in UTF-8 terminals, too: U+009B is ESC [.
   EXPECT_EQ(Printable("a\u009b31m\u0080\u009f"), "a?31m??");
 }
 

@@ -13,7 +13,7 @@ namespace {
 constexpr int kUsable = 0;
 constexpr int kGone = 3;
 
-// Ends the process as soon as whatever OpenSSL registers for exit() has run.
+// Ends the process once the handlers that OpenSSL registers for exit() have run.
 [[noreturn]] void EndAfterOpenSsl() {
   std::atexit([] { _exit(OPENSSL_init_crypto(0, nullptr) == 1 ? kUsable : kGone); });
   SetUpProcess();

@@ -31,12 +31,13 @@ std::set<int> CpusOfThisThread() {
   return cpus;
 }
 
-// By slot of the arena, the CPUs that its thread may use: of all threads at the same time.
+// Returns, by slot of the arena, the CPUs that its thread may use, while all threads are in the
+// arena.
 std::map<int, std::set<int>> CpusBySlot(tbb::task_arena* arena) {
   std::map<int, std::set<int>> cpus_by_slot;
   Mutex mutex;
   const int count = arena->max_concurrency();
-  // Nobody leaves before all are there, so that each slot is seen once.
+  // No thread leaves before all have arrived, so that each slot is seen once.
   std::barrier all_are_here(count);
   arena->execute([&] {
     tbb::parallel_for(

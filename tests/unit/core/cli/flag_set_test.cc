@@ -1,3 +1,9 @@
+// One set with a flag of every kind (FlagSetTest) is parsed from many command lines:
+//
+// - values of every kind of flag, from arguments and from the environment;
+// - the message of every error, which is part of the interface;
+// - the text of --help and --version, and the descriptions for completions and man pages.
+
 #include "core/cli/flag_set.h"
 
 #include <cstdlib>

@@ -1,4 +1,4 @@
-// What the shells make of the scripts: tests/integration/completion_test.py.
+// Tests the text of the scripts. tests/integration/completion_test.py runs them in the shells.
 
 #include "core/cli/shell_completion.h"
 

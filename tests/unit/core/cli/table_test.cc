@@ -36,7 +36,7 @@ TEST(TableTest, TextColumnsGetNarrowerUntilTheLineFits) {
             "name   n  message\n"
             "a     12  this is quite a long\n"
             "          message\n");
-  // Without a limit, and where it fits, it is as ever.
+  // Without a limit, and within a wide one, the table does not change.
   EXPECT_EQ(table.ToString(), table.ToString(200));
 }
 

@@ -18,7 +18,7 @@ namespace {
 
 using ::testing::ContainsRegex;
 
-// What one thread writes to a stream, for another one. Thread-safe.
+// Text that one thread writes to a stream and another one reads. Thread-safe.
 class SharedText final : public std::streambuf {
  public:
   // Guards against a hang. Returns whether the text has come.

@@ -37,7 +37,7 @@ std::string MakeBand(const BandHeader& header, int width = kWidth, int height = 
   return band;
 }
 
-// By docs/format/wire.md: a header that says otherwise is another format.
+// The bytes of docs/format/wire.md. Any other header would be another format.
 TEST(BandFormatTest, HeaderHasTheBytesThatTheDocumentStates) {
   const std::string band = MakeBand(kHeader);
   EXPECT_EQ(band.substr(0, 4), "ISPX");

@@ -41,7 +41,7 @@ image::FrameImage MakeImage(std::uint64_t seed, std::uint32_t agent) {
   return image;
 }
 
-// By the definition, one pixel at a time.
+// The definition, one pixel at a time.
 constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
 
 image::FrameImage Reference(const image::FrameImage& a, const image::FrameImage& b) {
@@ -55,7 +55,7 @@ image::FrameImage Reference(const image::FrameImage& a, const image::FrameImage&
   return out;
 }
 
-// What is not covered, and what lies outside the touched tiles, is background.
+// Expects background at pixels that are not covered, and outside the touched tiles.
 void ExpectCoveredWhereDrawn(const image::FrameImage& image) {
   constexpr int kTilePx = image::TileSet::kTilePx;
   for (int y = 0; y < image.height; ++y) {

@@ -36,7 +36,7 @@ TEST(NumberCodeTest, ZigZagAndBackIsTheSameAndSmallStaysSmall) {
   EXPECT_EQ(ZigZag(0U - 1), 1U);
 }
 
-// The class whose numbers `number` is among, by looking at all.
+// Returns the class of `number` by testing all classes.
 std::uint8_t ClassOf(const NumberCode& code, std::uint32_t number) {
   std::uint8_t c = 15;
   while (number < code.bases[c]) {

@@ -1,3 +1,10 @@
+// The codec of pixels, in three groups:
+//
+// - Round trips: noise, smooth surfaces, extreme depths, many colours, layers, any order of bands.
+// - Sizes: as many bands as the pixels need, and few bytes for a smooth surface.
+// - Damage: every truncation and bit flip, and damage behind a checksum that is computed again. The
+//   answer is DATA_LOSS, and the image does not change.
+
 #include "core/composite/pixel_codec.h"
 
 #include <cstddef>
@@ -30,7 +37,8 @@ constexpr std::size_t kHeaderSize = 56;
 constexpr std::size_t kPixelCountOffset = 28;
 constexpr std::size_t kFrameSizeOffset = 48;
 
-// Noise: each pixel covered with this probability, anything in it. The worst case for the codec.
+// Noise: each pixel is covered with this probability, with random content. The worst case for the
+// codec.
 image::FrameImage MakeNoise(int width, int height, double coverage, std::uint64_t seed) {
   image::FrameImage image(width, height);
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
@@ -231,7 +239,7 @@ TEST(PixelCodecTest, EveryBitFlipIsDataLossAndLeavesTheImage) {
   EXPECT_EQ(into, before);
 }
 
-// A sender that means harm can compute the checksum: what is behind it is still checked.
+// A hostile sender can compute the checksum, so the content is checked as well.
 std::string Sealed(std::string band) {
   base::StoreLittleEndian(base::ExtendCrc32c(0, band.data() + 8, band.size() - 8), band.data() + 4);
   return band;
@@ -284,7 +292,7 @@ TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
     const auto try_band = [&](const std::string& damaged) {
       const absl::Status status = DecodePixelsInto(damaged, kOrder, kSurfaces, &into);
       if (status.ok()) {
-        // A pixel outside would be missing here, also where no sanitizer looks.
+        // Without a sanitizer, too, a pixel outside would be missing here.
         EXPECT_EQ(CoveredCount(into), StatedPixelCount(damaged));
         into = empty;
         return true;
@@ -303,7 +311,7 @@ TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
             << "header byte " << byte;
       }
     }
-    // Not every byte of the large ones, for the time it takes.
+    // Large bands are sampled, because testing every byte would take too long.
     const std::size_t stride = 1 + band.size() / 1500;
     for (std::size_t byte = 0; byte < parts.side.size() + parts.rest.size(); byte += stride) {
       for (const int flip : {1, 0x80}) {
@@ -454,8 +462,8 @@ TEST(PixelCodecTest, LayersComeBackFromAnyAgentsInAnyOrder) {
   EXPECT_THAT(EncodeLayers(image::LayerStack()), IsEmpty());
 }
 
-// A band is right in all but its owners: an agent that means harm can encode and seal it. Tables of
-// surfaces are read at what an owner says.
+// All of a band is right but its owners; a hostile agent can encode and seal it. Tables of surfaces
+// are indexed by owners.
 TEST(PixelCodecTest, OwnersBeyondTheFramesSurfacesAreDataLossAndLeaveTheImage) {
   constexpr image::FragmentOrder kOf50Blocks{.block_count = 50};
   constexpr SurfaceCounts kOf4And3{.opaque = 4, .layers = 3};

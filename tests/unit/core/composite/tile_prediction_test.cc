@@ -54,7 +54,7 @@ TEST(TilePredictionTest, WhatWasSubtractedIsAddedBackTileByTile) {
   }
 }
 
-// docs/format/wire.md's table, pixel by pixel, from where its pixels lie.
+// The table of docs/format/wire.md, pixel by pixel.
 TEST(TilePredictionTest, PartOfATileIsExpectedAsTheFormatSaysOnEveryInstructionSet) {
   const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {

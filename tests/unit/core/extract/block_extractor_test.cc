@@ -1,3 +1,11 @@
+// The extractor is compared with a slow reference, and checked by properties of surfaces:
+//
+// - Reference: all sample types and block sizes, bit for bit, on every instruction set.
+// - Topology: watertight meshes, Euler characteristic, area and volume of a sphere, winding and
+//   normals.
+// - Special samples: ties, NaN, infinities, huge and tiny values.
+// - Memory: no read outside the block, at any address.
+
 #include "core/extract/block_extractor.h"
 
 #include <algorithm>
@@ -20,7 +28,7 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
-// As in block_kernels.cc, so that all of its targets are looked at.
+// As in block_kernels.cc, so that all of its targets are tested.
 #define HWY_WANT_AVX3_DL
 #include "core/base/coding.h"
 #include "core/base/random.h"
@@ -676,7 +684,7 @@ TEST(BlockExtractorTest, ReadsNothingOutsideTheBlock) {
   }
 }
 
-// The magnitudes of all vertices, by position.
+// Returns the magnitudes of all vertices, by position.
 std::map<std::tuple<float, float, float>, float> MagnitudesOf(const Volume& volume,
                                                               const Index3& block_cells,
                                                               double isovalue) {

@@ -1,3 +1,10 @@
+// Properties of all 256 cases, each checked by its definition and not against a stored table:
+//
+// - Triangles use exactly the crossed edges, at most five triangles a case.
+// - The boundary on a face depends on the signs of that face alone, so neighbouring cells fit.
+// - Diagonals lie in no face, and follow the rules that make areas agree with VTK's flying edges.
+// - The inside is on the right of every boundary segment, seen from outside.
+
 #include "core/extract/case_table.h"
 
 #include <algorithm>

@@ -98,7 +98,7 @@ TEST(IsInsideCellTest, TheSideChangesWhereATriangleIsPassedInEveryCase) {
   EXPECT_GT(changes, 10'000);
 }
 
-// A cut along grid planes asks for nothing but such points.
+// A cut along grid planes has only such points.
 TEST(IsInsideCellTest, BothCellsOfAFaceAgreeOnItsPoints) {
   for (std::uint64_t seed = 0; seed < 20'000; ++seed) {
     const Corners lower = SamplesOf(static_cast<unsigned>(256 * base::RandomUnit(seed, 77)), seed);

@@ -1,3 +1,9 @@
+// The bound of a volume is compared with the longest gradient of its samples:
+//
+// - for every type and block size;
+// - with samples that are not finite, in the block or elsewhere in it;
+// - at the limits of double: tiny, huge and constant fields.
+
 #include "core/extract/gradient_bound.h"
 
 #include <algorithm>

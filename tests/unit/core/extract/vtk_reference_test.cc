@@ -1,5 +1,5 @@
-// Compares with what VTK's flying edges extract from real volumes. The volumes are not part of the
-// repository: ISOSCOPE_DATA_DIR or ../shared/data; skipped where they are absent.
+// Compares with the surfaces that VTK's flying edges extract from real volumes. The volumes are not
+// part of the repository: ISOSCOPE_DATA_DIR or ../shared/data; skipped where they are absent.
 
 #include <cmath>
 #include <cstdint>

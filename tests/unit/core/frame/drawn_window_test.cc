@@ -45,7 +45,7 @@ TEST(DrawnWindowTest, AMarginEndsAtTheBorderOfTheWhole) {
                                               .region = view::Region{0, 180, 2 * 107, 2 * 110},
                                               .begin_x = 14,
                                               .begin_y = 20}));
-  // The whole has no margin.
+  // The whole viewport has no margin.
   spec.region.reset();
   spec.effects.samples_per_side = 1;
   EXPECT_TRUE(DrawnWindowOf(spec).is_picture_of(spec));

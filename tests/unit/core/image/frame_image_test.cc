@@ -92,7 +92,7 @@ TEST(FrameImagePoolTest, AnImageComesBackAsBackgroundWithoutNewMemory) {
         image.Set(x, y, FragmentKey(0.25F, 3), {9, 9, 9, 255});
       }
     }
-    const FrameImage moved = std::move(image);  // goes back once, from where it is
+    const FrameImage moved = std::move(image);  // returns to the pool once, from its new place
   }
   const FrameImage again = pool->Take(50, 33);
   EXPECT_EQ(again.keys.data(), planes);
@@ -132,7 +132,7 @@ TEST(FrameImagePoolTest, MoreThanItMayKeepIsFreed) {
 TEST(FrameImagePoolTest, APreparedImageIsResidentBeforeItIsTaken) {
   constexpr int kSidePx = 2048;
   constexpr std::size_t kBytes = std::size_t{kSidePx} * kSidePx * 12;
-  constexpr std::size_t kSlack = kBytes / 4;  // what else the process does
+  constexpr std::size_t kSlack = kBytes / 4;  // for other memory of the process
   const auto pool = FrameImagePool::Make(2 * kBytes);
   const std::size_t before = base::ResidentBytes();
   pool->Prepare(kSidePx, kSidePx);

@@ -1,3 +1,10 @@
+// EncodePng is read back by libpng, and DecodePng reads files of other writers:
+//
+// - every size and content, also where stripes meet;
+// - the structure of the file: chunks, checksums, one complete zlib stream;
+// - the same bytes for any number of threads and any address of buffers;
+// - damage: every truncation, every flipped bit, sizes that the bytes can't hold.
+
 #include "core/image/png_codec.h"
 
 #include <png.h>
@@ -221,7 +228,7 @@ TEST(PngCodecTest, ThreadsDontChangeTheBytes) {
 // Symptom: one coordinator among thousands had PNGs of the same pixels, but other bytes.
 TEST(PngCodecTest, WhereTheEncodersBuffersLieDoesntChangeTheBytes) {
   constexpr int kSide = 32;
-  // Of the first row's bytes, all but the first come again, once: as differences to the row above.
+  // All bytes of the first row but the first are repeated once, as differences to the row above.
   std::vector<Rgba8> pixels = MakeNoise(kSide, kSide, false);
   for (Rgba8& pixel : pixels) {  // noise that deflate makes smaller
     pixel = {.r = static_cast<std::uint8_t>(pixel.r % 16),
@@ -238,7 +245,8 @@ TEST(PngCodecTest, WhereTheEncodersBuffersLieDoesntChangeTheBytes) {
   }
   const std::string expected = EncodePng(kSide, kSide, pixels);
   int others = 0;
-  // Each takes the place of the stream before, so that the next has another. Nothing is written.
+  // Each allocation takes the place of the previous stream, so that the next one lies elsewhere.
+  // Nothing is written.
   constexpr std::size_t kPlaceBytes = std::size_t{64} * 1024;
   constexpr std::size_t kPlaceCount = 30'000;
   std::vector<std::unique_ptr<char[]>> taken(kPlaceCount);
@@ -279,7 +287,7 @@ TEST(PngCodecTest, TheFileIsChunksInOrderAndOneCompleteZlibStream) {
     EXPECT_EQ(chunks[i].type, "IDAT");
     deflated += chunks[i].data;
   }
-  // uncompress2 tells how much it used, and checks Adler-32.
+  // uncompress2 returns the bytes that it used, and checks Adler-32.
   std::vector<Bytef> rows(400 * (1 + 4 * 1000) + 1);
   uLongf row_bytes = rows.size();
   uLong used = deflated.size();
@@ -296,7 +304,7 @@ TEST(PngCodecDeathTest, RunningOutOfMemoryThrows) {
   const std::vector<Rgba8> noise = MakeNoise(4096, 2048, false);
   constexpr int kThrew = 42;
   EXPECT_EXIT(tbb::task_arena(1).execute([&] {
-    EncodePng(1, 1, MakeConstant(1, 1, {}));  // whatever is allocated once
+    EncodePng(1, 1, MakeConstant(1, 1, {}));  // allocations that happen once
     // The picture is 32 MiB; 16 MiB more than what is mapped now are not enough for its PNG.
     std::size_t pages = 0;
     std::ifstream("/proc/self/statm") >> pages;

@@ -21,7 +21,7 @@ TEST(TileCoverageTest, IsTheDefinitionOnEveryInstructionSetForEverySize) {
   for (const std::uint64_t ignored : {std::uint64_t{0}, kHigh}) {
     std::vector<std::uint64_t> words(kStride * kTilePx);
     for (std::size_t i = 0; i < words.size(); ++i) {
-      // Empty, empty but for what is ignored, or one bit short of it.
+      // Empty, empty except for the ignored bits, or different from that in one bit.
       const double dice = base::RandomUnit(3, 2 * i);
       const auto bit = static_cast<unsigned>(64 * base::RandomUnit(3, 2 * i + 1));
       words[i] = dice < 0.4   ? kEmpty

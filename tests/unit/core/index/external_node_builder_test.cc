@@ -1,5 +1,5 @@
-// How an external build divides its memory; what it writes is compared with the in-memory build in
-// interval_tree_builder_test.cc.
+// The division of memory in an external build. interval_tree_builder_test.cc compares its output
+// with the in-memory build.
 
 #include "core/index/external_node_builder.h"
 

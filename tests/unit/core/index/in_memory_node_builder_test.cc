@@ -1,4 +1,8 @@
-// Every page of a tree against docs/format/interval_tree.md, "What lies where", word for word.
+// Compares every page of a tree with docs/format/interval_tree.md, "What lies where":
+//
+// 1. Build a tree of a shape of intervals, and read its pages.
+// 2. Compute the bounds of the slabs and the lists of a node by the document's definitions.
+// 3. Compare the node's page and its entry run, then do the same for its children (ExpectSubtree).
 
 #include "core/index/in_memory_node_builder.h"
 
@@ -30,7 +34,7 @@ using Intervals = std::vector<BlockInterval>;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::int64_t kB = 170;
 
-// The active ones of a shape, in canonical order.
+// The intervals of a shape that are ever active, in canonical order.
 Intervals CanonicalIntervals(Shape shape, std::size_t count) {
   Intervals intervals;
   for (const BlockInterval& interval : MakeIntervals(shape, count, count)) {
@@ -147,7 +151,7 @@ Lists ExpectedLists(const Intervals& intervals, const std::vector<double>& bound
   return lists;
 }
 
-// Reads the subtree at `*page` and sets `*page` to what comes behind it.
+// Checks the subtree at `*page`, and sets `*page` to the page behind it.
 void ExpectSubtree(const io::PageFile& pages, const Intervals& intervals, io::PageNumber* page) {
   const std::vector<double> bounds = ExpectedBounds(intervals);
   const Lists lists = ExpectedLists(intervals, bounds);

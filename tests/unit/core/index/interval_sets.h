@@ -26,7 +26,7 @@ inline std::vector<BlockInterval> Number(const std::vector<volume::ScalarSpan>& 
   return intervals;
 }
 
-// What a query must report.
+// Returns the intervals that a query must report.
 inline std::vector<BlockInterval> Scan(const std::vector<BlockInterval>& intervals,
                                        double isovalue) {
   std::vector<BlockInterval> active;

@@ -1,3 +1,9 @@
+// A tree that is built in scratch files must have the bytes of the in-memory build:
+//
+// - around every boundary: sizes of pages, sorters, slabs and levels;
+// - for any memory, order of input and sign of zero;
+// - and a build that fails, at any write or cancellation, must leave no file that opens.
+
 #include "core/index/interval_tree_builder.h"
 
 #include <algorithm>
@@ -98,7 +104,7 @@ TEST_P(IntervalTreeBuilderShapeTest, BytesAreThoseOfTheInMemoryBuildAroundEveryB
 TEST_P(IntervalTreeBuilderShapeTest, BytesDoNotDependOnTheMemory) {
   const std::vector<BlockInterval> intervals = MakeIntervals(GetParam(), 12000, 6);
   const std::string expected = BuildInMemory(intervals);
-  // External at the root only, with one merge and more, and around all in memory.
+  // External at the root only, with one merge or more, and near the size that fits into memory.
   for (const std::int64_t memory :
        {std::int64_t{1} << 16, std::int64_t{1} << 17, std::int64_t{1} << 20,
         std::int64_t{128} * 11999, std::int64_t{128} * 12000}) {
@@ -155,8 +161,8 @@ TEST_F(IntervalTreeBuilderTest, EveryFailedWriteOfTheTreeFailsTheBuild) {
   }
 }
 
-// Holds the size of files down: a write that crosses the limit is a short one, the next one fails,
-// as on a full disk.
+// Limits the size of files: a write across the limit is short, and the next one fails, as on a full
+// disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) {

@@ -1,5 +1,8 @@
-// Trees that no test can hold in memory twice: built in the stated memory, which is measured here
-// by counting what operator new gives out.
+// Trees that are too large to hold in memory twice, built in the stated memory:
+//
+// 1. Intervals are a function of their index (IntervalAt), so that no list of them is needed.
+// 2. This file replaces operator new, and counts the allocated bytes while the tree is built.
+// 3. Queries are compared with one scan of all intervals, and their page reads with the bound.
 
 #include <malloc.h>
 
@@ -98,7 +101,7 @@ BlockInterval IntervalAt(std::int64_t i, std::int64_t count) {
           .ordinal = static_cast<std::uint32_t>(count - 1 - i)};
 }
 
-// What building took beyond what was allocated before.
+// The cost of building, beyond earlier allocations.
 struct BuildCost {
   std::int64_t peak_bytes = 0;
 };

@@ -1,3 +1,10 @@
+// Queries are compared with a scan of all intervals, and their cost with the stated bound:
+//
+// - sets of every shape (interval_sets.h) and of many sizes, up to trees of two levels;
+// - the cache: repeated queries, none at all, threads that share a small one;
+// - the documented bytes of a tree of one interval;
+// - damage: truncations, flipped bytes, pages of other trees, cycles and long chains of nodes.
+
 #include "core/index/interval_tree.h"
 
 #include <algorithm>

@@ -53,7 +53,8 @@ TEST(NodeSlabsTest, IntervalPlaysExactlyOnePartInEachSlabThatItReaches) {
   }
 }
 
-// Of three slabs, 10 intervals cover all and `more` the second one only.
+// Returns the windows of three slabs: 10 intervals cover all three, and `more` cover the second one
+// only.
 std::vector<Window> WindowsOf(std::int64_t more) {
   Coverage coverage(3);
   const std::vector<double> lower = {-kInfinity, 1, 2};

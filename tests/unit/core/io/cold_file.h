@@ -13,10 +13,10 @@
 
 namespace isoscope::io {
 
-// Passes everything on, but finds nothing in memory: each read goes through the engine.
+// Forwards all calls, but finds nothing in memory: each read goes through the engine.
 class ColdFile : public RandomAccessFile {
  public:
-  // cut_bytes: how much longer the file says that it is, as if it had been cut
+  // cut_bytes: the bytes by which the file reports too large a size, as if it had been cut
   explicit ColdFile(std::unique_ptr<RandomAccessFile> file, bool has_descriptor = true,
                     std::int64_t cut_bytes = 0)
       : file_(std::move(file)), has_descriptor_(has_descriptor), cut_bytes_(cut_bytes) {}

@@ -1,3 +1,10 @@
+// Files on a real file system, and the faulty ones of tests/support:
+//
+// - writes of all sizes and in any order, compared with a model;
+// - reads outside the file, and of a file that was cut after it was opened;
+// - names: create, rename and remove, without overwriting anything by mistake;
+// - errors: the code, the reason and the path of each, and that the first one stays.
+
 #include "core/io/file.h"
 
 #include <unistd.h>
@@ -81,7 +88,7 @@ TEST(FileTest, RandomWritesEqualThoseOfAModel) {
                                        : CreateBufferedFile(temp.Sub("f"), 64U << seed % 7));
     for (std::uint64_t step = 0; step < 60; ++step) {
       const std::uint64_t bits = base::RandomBits(seed, step);
-      // Mostly small pieces, now and then one larger than the buffer.
+      // Mostly small pieces, sometimes one larger than the buffer.
       const std::size_t size = bits % 17 == 0 ? 300000 + bits % 1000 : bits % 5000;
       const std::string piece(size, static_cast<char>('A' + step % 50));
       std::size_t offset = model.size();

@@ -1,3 +1,10 @@
+// Pages, their checksums and their cache:
+//
+// - the documented bytes of a page, and replacing one;
+// - the counts of requests and of bytes, and the bound of the cache;
+// - damage: flipped bits, misplaced pages, pages of other files, sizes that are no whole pages;
+// - threads that share a small cache.
+
 #include "core/io/page_file.h"
 
 #include <memory>

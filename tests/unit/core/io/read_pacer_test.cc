@@ -9,7 +9,7 @@
 namespace isoscope::io {
 namespace {
 
-// What happens to a pacer, `times` times.
+// An event of a pacer, repeated `times` times.
 enum Event { kBegin, kEnd, kMiss, kHit, kEndBatch };
 struct Step {
   Event event;

@@ -101,12 +101,13 @@ TEST_P(ReadQueueMemoryTest, NoAllocationEndsTheProcessOrIsWaitedForForEver) {
     }
     return has_failed && !HasFailure();
   };
-  // What is made once is made now; the list of callbacks otherwise in the first run that must wait.
+  // Objects that are made once are made now. Otherwise the first run that waits would make the list
+  // of callbacks.
   {
     const base::Cancellation::Callback callback(never_, [] {});
   }
   run(1, MemoryFailure::Mode::kOnce);
-  run(1000, MemoryFailure::Mode::kOnce);  // never comes
+  run(1000, MemoryFailure::Mode::kOnce);  // never happens
   const std::int64_t live_before = testing::LiveAllocationCount();
   const int run_count = testing::ForEachFailure(run);
   EXPECT_EQ(testing::LiveAllocationCount(), live_before) << "something leaked";

@@ -1,3 +1,10 @@
+// Most tests run for each back end (ReadQueueTest): every read arrives once with its bytes, for
+//
+// - files that are in memory, partly in memory, or not at all (cold_file.h);
+// - any number of threads, sizes of buffers and of system calls;
+// - errors: outside the file, of the system, of files without a descriptor;
+// - cancellation and destruction while reads are under way.
+
 #include "core/io/read_queue.h"
 
 #include <fcntl.h>
@@ -39,7 +46,7 @@ using ::testing::_;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-// What a queue answered, by read.
+// The results of a queue, by read.
 struct Answer {
   absl::Status status;
   std::string bytes;
@@ -56,7 +63,7 @@ class HalfCachedFile : public ColdFile {
   }
 };
 
-// Counts who asks it for what is in memory, and finds it there after `miss_count` of them.
+// Counts the calls of ReadCached, and finds bytes in memory after `miss_count` calls.
 class CountingFile : public ColdFile {
  public:
   CountingFile(std::unique_ptr<RandomAccessFile> file, std::size_t miss_count)
@@ -72,7 +79,7 @@ class CountingFile : public ColdFile {
   mutable std::atomic<std::size_t> asked_count_{0};
 };
 
-// Has no descriptor, and keeps its readers waiting until it is opened.
+// Has no descriptor, and blocks its readers until it is opened.
 class GateFile : public RandomAccessFile {
  public:
   [[nodiscard]] absl::Status ReadAt(std::int64_t /*offset*/, std::size_t size,
@@ -135,7 +142,7 @@ class ReadQueueTest : public ::testing::TestWithParam<ReadBackend> {
     return reads;
   }
 
-  // Takes everything, on `thread_count` threads at once, as a caller should.
+  // Takes all reads, on `thread_count` threads at once, as callers should.
   static Answers Drain(ReadQueue* queue, const std::vector<ReadQueue::Read>& reads,
                        int thread_count) {
     Answers answers;
@@ -294,7 +301,7 @@ TEST_P(ReadQueueTest, BytesAndRequestsStayWithinTheirBounds) {
   std::size_t taken = 0;
   std::size_t most_held = 0;
   while (queue.WaitForMore(never).value()) {
-    // Holds on to what arrives until there is nothing more: then the bounds have been reached.
+    // Keeps all arrivals until there are no more: then the bounds have been reached.
     for (int attempt = 0; attempt < 20; ++attempt) {
       if (auto arrival = queue.TryTake()) {
         held.push_back(std::move(*arrival));
@@ -362,8 +369,8 @@ TEST_P(ReadQueueTest, FileCutAfterItWasOpenedFailsAsReadAtDoes) {
   }
 }
 
-// The memory of this process as a file: a page in the middle that has no content, being past the
-// end of what is mapped there, is a short read, then EIO.
+// The memory of this process as a file. A page in the middle lies past the end of its mapping.
+// Reading it gives a short read, then EIO.
 TEST_P(ReadQueueTest, ErrorOfTheSystemInTheMiddleFailsThatReadAndNoOther) {
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   char* const memory = static_cast<char*>(
@@ -422,7 +429,7 @@ TEST_P(ReadQueueTest, CancellationEndsTheWaitAndStartsNothingMore) {
   absl::SleepFor(absl::Milliseconds(30));
   EXPECT_FALSE(has_returned);
   cancellation.Cancel();
-  waiting.join();  // though the file still keeps its readers waiting
+  waiting.join();  // though the file still blocks its readers
   EXPECT_LE(file.read_count(), 4);
   file.Open();
 }
@@ -457,7 +464,7 @@ TEST(IoUringReadQueueTest, ReadsThatWouldNeverEndAreCancelled) {
                     {.backend = ReadBackend::kIoUring});
     EXPECT_FALSE(queue.TryTake().has_value());
     absl::SleepFor(absl::Milliseconds(20));
-  }  // hangs here if they are not
+  }  // hangs here otherwise
   ASSERT_EQ(close(ends[1]), 0);
 }
 

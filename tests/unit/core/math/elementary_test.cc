@@ -1,3 +1,9 @@
+// Each function is tested in three ways:
+//
+// - a hash of the bits of many results, equal on every machine;
+// - the error in units of the last place, against long double;
+// - values that must be exact, symmetries, and the limits of the arguments.
+
 #include "core/math/elementary.h"
 
 #include <bit>
@@ -75,8 +81,8 @@ double WorstError(const std::function<double(std::uint64_t)>& fn,
   return static_cast<double>(worst);
 }
 
-// Which bits these functions return is what makes a picture the same everywhere: a machine,
-// compiler or option that changes one of a few hundred thousand fails here.
+// Pictures are the same everywhere only if these functions return the same bits. A machine,
+// compiler or option that changes one of a few hundred thousand results fails here.
 TEST(ElementaryTest, BitsAreTheSameOnEveryMachine) {
   EXPECT_EQ(BitsOf([](std::uint64_t i) { return Angle(i); }), 0x62302c7266e60e16)
       << "the arguments";

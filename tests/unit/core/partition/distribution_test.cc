@@ -1,3 +1,11 @@
+// Both distributions leave no shard empty. Beyond that:
+//
+// - Random: the shard of a block depends on seed and id alone; counts stay within the binomial
+//   bound.
+// - Greedy: active blocks are balanced better than by chance, at every isovalue; the result is
+//   deterministic.
+// - ShardMap gives the same shards as the two tables.
+
 #include "core/partition/distribution.h"
 
 #include <algorithm>

@@ -1,5 +1,8 @@
-// Runs that are cancelled, that fail and that a small memory limit sends to the disk: nothing that
-// looks whole is left.
+// Runs that do not end normally must leave nothing that looks like a dataset:
+//
+// - cancelled at a read of the source, with each distribution and memory limit;
+// - failed by the source, or by a full disk (a limit on file sizes) while sorting on disk;
+// - killed, as a copy of the folder in the middle of a run shows.
 
 #include <unistd.h>
 
@@ -30,7 +33,7 @@ using ::testing::_;
 using ::testing::HasSubstr;
 using volume::ScalarType;
 
-// Ways through the partitioner, and reads in the run to interrupt it at.
+// Options of a run, and the reads at which it is interrupted.
 struct Interruption {
   PartitionOptions options;
   bool is_seekable;
@@ -145,8 +148,8 @@ TEST_F(PartitionerTest, DiskThatIsFullWhileSortingLeavesNothing) {
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
-  // The first run of the blocks' places (24 bytes each), the third, and the samples or what is kept
-  // of each block do not fit.
+  // The first run of placements (24 bytes a block) does not fit, or the third, or the samples and
+  // the entries of blocks.
   for (const rlim_t limit : {rlim_t{100000}, rlim_t{1200000}, rlim_t{1500000}}) {
     rlimit small = before;
     small.rlim_cur = limit;

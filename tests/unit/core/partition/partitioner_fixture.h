@@ -1,5 +1,8 @@
-// Volumes, datasets compared with brute force, and a source that interrupts, for the tests of the
-// partitioner.
+// Helpers for the tests of the partitioner:
+//
+// - volumes of random samples, and a source that reads them (SourceOf);
+// - ExpectDatasetMatches, which compares every block, span and interval tree with brute force;
+// - ScriptedSource, which fails, cancels or counts at the n-th read.
 
 #ifndef ISOSCOPE_TESTS_UNIT_CORE_PARTITION_PARTITIONER_FIXTURE_H_
 #define ISOSCOPE_TESTS_UNIT_CORE_PARTITION_PARTITIONER_FIXTURE_H_

@@ -1,3 +1,10 @@
+// Whole runs of Partition, compared with brute force (partitioner_fixture.h):
+//
+// - every type, block size, distribution and compression gives back the same samples;
+// - the same bytes for every memory limit and way of reading;
+// - histograms, dataset id and digest;
+// - options that are refused, with the message; real volumes where they are present.
+
 #include "core/partition/partitioner.h"
 
 #include <cmath>

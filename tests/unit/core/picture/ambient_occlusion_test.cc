@@ -1,3 +1,10 @@
+// Scenes made of depths (depth_scene.h) whose occlusion is known:
+//
+// - surfaces that must stay as they are: planes, balls, walls far in front;
+// - surfaces that must get darker, and where: corners and steps;
+// - the picture does not depend on regions, threads, instruction sets or samples;
+// - extreme images and views.
+
 #include "core/picture/ambient_occlusion.h"
 
 #include <algorithm>
@@ -28,7 +35,7 @@ FrameImage Shade(FrameImage image, const view::View& view, int radius_px, float 
   return image;
 }
 
-// How much darker the red of a pixel has become.
+// Returns the decrease of the red of a pixel.
 int DarkeningAt(const FrameImage& before, const FrameImage& after, int x, int y) {
   const std::size_t i = before.IndexOf(x, y);
   return before.colors[i].r - after.colors[i].r;
@@ -233,7 +240,7 @@ TEST(AmbientOcclusionTest, TheSmallestImagesAndLargestRadiusWork) {
   }
 }
 
-// Cameras so near and so far, or so wide, that pixels are tiny or huge beside the volume.
+// Cameras so near, so far, or so wide that pixels are tiny or huge compared with the volume.
 TEST(AmbientOcclusionTest, ExtremeViewsGiveColorsThatAreNoBrighter) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {101, 101, 101};

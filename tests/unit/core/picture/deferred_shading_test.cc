@@ -1,3 +1,10 @@
+// The shader is compared with the formula of its header, in doubles:
+//
+// - random scenes of lights, materials and fragments, to one level of colour;
+// - closed forms: a matt sphere, the head light, both sides of a surface;
+// - quantities in place of colours: normals, positions, maps with opacities, caps;
+// - the same bits on every instruction set, for any neighbours and regions.
+
 #include "core/picture/deferred_shading.h"
 
 #include <algorithm>
@@ -62,7 +69,7 @@ frame::FrameSpec SpecOf(const std::vector<Light>& lights, int surface_count = 1)
   return spec;
 }
 
-// Of the surface at the middle of the depths, unless said otherwise.
+// Returns a fragment at the middle of the depths, unless `depth` is given.
 NormalFragment FragmentOf(int x, int y, const Vec3d& normal, std::uint32_t surface = 0,
                           float depth = 0.5F) {
   return {.x = x,
@@ -243,7 +250,7 @@ TEST(DeferredShadingTest, AFragmentsColorDoesNotDependOnItsNeighbours) {
   }
 }
 
-// A sphere seen along -z under a light at 45 degrees: what a textbook says of a matt one.
+// A sphere seen along -z under a light at 45 degrees: the textbook formula of a matt one.
 TEST(DeferredShadingTest, AMattSphereIsTheCosineOfTheLight) {
   constexpr double kRadiusPx = 80;
   frame::FrameSpec spec = SpecOf({{.direction = {1, 0, 1}, .space = Light::Space::kView}});
@@ -283,7 +290,7 @@ TEST(DeferredShadingTest, ALightAlongTheViewAxisLooksLikeTheHeadLight) {
     const Rgba8 color = ShadeOne(head, fragment);
     EXPECT_LE(LargestDifference(color, ShadeOne(light, fragment)), 1) << degrees;
     EXPECT_LE(LargestDifference(color, ShadeOne(world, fragment)), 1) << degrees;
-    // What agents draw without lights: core/render.
+    // The colour that agents draw without lights (core/render).
     const double c = std::abs(std::cos(angle));
     const double expected = 222 / 255.0 * (0.12 + 0.88 * c) + 0.22 * std::pow(c, 32);
     EXPECT_NEAR(color.r, 255 * std::min(expected, 1.0), 1) << degrees;

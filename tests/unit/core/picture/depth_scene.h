@@ -1,4 +1,4 @@
-// Images made of depths alone, for the tests of what is computed from them.
+// Images made of depths alone, for the tests of effects that use depths.
 
 #ifndef ISOSCOPE_TESTS_UNIT_CORE_PICTURE_DEPTH_SCENE_H_
 #define ISOSCOPE_TESTS_UNIT_CORE_PICTURE_DEPTH_SCENE_H_
@@ -30,7 +30,7 @@ inline view::View MakeSceneView(const view::Viewport& viewport, view::Projection
   return *view;
 }
 
-// What a pixel of the whole viewport shows.
+// The point that a pixel of the whole viewport shows.
 struct ScenePoint {
   float depth = 0.5F;  // window depth
   std::uint32_t surface = 0;

@@ -47,7 +47,7 @@ TEST_F(LayerBlendingTest, TwoLayersOverAnOpaqueFragmentMixInLinearLight) {
   layers.Insert(4, 5, Key(0.7F, 2), kGreen);
   layers.Insert(4, 5, Key(0.5F, 1), kRed);
   EXPECT_EQ(BlendLayers(layers, spec_, &image_), 0);
-  // 0.5 red, 0.5 * 0.25 green, and blue gets the 0.375 that are left.
+  // 0.5 red, 0.5 * 0.25 green, and blue gets the remaining 0.375.
   EXPECT_EQ(At(4, 5), (Rgba8{Srgb(0.5F), Srgb(0.125F), Srgb(0.375F), 255}));
   EXPECT_EQ(image_.keys[image_.IndexOf(4, 5)], Key(0.9F, 0));
 }

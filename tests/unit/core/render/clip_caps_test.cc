@@ -1,3 +1,10 @@
+// The caps of a volume whose samples are x + 100 z, so that the surface on a cut is known:
+//
+// - each pixel of a cut gets one fragment, of the surface with the highest isovalue;
+// - the margin around the rim, also across blocks;
+// - colours, normals and samples;
+// - blocks and pixels that need nothing.
+
 #include "core/render/clip_caps.h"
 
 #include <cmath>
@@ -25,7 +32,7 @@ volume::GridGeometry Geometry() {
   return geometry;
 }
 
-// Samples x + 100 z, as uint16: the slice at z is the same whatever the blocks.
+// Samples x + 100 z, as uint16: the slice at z does not depend on the blocks.
 struct Volume {
   volume::BlockLayout layout = volume::BlockLayout::Make(kDims, {8, 8, 8}).value();
   std::string samples;

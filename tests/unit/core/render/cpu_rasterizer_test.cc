@@ -1,3 +1,10 @@
+// Fragments are compared with definitions that are computed slowly, in doubles:
+//
+// - coverage: neighbours share and miss no pixel, for triangles of all sizes;
+// - depth: the plane under the pixel's centre, clamped to the footprint;
+// - clipping: at the near plane, far off screen, and by a clip region;
+// - weights: at corners, in slivers, beside the triangle.
+
 #include "core/render/cpu_rasterizer.h"
 
 #include <algorithm>
@@ -35,7 +42,7 @@ struct Hit {
   std::uint32_t triangle;
 };
 
-// What each pixel got: of its fragments the one with the least depth, then the least triangle.
+// Returns the fragment of each pixel with the least depth, then the lowest triangle index.
 std::map<std::pair<int, int>, Hit> Rasterize(const mesh::BlockMesh& mesh, const view::View& view,
                                              const view::Footprint& footprint,
                                              const image::PixelMask* open = nullptr) {
@@ -204,7 +211,7 @@ TEST(CpuRasterizerTest, DegenerateTrianglesCoverNothing) {
   EXPECT_TRUE(Rasterize(mesh, view, WholeViewport(view)).empty());
 }
 
-// The fragments as they come out, sorted: (pixel, triangle, depth bits).
+// The fragments of a rasterizer, sorted: (pixel, triangle, depth bits).
 using Fragments = std::vector<std::array<std::uint32_t, 3>>;
 Fragments AllFragments(const mesh::BlockMesh& mesh, const view::View& view,
                        const view::Footprint& footprint, const image::PixelMask* open) {
@@ -321,7 +328,7 @@ TEST(CpuRasterizerTest, FragmentsDoNotDependOnTheOtherTriangles) {
     for (std::uint32_t triangle = 0; triangle < 150; ++triangle) {
       const auto* corners = &mesh.indices[3 * std::size_t{triangle}];
       one.indices.assign(corners, corners + 3);
-      // Only its own vertices: what other triangles need must not matter.
+      // The triangle alone, because other triangles must not matter.
       mesh::BlockMesh alone;
       for (const std::uint32_t vertex : one.indices) {
         alone.positions.push_back(mesh.positions[vertex]);
@@ -480,7 +487,7 @@ TEST(BarycentricsNearPixelTest, BesideTheTriangleItIsTheNearestPointOnTheScreen)
   EXPECT_NEAR(below[1], 0.5, 1e-6);
   EXPECT_EQ(below[2], 0);
   EXPECT_NEAR(weights_at(2, 60)[0], 1, 1e-6) << "a corner";
-  // Of a sliver it is the point next to the pixel, where clamping gives one far off.
+  // For a sliver it is the point nearest to the pixel; clamping would give a point far away.
   mesh.positions = {{10.5F, 13.5F, 30}, {40.5F, 13.5F, 30}, {25.5F, 13.499F, 36}};
   const std::array<double, 3> sliver = weights_at(15, 49);  // a pixel above it
   EXPECT_NEAR(10.5 * sliver[0] + 40.5 * sliver[1] + 25.5 * sliver[2], 15.5, 1e-3);

@@ -17,7 +17,7 @@ using ::testing::IsEmpty;
 constexpr int kWidth = 100;  // two lock tiles, the second is cut
 constexpr int kHeight = 20;
 
-// What comes to one pixel, in this order, and what is left there.
+// The fragments that are merged into one pixel, in this order, and the expected result.
 struct Case {
   const char* name;
   std::vector<float> depths;  // fragment i has primitive id 64 + i

@@ -1,3 +1,12 @@
+// The contract of renderer.h, for both back ends (RendererTest):
+//
+// - the picture does not depend on order, passes, batches, blocks, threads or earlier frames;
+// - equal depths are decided by the tie rule;
+// - geometry and shading agree with closed forms: spheres, planes, a head light;
+// - limits and errors: cancelled frames, memory, masks, odd sizes.
+//
+// Tests of the CPU back end alone follow, and one that compares the two.
+
 #include "core/render/renderer.h"
 
 #include <algorithm>
@@ -48,7 +57,7 @@ using ::testing::HasSubstr;
 
 constexpr math::Vec3f kTowardEye{0, 0, 1};
 
-// A renderer that draws or shades what it has after so many bytes of meshes.
+// Makes a renderer that draws or shades once it holds this many bytes of meshes.
 absl::StatusOr<std::unique_ptr<Renderer>> MakeWithBatches(RendererKind kind, std::size_t bytes) {
   if (kind == RendererKind::kCpu) {
     return MakeCpuRenderer(bytes);
@@ -139,7 +148,7 @@ TEST_P(RendererTest, PreparedPassesDrawTheSamePicture) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto prepared, MakeRenderer({.kind = GetParam()}));
   prepared->Prepare(view.viewport(), 3, 4);
   EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
-  // More than it may keep, and of another size.
+  // Larger than it may keep, and of another size.
   prepared->Prepare({.width_px = 4096, .height_px = 4096}, 2, 2);
   EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
 }
@@ -741,7 +750,7 @@ TEST_P(RendererTest, NothingOfEarlierPassesShows) {
     Draw(renderer.get(), large, scene.layout, scene.meshes);
     EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
     {
-      // Given up.
+      // An abandoned pass.
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
                                     renderer->BeginPass(large, scene.layout, SpecOf()));
       for (const MeshPtr& mesh : scene.meshes) {
@@ -954,7 +963,7 @@ TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
   EXPECT_EQ(images[0], images[1]);
 }
 
-// The two back ends agree but for what rounding does at edges of triangles: sub-pixel grids and
+// The two back ends agree, except for rounding at edges of triangles: sub-pixel grids and
 // interpolation differ.
 TEST(RendererAgreementTest, CpuAndEglDrawTheSamePictureWithinRounding) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto egl, MakeRenderer({.kind = RendererKind::kEgl}));

@@ -1,3 +1,10 @@
+// Marching tetrahedra, a block at a time:
+//
+// 1. Each cell is split into the six tetrahedra of Kuhn, whose faces match those of its neighbours.
+// 2. A tetrahedron whose corners have different signs gives one or two triangles.
+// 3. A vertex is computed from the lower to the higher end of its edge, so that all blocks get the
+//    same bits.
+
 #include "tests/unit/core/render/test_scenes.h"
 
 #include <array>

@@ -1,3 +1,10 @@
+// Conversion of a request to a FrameSpec, field by field:
+//
+// - defaults of unset fields, and the arrival of every field that is set;
+// - wrong values: the error names the field, its value and the allowed values (wrong_fields.h);
+// - the resolved camera, which must have the same bits at coordinator and agents;
+// - picture revisions.
+
 #include "core/rpc/frame_convert.h"
 
 #include <cmath>
@@ -282,7 +289,7 @@ TEST(FrameSpecFromProtoTest, SamplesOfALargeViewportAreRefusedWithBothNumbers) {
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("samples is 9"), HasSubstr("viewport of 8192 x"),
                              HasSubstr("16384"))));
-  // A region takes it, up to the largest whole.
+  // With a region it is allowed, up to the largest viewport.
   *request.mutable_region() = ToProto(view::Region{0, 0, 1000, 20});
   EXPECT_THAT(FrameSpecFromProto(request), IsOk());
   request.mutable_viewport()->set_width_px(32768);

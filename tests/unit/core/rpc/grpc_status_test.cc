@@ -42,7 +42,7 @@ TEST(GrpcStatusTest, CodesThatGrpcDoesNotDefineBecomeUnknown) {
               testing::StatusIs(absl::StatusCode::kUnknown, ::testing::HasSubstr("20: odd")));
 }
 
-// Symptom: a client whose TLS connection broke on a flipped bit got UNKNOWN, and did not try again.
+// Symptom: a client whose TLS connection broke on a flipped bit got UNKNOWN, and did not retry.
 TEST(GrpcStatusTest, ConnectionThatBrokeIsUnavailable) {
   EXPECT_THAT(
       ToAbslStatus(grpc::Status(grpc::StatusCode::UNKNOWN, "Stream removed")),
@@ -57,7 +57,7 @@ TEST(GrpcStatusTest, MessagesTooLongForAHeaderAreCut) {
   EXPECT_THAT(status.error_message(), ::testing::EndsWith("..."));
 }
 
-// What google's libraries make of code 8, "full" and a delay of 1.5 s.
+// Google's libraries encode code 8, "full" and a delay of 1.5 s as these bytes.
 std::string KnownDetails() {
   using std::string_literals::operator""s;
   const std::string url = "type.googleapis.com/google.rpc.RetryInfo";
@@ -76,7 +76,7 @@ TEST(GrpcStatusTest, ATimeToWaitIsTheRetryInfoThatEveryoneReads) {
   EXPECT_EQ(base::RetryDelayOf(ToAbslStatus(sent)), absl::Milliseconds(1500));
 }
 
-// What google's libraries make of code 9, "no" and an ErrorInfo.
+// Google's libraries encode code 9, "no" and an ErrorInfo as these bytes.
 TEST(GrpcStatusTest, AReasonIsTheErrorInfoThatEveryoneReads) {
   const std::string error_info =
       "\x0a\x12"

@@ -26,7 +26,7 @@ using ::testing::Not;
 using ::testing::StartsWith;
 using testing::StatusIs;
 
-// Sends `request` to 127.0.0.1 and returns all that comes back.
+// Sends `request` to 127.0.0.1 and returns the whole answer.
 std::string Ask(int port, const std::string& request) {
   const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
   EXPECT_GE(socket, 0);

@@ -21,7 +21,7 @@ TEST(PeerTest, RolesAreTheUrisWithOurPrefix) {
   EXPECT_THAT(
       RolesOf({"spiffe://x/y", "isoscope:role:agent", "isoscope:role:", "isoscope:role:client"}),
       ElementsAre("agent", "client"));
-  // What a foreign authority's certificate says never breaks a log line.
+  // Text in a foreign authority's certificate never breaks a log line.
   EXPECT_THAT(RolesOf({"isoscope:role:a\nb"}), ElementsAre("a\\nb"));
 }
 

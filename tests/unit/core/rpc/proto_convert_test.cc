@@ -1,3 +1,10 @@
+// Each message that core converts, in both directions:
+//
+// - values survive the way to the message and back: cameras, colours, geometry, block lists,
+//   durations;
+// - the limits of each field, with the name of the field in the error;
+// - descriptions of datasets that contradict themselves.
+
 #include "core/rpc/proto_convert.h"
 
 #include <cmath>
@@ -275,7 +282,7 @@ TEST(ProtoConvertTest, StatisticsOfAnAgentComeBack) {
   proto.set_agent_address("b:1");
   proto.add_shard_indices(3);
   proto.add_shard_indices(5);
-  // Each number another one.
+  // Each number is different.
   const google::protobuf::Descriptor* const descriptor = proto.GetDescriptor();
   for (int i = 0; i < descriptor->field_count(); ++i) {
     const google::protobuf::FieldDescriptor* const field = descriptor->field(i);

@@ -1,3 +1,9 @@
+// Surfaces, caps, lights and colours by a quantity, from the request and back:
+//
+// - values arrive in their order, with their defaults;
+// - the range of a gradient's map, which comes from the dataset;
+// - hostile values, each named in the error (wrong_fields.h).
+
 #include "core/rpc/surface_convert.h"
 
 #include <cmath>

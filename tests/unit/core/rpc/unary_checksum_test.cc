@@ -1,5 +1,5 @@
-// A unary call between coordinator and agents gives the answer to the question that was asked, or
-// an error that blames the network.
+// A unary call between coordinator and agents returns the answer to the request, or an error that
+// names the network as the cause.
 
 #include "core/rpc/unary_checksum.h"
 

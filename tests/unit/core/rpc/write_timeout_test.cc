@@ -92,7 +92,7 @@ TEST_F(WriteTimeoutTest, NothingHappensAfterTheEnd) {
 
 TEST_F(WriteTimeoutTest, NoTimeRunsBetweenAWriteThatIsTakenAndTheNextOne) {
   EXPECT_THAT(Call([](Reactor* reactor) {
-                // Paused at once: the alarm may ring meanwhile, but counts no more once this holds.
+                // Paused at once: the alarm may ring meanwhile, but has no effect once this holds.
                 reactor->timeout.Start(absl::Hours(1));
                 reactor->timeout.Start(absl::Milliseconds(50));
                 reactor->timeout.Pause();

@@ -1,3 +1,10 @@
+// A handler (Do) that computes, dies, hangs, or takes memory, as the request says:
+//
+// - answers, and one child for all requests;
+// - every kind of death: signals, exit, exceptions, limits of time and memory, wrong answers;
+// - isolation: no output, no core file, no descriptors, no signal handlers of the parent;
+// - no process is left, not even when the parent is killed.
+
 #include "core/source/decoder_process.h"
 
 #include <fcntl.h>
@@ -96,7 +103,7 @@ std::int64_t LimitOfCoreFiles() {
   return static_cast<std::int64_t>(limit.rlim_cur);
 }
 
-// In the child.
+// Runs in the child.
 std::int64_t Do(const Request& request) {
   switch (request.deed) {
     case Deed::kAddOne:
@@ -165,7 +172,7 @@ class DecoderProcessTest : public ::testing::Test {
     }
     return answer.number;
   }
-  // Whether the next request is answered, whatever went before.
+  // Expects that the next request is answered, after any earlier one.
   void ExpectAnswers() { EXPECT_EQ(Ask(Deed::kAddOne, 41).value_or(-1), 42); }
 
   DecoderProcess process_{{.handler = Handle,
@@ -289,7 +296,7 @@ TEST_F(DecoderProcessTest, WithoutAProcessToBeHadTheErrorSaysSo) {
   ExpectAnswers();
 }
 
-// A process with two children of this kind, which ends without a word to them.
+// A process with two children of this kind, which ends without telling them.
 [[noreturn]] void LeaveChildren(int pipe_end) {
   DecoderProcess first({Handle, sizeof(Request), sizeof(Answer), kSharedBytes});
   DecoderProcess second({Handle, sizeof(Request), sizeof(Answer), kSharedBytes});

@@ -120,7 +120,7 @@ TEST_F(DicomDecoderTest, PixelsThatTheFileDoesNotHaveAreAnErrorOrZeroAndNeverThe
   }
   WriteFile(path_, DicomBytes({}, pixels_.substr(0, 100)));
   EXPECT_THAT(decoder_.ReadSlice(path_, false, out_.data()).status(), StatusIs(kDataLoss, ""));
-  // Had somebody counted wrongly:
+  // With a wrong count of pixels:
   ISOSCOPE_ASSERT_OK(decoder_.ReadSlice(path_, true, out_.data()).status());
   EXPECT_TRUE(out_ == pixels_.substr(0, 100) + std::string(kSliceBytes - 100, '\0'));
 }

@@ -60,7 +60,7 @@ TEST_F(DicomScanTest, IndexReportAndFilesWithoutPixelsAreNoImages) {
     EXPECT_EQ(Scan(WithoutPixels({.storage_class = storage_class})).content,
               DicomContent::kNoImage);
   }
-  // Of a class that nobody knows, without the rows of an image.
+  // A file of an unknown class, without the rows of an image.
   const std::string unknown = DicomBytes({.storage_class = "1.2.3.4.5"}, pixels_);
   EXPECT_EQ(Scan(unknown).content, DicomContent::kImage);
   const std::size_t rows = unknown.find(std::string("\x28\0\x10\0", 4));
@@ -117,7 +117,7 @@ TEST_F(DicomScanTest, NumbersOfPixelsThatAreNoneMakeTheFileUnfit) {
 }
 
 TEST_F(DicomScanTest, FewerPixelsThanRowsAndColumnsSayMakeTheFileCut) {
-  // GDCM takes them, and leaves the others to chance.
+  // GDCM accepts them, and leaves the other pixels undefined.
   EXPECT_EQ(Scan(DicomBytes({}, pixels_)).content, DicomContent::kImage);
   EXPECT_TRUE(Scan(DicomBytes({}, pixels_)).is_counted);
   EXPECT_EQ(Scan(DicomBytes({}, pixels_ + "..")).content, DicomContent::kImage);
@@ -125,10 +125,10 @@ TEST_F(DicomScanTest, FewerPixelsThanRowsAndColumnsSayMakeTheFileCut) {
   EXPECT_EQ(Scan(DicomBytes({}, "")).content, DicomContent::kCut);
   EXPECT_EQ(Scan(DicomBytes({.width = 65535, .height = 65535}, pixels_)).content,
             DicomContent::kCut);
-  // Nor do they count less where the number is there twice, whichever one GDCM takes.
+  // If a number is there twice, the larger one counts, because GDCM may take either.
   const std::string one_row = DicomElement(0x28, 0x10, "US", DicomNumber(std::uint16_t{1}));
   EXPECT_EQ(Scan(DicomBytes({.more = one_row}, pixels_.substr(2))).content, DicomContent::kCut);
-  // Colours may be stored with less.
+  // Colours may be stored in fewer bytes.
   std::string colour = DicomBytes({}, pixels_);
   const auto samples = [](std::uint16_t count) {
     return DicomElement(0x28, 2, "US", DicomNumber(count));

@@ -1,3 +1,10 @@
+// Series of five small slices, written by the helpers of tests/support:
+//
+// - stacking by position, oblique orientations, the choice of a series;
+// - wrong series: missing, doubled, tilted, mixed or cut slices;
+// - privacy: no field of a patient is printed;
+// - files that end the library's process, which is then replaced.
+
 #include "core/source/dicom_source.h"
 
 #include <algorithm>
@@ -40,7 +47,7 @@ constexpr std::size_t kSliceBytes = 12 * 9 * 2;
 
 class DicomSourceTest : public ::testing::Test {
  protected:
-  // Slice `z` of samples_ as a file whose name says nothing of its place.
+  // The path of slice `z` of samples_. The name does not tell the position.
   std::string Path(int z) const { return dir_.Sub(absl::StrCat("im", z * 7 % 5, ".x")); }
   void Write(int z, DicomSlice slice) const {
     slice.number = 5 - z;
@@ -118,7 +125,7 @@ TEST_F(DicomSourceTest, FolderOfTwoSeriesAsksForAFileOfOne) {
   EXPECT_EQ(second->geometry().sample_dims.z, 2);
 }
 
-// Reads the whole series and returns what went to standard output and error.
+// Reads the whole series and returns the text on standard output and error.
 std::string WordsOfReading(const std::string& path, absl::Status* status) {
   ::testing::internal::CaptureStdout();
   ::testing::internal::CaptureStderr();
@@ -303,7 +310,7 @@ TEST_F(DicomSourceTest, NoSeriesAndCutSlicesAreErrors) {
   for (std::size_t size = 0; size < whole.size(); size += size < 500 ? 1 : 50) {
     WriteFile(Path(4), whole.substr(0, size));
     EXPECT_FALSE(ReadAll(*source, 5).ok()) << size;
-    if (size > 132) {  // before, it is no DICOM file to anybody
+    if (size > 132) {  // a shorter file is no DICOM file
       EXPECT_FALSE(OpenVolumeFile(dir_.path()).ok()) << size;
     }
   }

@@ -1,3 +1,10 @@
+// Datasets written by the library itself, and damaged ones:
+//
+// - every type, byte order and layout, with rows that begin and end within planes;
+// - axes, spacing, names, and files beyond 32-bit sizes;
+// - files and datasets that are no volume, with the message;
+// - cut and flipped files, which must never crash this process.
+
 #include "core/source/hdf5_source.h"
 
 #include <filesystem>
@@ -14,8 +21,8 @@
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses. What our code leaks is
-// still found. Called by LeakSanitizer, where there is one.
+// libhdf5 does not free the parts of a file that it then refuses. Leaks of this project's code are
+// still found. LeakSanitizer calls it.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::source {
@@ -84,7 +91,7 @@ class Hdf5SourceTest : public ::testing::Test {
 };
 
 TEST_F(Hdf5SourceTest, SamplesThatNobodyWroteAreZeroAndNotWhatMemoryHeld) {
-  // Found by hdf5_fuzz: without a fill value the library leaves the buffer as it is.
+  // Found by hdf5_fuzz: without a fill value the library does not write to the buffer.
   const hid_t file = Create("v.h5");
   const hsize_t dims[] = {4, 5, 6};
   const hsize_t chunk[] = {2, 5, 6};
@@ -104,7 +111,7 @@ TEST_F(Hdf5SourceTest, SamplesThatNobodyWroteAreZeroAndNotWhatMemoryHeld) {
 }
 
 TEST_F(Hdf5SourceTest, FloatsOfAnotherLayoutThanIeeeAreRefused) {
-  // Found by hdf5_fuzz: what the library makes of them depends on how much is read at once.
+  // Found by hdf5_fuzz: the library's conversion of such types depends on how much is read at once.
   const hid_t type = H5Tcopy(H5T_IEEE_F32LE);
   ASSERT_GE(H5Tset_ebias(type, 100), 0);
   const hid_t file = Create("v.h5");
@@ -247,7 +254,7 @@ TEST_F(Hdf5SourceTest, CutAndFlippedFilesNeverCrash) {
     WriteFile(dir_.Sub("cut.h5"), flipped);
     const auto source = OpenHdf5Dataset(dir_.Sub("cut.h5") + ":/v");
     if (source.ok() && math::Volume((*source)->geometry().sample_dims) <= math::Volume(kDims)) {
-      // The library's cache must not make a good read of a bad one.
+      // The library's cache must not turn a failed read into a good one.
       const bool is_read = ReadAll(**source, 17).ok();
       EXPECT_EQ(ReadAll(**source, 17).ok(), is_read) << "byte " << at;
     }

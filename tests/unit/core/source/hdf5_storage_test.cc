@@ -1,3 +1,9 @@
+// Datasets in several files, in which one is missing, cut or wrong:
+//
+// - external storage, virtual datasets, numbered sources, external links;
+// - the list of files, which must be complete;
+// - a virtual dataset that is made of itself.
+
 #include "core/source/hdf5_storage.h"
 
 #include <filesystem>
@@ -16,7 +22,7 @@
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses.
+// libhdf5 does not free the parts of a file that it then refuses.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::source {
@@ -39,7 +45,7 @@ const std::vector<hsize_t> kPlane{1, 5, 7};
 
 class Hdf5StorageTest : public ::testing::Test {
  protected:
-  // A dataset of `shape`, created with `properties`, in a new file or one that there is.
+  // Writes a dataset of `shape`, created with `properties`, into a new or an existing file.
   void Write(const std::string& file_name, const std::string& name,
              const std::vector<hsize_t>& shape, const std::string& samples,
              hid_t properties = H5P_DEFAULT, bool can_grow = false) {
@@ -80,7 +86,7 @@ class Hdf5StorageTest : public ::testing::Test {
     Write(file_name, name, shape, "", properties.get());
   }
 
-  // What is read is exactly `samples`.
+  // Expects that exactly `samples` are read.
   void ExpectReads(const std::string& path, const std::string& samples) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenHdf5Dataset(path));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 3));

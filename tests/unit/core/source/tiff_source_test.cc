@@ -1,3 +1,9 @@
+// Stacks written by libtiff, and damaged ones:
+//
+// - pages of every type, byte order, compression and shape, as one file and as many;
+// - parts of slices, and the order of names with numbers;
+// - mixed slices, colours, cut files, and strips that inflate to too little.
+
 #include "core/source/tiff_source.h"
 
 #include <algorithm>
@@ -180,7 +186,8 @@ TEST(TiffSourceTest, MixedSlicesColourAndCutFilesAreRefused) {
   WriteSlice(dir.Sub("c.tif"), {.type = ScalarType::kUint8, .samples_per_pixel = 3}, 20, 20,
              samples.data());
   EXPECT_THAT(OpenVolumeFile(dir.Sub("c.tif")).status(), StatusIs(kInvalid, HasSubstr("colour")));
-  // The samples of a palette image are numbers of colours. Two slices, or it is refused as one.
+  // The samples of a palette image are numbers of colours. Two slices, because a single one is
+  // refused anyway.
   for (const char* name : {"p1.tif", "p2.tif"}) {
     WriteSlice(dir.Sub(name), {.type = ScalarType::kUint8, .has_palette = true}, 20, 20,
                samples.data());

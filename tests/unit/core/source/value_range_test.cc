@@ -76,7 +76,7 @@ TEST(FindValueRangeTest, LeavesOutNanAndKeepsInfinity) {
 }
 
 TEST(FindValueRangeTest, ExtremesInTheFirstAndTheLastOfManyPortionsCount) {
-  // 24 MB: three portions, the last one shorter, and a row that is no whole number of vectors.
+  // 24 MB: three portions, the last one shorter, and rows that are no whole number of vectors.
   const math::Index3 dims{1001, 100, 120};
   std::vector<std::uint16_t> samples(static_cast<std::size_t>(math::Volume(dims)), 500);
   samples.front() = 7;

@@ -1,3 +1,10 @@
+// Each field is compared with its formula, in doubles:
+//
+// - values, range and quantisation for every sample type;
+// - the same bytes for any division into calls, and beyond 32-bit indices;
+// - seeds, and the variance of random fields for every spectrum;
+// - bad parameters, with the message.
+
 #include "core/source/volume_generator.h"
 
 #include <algorithm>
@@ -55,7 +62,7 @@ void ForEachSample(const std::vector<T>& samples, const math::Index3& dims, cons
   }
 }
 
-// The sum of waves as its definition says it, one cosine a wave.
+// The sum of waves by its definition, one cosine a wave.
 double RandomSum(const GeneratorParameters& parameters, const math::Vec3d& p) {
   double sum = 0;
   double squares = 0;

@@ -1,3 +1,10 @@
+// The formats that ITK reads, and raw files. ITK is the reference for samples and geometry:
+//
+// - NIfTI, NRRD and MetaImage in every type, byte order and compression, in one file or several;
+// - geometry, slopes, patient frames;
+// - headers that are refused, with the message;
+// - damage: every truncation of every format, and flipped bits in compressed samples.
+
 #include "core/source/volume_source.h"
 
 #include <cmath>
@@ -61,7 +68,7 @@ constexpr TypeNames kTypes[] = {{volume::ScalarType::kUint8, 2, "unsigned char",
                                 {volume::ScalarType::kFloat32, 16, "float", "MET_FLOAT"},
                                 {volume::ScalarType::kFloat64, 64, "double", "MET_DOUBLE"}};
 
-// What ITK itself reads, whole.
+// Returns all samples, as ITK itself reads them.
 std::string ReadByItk(itk::ImageIOBase* io, const std::string& path) {
   io->SetFileName(path);
   io->ReadImageInformation();
@@ -183,7 +190,7 @@ TEST_F(VolumeSourceTest, MetaImageSamplesOfEveryTypeLocalDetachedCompressedAndBi
   }
 }
 
-// RAS files are turned to LPS, so the frame is always that one.
+// RAS files are converted to LPS, so the frame is always LPS.
 TEST_F(VolumeSourceTest, FilesThatSayHowTheyLieInThePatientHaveAPatientFrame) {
   const std::string samples = Noise(kDims, volume::ScalarType::kUint8);
   const auto write_nrrd = [&](const std::string& space) {
@@ -200,7 +207,7 @@ TEST_F(VolumeSourceTest, FilesThatSayHowTheyLieInThePatientHaveAPatientFrame) {
   const Row rows[] = {{"space: left-posterior-superior", true, {10, 20, 30}},
                       {"space: LPS", true, {10, 20, 30}},
                       {"space: right-anterior-superior", true, {-10, -20, 30}},
-                      // ITK 5.2 turns x where y must be turned: what the axes mean is not known.
+                      // ITK 5.2 negates x instead of y, so the meaning of the axes is unknown.
                       {"space: left-anterior-superior", false, {-10, 20, 30}},
                       {"space: scanner-xyz", false, {10, 20, 30}},
                       {"space dimension: 3", false, {10, 20, 30}}};

@@ -163,11 +163,11 @@ TEST_F(VtiHeaderTest, FlatGridHasNoVolumeOfCells) {
 }
 
 TEST_F(VtiHeaderTest, LongTextIsPassedAndLongTagsAreNot) {
-  // 3 MiB of inline data in one line, before the array that is looked for.
+  // 3 MiB of inline data in one line, before the requested array.
   const std::string text(3 << 20, 'A');
   const std::string bytes = File(Array("a", "Float32", kThree, text) + Array("b"));
   EXPECT_EQ(Chosen(bytes), "p:b:0");
-  // It ends at the array that is certain to be the one: what follows is not looked at.
+  // Reading ends at the array that is certain to be chosen; the rest is not read.
   EXPECT_EQ(Chosen(File(Array("a", "Float32", "", "AAAA") + text + "<no XML"), "a"), "p:a:0");
   EXPECT_THAT(Read("<VTKFile a=\"" + text + "\">").status(),
               StatusIs(kInvalid, HasSubstr("a tag of more than")));

@@ -1,3 +1,10 @@
+// VTK ImageData files, written here in every way that VTK has:
+//
+// - appended and inline data, raw and base64, plain and in zlib blocks, both sizes of headers;
+// - points and cells, components, choice of an array, geometry;
+// - sizes beyond 4 GiB, and long tuples in bounded memory;
+// - cut and flipped files, and everything that is not supported.
+
 #include "core/source/vti_source.h"
 
 #include <filesystem>

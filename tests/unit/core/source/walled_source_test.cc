@@ -1,5 +1,5 @@
-// A library that crashes, hangs, throws or lies behind the wall is an error here; one that works
-// gives its samples.
+// A library in the child process that crashes, hangs, throws or lies gives an error. A library that
+// works gives its samples.
 
 #include "core/source/walled_source.h"
 
@@ -26,7 +26,7 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-// Rows that tell their numbers. The path says what goes wrong.
+// Rows that hold their own indices. The path selects the fault.
 class FakeSource final : public VolumeSource {
  public:
   explicit FakeSource(std::string path) : path_(std::move(path)) {

@@ -43,8 +43,8 @@ std::string NoiseSamples(std::size_t size) {
   return bytes;
 }
 
-// Into a buffer of exactly the size, so that a sanitizer sees what is written beyond it; from one,
-// so that it sees what is read beyond it.
+// Decodes from and into buffers of exactly the right size, so that a sanitizer sees reads and
+// writes beyond them.
 absl::StatusOr<std::string> Decode(BlockEncoding encoding, volume::ScalarType type,
                                    const std::string& stored, std::size_t raw_size) {
   const std::vector<char> in(stored.begin(), stored.end());
@@ -146,7 +146,7 @@ TEST(BlockCodecTest, DamageIsDataLossOrOtherSamplesAndNeverMore) {
   }
 }
 
-// The writer keeps such a block raw. So a reader's bound on what it reads holds.
+// The writer keeps such a block raw. So a reader's bound on the stored size holds.
 TEST(BlockCodecTest, AnEncodingThatIsNoSmallerThanItsBlockIsDataLoss) {
   const std::string noise = NoiseSamples(1328);
   std::string larger(ZSTD_compressBound(noise.size()), '\0');

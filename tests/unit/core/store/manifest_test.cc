@@ -1,3 +1,10 @@
+// The text of a small manifest, and its changes:
+//
+// - the documented bytes, and the round trip of every double and name;
+// - every truncation and flipped bit is DATA_LOSS;
+// - wrong members behind a right seal are refused, one by one;
+// - optional members, later members, and later versions.
+
 #include "core/store/manifest.h"
 
 #include <cmath>

@@ -1,3 +1,9 @@
+// A raw shard of 180 blocks is compressed in place:
+//
+// - blocks of every type come back, and take less room;
+// - the bytes depend neither on threads nor on batches;
+// - damaged blocks, shards that are not raw, full disks at every byte, cancellation.
+
 #include "core/store/shard_compressor.h"
 
 #include <fstream>

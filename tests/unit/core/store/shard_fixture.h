@@ -124,7 +124,7 @@ inline absl::StatusOr<std::vector<std::pair<volume::BlockId, std::string>>> Read
   }
   std::vector<std::pair<volume::BlockId, std::string>> blocks;
   for (const ShardReader::DiskRun& run : reader->PlanDiskRuns(ordinals)) {
-    // Of exactly the run's size, so that a sanitizer sees what is written beyond it.
+    // A buffer of exactly the run's size, so that a sanitizer sees writes beyond it.
     std::vector<char> buffer(static_cast<std::size_t>(run.size));
     ISOSCOPE_RETURN_IF_ERROR(
         reader->ReadDiskRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {

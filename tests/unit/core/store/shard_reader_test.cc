@@ -1,3 +1,10 @@
+// A small dataset, read unchanged, damaged, and with planned reads:
+//
+// - every sample type and number of shards comes back;
+// - every flipped bit, truncation and extension of every file is noticed;
+// - files of other shards, and consistent lies behind right checksums, are refused;
+// - disk runs follow their definition (RunPlanTest), for random and for all small subsets.
+
 #include "core/store/shard_reader.h"
 
 #include <algorithm>
@@ -65,7 +72,8 @@ class MemoryFile : public io::RandomAccessFile {
   const std::string bytes_;
 };
 
-// What a damaged shard may answer: never OK, and never a code that reads as a fault of the program.
+// Expects an error of a damaged shard: never OK, and never a code that means a fault of the
+// program.
 void ExpectRefused(const absl::Status& status, const std::string& what) {
   EXPECT_TRUE(status.code() == absl::StatusCode::kDataLoss ||
               status.code() == absl::StatusCode::kFailedPrecondition)
@@ -273,11 +281,11 @@ TEST_F(ShardReaderTest, FilesOfAnotherShardOrDatasetAreRefused) {
       const std::string original = Slurp(ShardFile(name));
       const std::string replacement = Slurp(foreign + "/" + name);
       if (original == replacement) {
-        continue;  // what all shards of a dataset share
+        continue;  // shared by all shards of a dataset
       }
       Overwrite(ShardFile(name), replacement);
       if (name == std::string(kShardFileName) && foreign.find("other") == std::string::npos) {
-        // The index of shard 0 then stands beside the description of shard 1.
+        // Then the index of shard 0 lies beside the description of shard 1.
         EXPECT_THAT(ReadShard(shard_directory_),
                     StatusIs(absl::StatusCode::kDataLoss, HasSubstr(kBlockIndexFileName)));
       } else {
@@ -423,7 +431,7 @@ TEST_F(ShardReaderTest, VisitorErrorStopsTheRun) {
   EXPECT_THAT(visited, ::testing::ElementsAre(dataset.blocks[0][1], dataset.blocks[0][2]));
 }
 
-// Reading plans of a dataset of many blocks, and what they must be.
+// Plans of disk runs for a dataset of many blocks, and their definition.
 class RunPlanTest : public ShardReaderTest {
  protected:
   void Open(const math::Index3& sample_dims, std::int64_t edge) {
@@ -467,7 +475,7 @@ class RunPlanTest : public ShardReaderTest {
     return gaps;
   }
 
-  // Checks a plan by its definition. Counts what was seen, so that a test can tell that it saw it.
+  // Checks a plan by its definition. Counts the cases, so that a test can require each of them.
   void Check(const std::vector<std::uint32_t>& ordinals) {
     const std::vector<ShardReader::DiskRun> runs = reader_->PlanDiskRuns(ordinals);
     const std::vector<std::int64_t> gaps = GapsOf(ordinals);

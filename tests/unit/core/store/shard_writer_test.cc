@@ -1,3 +1,10 @@
+// The files of a shard, byte by byte, and the rules of writing them:
+//
+// - the documented bytes of blocks, index and range table;
+// - range tables that are damaged or hostile;
+// - misuse: wrong ids, wrong order, gaps, a missing interval tree;
+// - full disks at any write; the dataset id.
+
 #include "core/store/shard_writer.h"
 
 #include <memory>
@@ -152,8 +159,8 @@ TEST(ShardWriterTest, HostileRangeTableHeadersAreRefusedEvenWithRightChecksums) 
   }
 }
 
-// A file that ends in its own CRC-32C has the same CRC-32C whatever it holds: the manifest would
-// then tie nothing.
+// A file that ends in its own CRC-32C has the same CRC-32C for any content. The manifest's checksum
+// of it would then prove nothing.
 TEST(ShardWriterTest, ChecksumsOfWholeFilesDependOnTheirContent) {
   std::set<std::uint32_t> checksums;
   for (int value = 0; value < 200; ++value) {
@@ -197,7 +204,7 @@ TEST(ShardWriterTest, IdsOutOfOrderAreRefused) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("in the order of blocks")));
 }
 
-// A gap would be read as zeros, and a block that is missing as another's bytes.
+// A gap would be read as zeros, and a missing block as the bytes of another one.
 TEST(ShardWriterTest, IndexThatIsNotOfTheBlocksWrittenIsInternal) {
   const auto layout = volume::BlockLayout::Make({5, 5, 3}, {2, 2, 2}).value();
   const auto type = volume::ScalarType::kUint8;

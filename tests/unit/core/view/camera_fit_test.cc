@@ -43,7 +43,7 @@ TEST(NamedCameraTest, EverySideLooksAtTheCentreFromOneDistance) {
       {NamedView::kFront, {0, 0, 1}, {0, 1, 0}}, {NamedView::kBack, {0, 0, -1}, {0, 1, 0}},
       {NamedView::kLeft, {-1, 0, 0}, {0, 1, 0}}, {NamedView::kRight, {1, 0, 0}, {0, 1, 0}},
       {NamedView::kTop, {0, 1, 0}, {0, 0, -1}},  {NamedView::kBottom, {0, -1, 0}, {0, 0, 1}}};
-  // Of LPS: x to the left, y to the back, z up.
+  // In LPS, x points to the left, y to the back, and z up.
   const Row patient[] = {{NamedView::kFront, {0, 0, 1}, {0, 1, 0}},
                          {NamedView::kTop, {0, 1, 0}, {0, 0, -1}},
                          {NamedView::kAnterior, {0, -1, 0}, {0, 0, 1}},

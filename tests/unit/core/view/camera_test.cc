@@ -142,7 +142,7 @@ TEST(CameraTest, ValidationNamesTheFieldAndItsValue) {
     camera.view_height = height;
     expect_invalid(camera, "view height");
   }
-  // Each projection looks at its own number alone.
+  // Each projection uses its own number alone.
   camera = MakeValid();
   camera.view_height = 0;
   ISOSCOPE_EXPECT_OK(Validate(camera));

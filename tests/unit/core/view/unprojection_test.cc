@@ -28,7 +28,7 @@ Camera MakeCamera(Projection projection) {
   return camera;
 }
 
-// Forward: world to pixel and window depth. The way back must give the point again.
+// Projects a point to pixel and window depth. The inverse must give the point again.
 TEST(UnprojectionTest, AProjectedPointComesBack) {
   for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
     const Region region{200, 100, 300, 200};

@@ -1,3 +1,10 @@
+// Matrices are compared with VTK's numbers, and footprints with float32 renderers:
+//
+// - projection, clip planes, and cameras inside, outside and behind the volume;
+// - footprints: no point of a block is drawn outside its rectangle or nearer than its depth;
+// - the same bits for one box and many, on every instruction set;
+// - limits of float32; regions.
+
 #include "core/view/view.h"
 
 #include <algorithm>
@@ -283,8 +290,9 @@ std::vector<volume::BlockId> SomeBlocks(const volume::BlockLayout& layout, Rando
   return ids;
 }
 
-// The promise culling rests on. A triangle of the block covers only pixels whose centre is in the
-// hull of its vertices, as float32 and sub-pixel snapping place them; so is the block's rectangle.
+// Culling relies on this. A triangle of the block covers only pixels whose centre is in the hull of
+// its vertices, as placed by float32 and sub-pixel snapping. These pixels must lie in the block's
+// rectangle.
 TEST(FootprintTest, NoPointOfABoxIsDrawnOutsideItsRectangle) {
   Random random(7);
   std::int64_t boxes_seen = 0;
@@ -456,7 +464,7 @@ TEST(FootprintTest, OneBoxAndManyHaveTheSameBitsOnEveryInstructionSet) {
 }
 
 // Infinities and NaN, which Min and Max of processors drop, must not make a block's rectangle
-// empty: who has no rectangle is not drawn.
+// empty: a block without a rectangle is not drawn.
 TEST(FootprintTest, NumbersBeyondFloatNeverHideABlock) {
   const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
   constexpr double kInfinity = std::numeric_limits<double>::infinity();

@@ -1,3 +1,10 @@
+// Rays are compared with a reference that computes them one at a time (Reference):
+//
+// - each ray stops at the first active block, which ExpectFirstBlocks finds by testing all blocks;
+// - rays and hits are equal bit for bit, for any vectors, shares and runs of rays;
+// - regions, small viewports, flat volumes, views that miss the volume;
+// - the occluding blocks: the hits and their active neighbours.
+
 #include "core/visibility/occluder_selection.h"
 
 #include <algorithm>
@@ -95,8 +102,8 @@ double EntryOf(const Ray& ray, const BlockLayout& layout, BlockId id, double gro
   return enter <= exit ? enter : kInfinity;
 }
 
-// By looking at every block: the ray must stop at the first active one, up to rounding on edges
-// that it touches but does not cross. Returns the number of rays that hit something.
+// Tests every block: the ray must stop at the first active one, up to rounding on edges that it
+// touches but does not cross. Returns the number of rays that hit something.
 int ExpectFirstBlocks(const Scene& scene, const RaySet& rays, const BlockSet& active,
                       std::int64_t stride) {
   constexpr double kEdge = 1e-7;  // cells
@@ -312,7 +319,7 @@ TEST(RaySetTest, TheHitsDoNotDependOnTheNumberOfAgents) {
       << "the seed must matter";
 }
 
-// What rays and walks are by definition, one at a time: the vector code must give the same bits.
+// Rays and walks by definition, one at a time: the vector code must give the same bits.
 class Reference {
  public:
   Reference(const Scene& scene, std::uint64_t seed, std::int64_t grid_columns,
@@ -677,7 +684,7 @@ TEST(OccludingBlocksTest, NeighboursDoNotWrapAroundRowsOrSlabs) {
                                   BlockLayout::Make(dims + math::Index3{1, 1, 1}, {1, 1, 1}));
     for (const double share : {0.0, 0.02, 0.3}) {
       const BlockSet active = RandomBlocks(layout, 0.6, 3);
-      // Hits that are not active stay all the same.
+      // Hits that are not active stay as well.
       const std::vector<BlockId> hits = RandomBlocks(layout, share, 8).Ids();
       BlockSet expected(layout.block_count());
       for (const BlockId hit : hits) {

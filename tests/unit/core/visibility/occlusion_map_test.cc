@@ -1,3 +1,9 @@
+// The pyramid must give the answers of a test of each pixel (CanWin):
+//
+// - Hides, for random rectangles and depths, for both kinds of maps;
+// - open cells: exactly those with a pixel that can be won;
+// - equal depths, the far plane, empty tiles, the default map, empty footprints.
+
 #include "core/visibility/occlusion_map.h"
 
 #include <algorithm>
@@ -16,7 +22,7 @@ namespace isoscope::visibility {
 namespace {
 
 // Surfaces with holes, at depths that differ little, so that both answers of a test are frequent.
-// Whole tiles are missing where a seed says so.
+// The seed decides which whole tiles are missing.
 image::FrameImage MakeImage(int width, int height, std::uint64_t seed, double hole_share) {
   image::FrameImage image(width, height);
   for (int y = 0; y < height; ++y) {

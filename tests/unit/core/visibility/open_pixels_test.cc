@@ -126,7 +126,7 @@ TEST(OpenPixelsTest, EveryTruncationAndBitFlipIsDataLoss) {
   }
 }
 
-// A sender that means harm can compute the checksum: what is behind it is still checked.
+// A hostile sender can compute the checksum, so the content is checked as well.
 std::string Sealed(std::string bytes) {
   base::StoreLittleEndian(base::ExtendCrc32c(0, bytes.data() + 8, bytes.size() - 8),
                           bytes.data() + 4);

@@ -120,7 +120,7 @@ TEST(DefaultBlockCellsTest, LargeVolumesHaveLargeBlocks) {
   EXPECT_EQ(DefaultBlockCells({497, 498, 498}), kMiddle);
   EXPECT_EQ(DefaultBlockCells({374, 374, 374}), kMiddle);
   EXPECT_EQ(DefaultBlockCells({373, 374, 374}), kSmall);
-  // One long axis is enough, beyond what 64 bits hold in the product too.
+  // One long axis is enough, even if the product of the axes exceeds 64 bits.
   EXPECT_EQ(DefaultBlockCells({2, 524290, 2}), kLarge);
   EXPECT_EQ(DefaultBlockCells({2, 524288, 2}), kLarge);
   EXPECT_EQ(DefaultBlockCells({2, 16 * 32767 + 1, 2}), kMiddle);

@@ -52,7 +52,7 @@ TEST(IsovalueSuggestionsTest, TwoBoxesAreSeparatedBetweenThem) {
   EXPECT_DOUBLE_EQ(suggestions[0].inside_fraction, 0.5);
 }
 
-// Of a uniform distribution the two halves differ most.
+// In a uniform distribution the two halves differ most.
 TEST(IsovalueSuggestionsTest, UniformSamplesAreHalvedAndTheTopPercentIsTheTopPercent) {
   const auto suggestions =
       Suggest(ScalarType::kUint16, Integers(0, std::vector<std::int64_t>(200, 7)));

@@ -1,3 +1,9 @@
+// Spans and thresholds, for every sample type:
+//
+// - the threshold compares as the isovalue does in double, NaN included;
+// - ActiveBlocks equals IsActive of each span, for any vectors and for damaged NaN;
+// - the bytes of the table, and sizes that are refused.
+
 #include "core/volume/range_table.h"
 
 #include <algorithm>

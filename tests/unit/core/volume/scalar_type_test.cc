@@ -14,7 +14,7 @@ using ::isoscope::testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-// The numbers are in files.
+// Files hold these numbers.
 TEST(ScalarTypeTest, NumbersSizesAndNamesNeverChange) {
   const struct {
     int number;
