@@ -9,6 +9,7 @@
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::agent {

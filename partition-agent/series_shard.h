@@ -24,7 +24,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/mutex.h"
-#include "core/io/file.h"
+#include "core/io/file_stamp.h"
 #include "core/store/series_manifest.h"
 #include "partition-agent/shard.h"
 

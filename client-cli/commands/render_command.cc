@@ -89,9 +89,8 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .fps = flags.sweep.fps(),
                         .has_metadata = !flags.has_no_metadata,
                         .annotations = flags.annotations,
-                        .patient_frame = subject.dataset.patient_frame(),
-                        .picture_revision = subject.picture_revision,
-                        .samples_digest = subject.dataset.samples_digest()});
+                        .dataset = subject.dataset,
+                        .picture_revision = subject.picture_revision});
 }
 
 // Renders one frame, remembers its statistics and writes its trace.
@@ -253,10 +252,19 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
 // The request of frame `i`, whose camera is `first` turned on.
 absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& flags,
                                                              const client::RequestFlags& of_frame,
-                                                             const std::string& dataset,
+                                                             const v1::Dataset& dataset,
                                                              const v1::Camera& first, int i) {
   ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(of_frame, dataset, first, flags.view.fit));
+                            client::MakeRequest(of_frame, dataset.name(), first, flags.view.fit));
+  const std::optional<int> step =
+      flags.sweep.is_step_sweep()
+          ? std::optional<int>(flags.sweep.steps[static_cast<std::size_t>(i)])
+          : std::nullopt;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<v1::FieldSelection> selection,
+                            client::SelectionOf(of_frame.field, dataset, step));
+  if (selection) {
+    *request.mutable_selection() = *selection;
+  }
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
     // All but the eye has the very bits of the first camera.
     ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
@@ -292,15 +300,16 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags
                                                         PictureOutput* output,
                                                         const Context& context) {
   const int frame_count = flags.sweep.frame_count();
+  const v1::Dataset of_field = client::DatasetOfField(dataset, flags.request.field.field);
   v1::RenderIsosurfaceResponse last;
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
     const client::RequestFlags of_frame = RequestOfFrame(flags.sweep, flags.request, i);
     if (i == 0 || flags.sweep.is_isovalue_sweep()) {
-      WarnIfNoSurface(dataset, of_frame.isovalues(), context);
+      WarnIfNoSurface(of_field, of_frame.isovalues(), context);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
-                              MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
+                              MakeFrameRequest(flags, of_frame, dataset, camera, i));
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
     if (i == 0 && flags.view.save_camera_file) {
@@ -314,17 +323,22 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags
   return last;
 }
 
-absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, Session* session,
+absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, Session* session,
                        const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
   const v1::Dataset& dataset = subject.dataset;
+  RenderFlags flags = given;
+  ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(flags.request.field, dataset, &flags.sweep));
+  if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
+    flags.annotations.caption = "{time}";
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   if (flags.is_poster()) {
-    WarnIfNoSurface(dataset, flags.request.isovalues(), context);
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const v1::RenderIsosurfaceRequest whole,
-        MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
+    WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.field.field),
+                    flags.request.isovalues(), context);
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest whole,
+                              MakeFrameRequest(flags, flags.request, dataset, camera, /*i=*/0));
     return RunPoster(flags, whole, display, session, context);
   }
   PictureOutput output = MakeOutput(flags, subject);

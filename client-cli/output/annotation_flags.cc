@@ -20,8 +20,10 @@ void AddAnnotationFlags(FlagSet* set, client::Annotations* flags) {
   set->AddSwitch("--legend", &flags->has_legend,
                  "the colour map of --color-by with its range, at the right side")
       .Group(group);
-  AddFlag(set, "--caption", "TEXT", &flags->caption, ParseText,
-          "text in the top left corner; {isovalue} becomes the frame's, \\n begins a line")
+  AddFlag(
+      set, "--caption", "TEXT", &flags->caption, ParseText,
+      "text in the top left corner; {isovalue} and {time} become the frame's (of a sweep of steps "
+      "{time} is the default), \\n begins a line")
       .Group(group);
 }
 

@@ -3,9 +3,13 @@
 #include <optional>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/output_suffix.h"
 #include "clients/cpp/connection/png_metadata.h"
+#include "clients/cpp/request/field_flags.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
@@ -35,11 +39,31 @@ bool IsBackgroundLight(const isoscope::v1::RenderIsosurfaceRequest& request) {
   return request.has_background_color() && color.alpha() > 0.5F && luma > 0.5F;
 }
 
+// "12.5 s", or "step 3" of a dataset without times; empty without steps.
+std::string TimeText(const isoscope::v1::Dataset& dataset,
+                     const isoscope::v1::RenderIsosurfaceResponse& response) {
+  if (response.has_time()) {
+    return absl::StrCat(absl::StrFormat("%.9g", response.time()),
+                        dataset.time_unit().empty() ? "" : " ", dataset.time_unit());
+  }
+  return response.has_selection() ? absl::StrCat("step ", response.selection().time_step()) : "";
+}
+
+// The title of a legend: field, component and unit; empty of other quantities.
+std::string FieldTitle(const isoscope::v1::Dataset& dataset, const frame::ColorBy& color_by) {
+  if (color_by.quantity != frame::ColorBy::Quantity::kField) {
+    return "";
+  }
+  const client::FieldName field{color_by.field, color_by.component};
+  const std::string unit = client::UnitOfField(dataset, field);
+  return absl::StrCat(client::TitleOfField(dataset, field), unit.empty() ? "" : ", ", unit);
+}
+
 // Draws the annotations of a frame over `*png`, and tells what the record says of that.
 absl::Status AnnotatePng(const client::Annotations& annotations,
                          const isoscope::v1::RenderIsosurfaceRequest& request,
                          const isoscope::v1::RenderIsosurfaceResponse& response,
-                         const std::string& patient_frame, std::string* png,
+                         const isoscope::v1::Dataset& dataset, std::string* png,
                          client::AnnotatedPicture* annotated) {
   client::AnnotationScene scene;
   scene.viewport_height_px = request.viewport().height_px();
@@ -51,16 +75,19 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
   }
   scene.is_background_light = IsBackgroundLight(request);
   ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, rpc::CameraFromProto(response.camera(), "camera"));
-  if (!patient_frame.empty()) {
+  scene.length_unit = dataset.length_unit();
+  scene.time = TimeText(dataset, response);
+  if (!dataset.patient_frame().empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::PatientFrame frame,
-                              volume::PatientFrame::FromName(patient_frame));
+                              volume::PatientFrame::FromName(dataset.patient_frame()));
     client::NameAxes(frame, &scene);
   }
   for (const isoscope::v1::SurfaceColoring& coloring : response.colorings()) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const frame::ColorBy color_by,
         rpc::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
-    scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by});
+    scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by,
+                               FieldTitle(dataset, color_by)});
   }
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
   ISOSCOPE_ASSIGN_OR_RETURN(client::Annotated drawn,
@@ -97,8 +124,8 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   std::optional<client::AnnotatedPicture> annotated;
   if (options_.annotations.any()) {
     annotated.emplace();
-    ISOSCOPE_RETURN_IF_ERROR(AnnotatePng(options_.annotations, request, response,
-                                         options_.patient_frame, &png, &*annotated));
+    ISOSCOPE_RETURN_IF_ERROR(
+        AnnotatePng(options_.annotations, request, response, options_.dataset, &png, &*annotated));
   }
   last_png_ = png;
   if (options_.path.empty()) {
@@ -114,7 +141,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
     return io::WriteFileAtomically(path, png);
   }
   client::PictureRecord record{.picture_revision = options_.picture_revision,
-                               .samples_digest = options_.samples_digest,
+                               .samples_digest = options_.dataset.samples_digest(),
                                .request = request,
                                .annotated = std::move(annotated)};
   // The camera that was used needs no fit.

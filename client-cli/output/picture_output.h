@@ -25,10 +25,8 @@ struct PictureOutputOptions {
   double fps = 12;  // of an animation
   bool has_metadata = true;
   client::Annotations annotations = {};
-  std::string patient_frame = {};  // of the dataset; empty if it is not known
-  // For the record of each picture.
-  std::string picture_revision;
-  std::string samples_digest;
+  isoscope::v1::Dataset dataset = {};  // for annotations, and the record of each picture
+  std::string picture_revision;        // for the record
 };
 
 // UsageError if `path` promises a format that is not written, or an animation of this size can't

@@ -78,6 +78,9 @@ absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text) {
 }
 
 int SweepFlags::frame_count() const {
+  if (is_step_sweep()) {
+    return static_cast<int>(steps.size());
+  }
   return is_isovalue_sweep() ? isovalues->count : static_cast<int>(repeat_count.value_or(1));
 }
 
@@ -90,6 +93,10 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
   };
   set->Add("--isovalue", "V|A:B:STEP", parse_isovalues,
            "the level, in field units; START:STOP:STEP renders a frame for each level");
+  for (const char* flag : {"--field", "--time", "--step"}) {
+    set->Remove(flag);
+  }
+  client::AddFieldFlags(set, &request->field, /*has_sweep=*/true);
   AddFlag(set, "--repeat", "N", &flags->repeat_count, ParseFrameCount,
           "frames to render, one request each (default: 1)");
   AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, client::ParseNumber,
@@ -98,25 +105,65 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
           "frames a second of an animation, 0.1 to 120 (default: 12)");
 }
 
-absl::Status CheckUsage(const SweepFlags& flags, const std::string& output) {
+namespace {
+
+bool HasStepSweep(const client::FieldFlags& field) { return field.steps && field.steps->last; }
+
+// A sweep of steps, whose number is not known yet.
+absl::Status CheckStepSweep(const SweepFlags& flags, const std::string& output) {
+  if (flags.is_isovalue_sweep() || flags.repeat_count) {
+    return UsageError(absl::StrCat("--step A:B is a sweep of its own: leave ",
+                                   flags.repeat_count ? "--repeat" : "the sweep of isovalues",
+                                   " out"));
+  }
+  constexpr int kSeveral = 2;
+  if (client::IsAnimationName(output)) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckFrameName(output, kSeveral));
+  return HasFrameNumber(output)
+             ? absl::OkStatus()
+             : UsageError(absl::StrCat("--step names several steps, but --output '", output,
+                                       "' names one picture: put %d into the name, or write an "
+                                       "animation: .apng or .webp"));
+}
+
+}  // namespace
+
+absl::Status ResolveSteps(const client::FieldFlags& field, const isoscope::v1::Dataset& dataset,
+                          SweepFlags* flags) {
+  if (HasStepSweep(field)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(flags->steps, client::StepsOf(*field.steps, dataset));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckUsage(const SweepFlags& flags, const client::FieldFlags& field,
+                        const std::string& output) {
   if (flags.is_isovalue_sweep() && flags.repeat_count) {
     return UsageError(absl::StrCat("--repeat can't be used with a sweep of isovalues, which has ",
                                    flags.isovalues->count, " frames"));
   }
-  if (flags.orbit_degrees && flags.frame_count() == 1) {
+  if (flags.orbit_degrees && flags.frame_count() == 1 && !HasStepSweep(field)) {
     return UsageError(
-        "--orbit turns the camera between frames: it needs --repeat N with N > 1, or --isovalue "
-        "START:STOP:STEP");
+        "--orbit turns the camera between frames: it needs --repeat N with N > 1, --isovalue "
+        "START:STOP:STEP, or --step A:B");
   }
   if (flags.frames_per_second && !client::IsAnimationName(output)) {
     return UsageError(absl::StrCat("--fps is for an animation; --output '", output,
                                    "' is none: expected a name that ends in .apng or .webp"));
+  }
+  if (HasStepSweep(field) && (flags.is_isovalue_sweep() || flags.repeat_count)) {
+    return CheckStepSweep(flags, output);
   }
   if (client::IsAnimationName(output)) {
     return HasFrameNumber(output)
                ? UsageError(absl::StrCat("--output '", output,
                                          "' is one file of all frames: leave the number out"))
                : absl::OkStatus();
+  }
+  if (HasStepSweep(field)) {
+    return CheckStepSweep(flags, output);
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckFrameName(output, flags.frame_count()));
   if (flags.is_isovalue_sweep() && !HasFrameNumber(output)) {

@@ -8,6 +8,7 @@
 #include <iosfwd>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -41,23 +42,33 @@ absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text);
 
 struct SweepFlags {
   std::optional<IsovalueRange> isovalues = std::nullopt;
+  // Numbers of the steps to draw: set once the dataset is known (ResolveSteps). Empty: one step.
+  std::vector<int> steps = {};
   std::optional<std::int64_t> repeat_count = std::nullopt;
   std::optional<double> orbit_degrees = std::nullopt;
   std::optional<double> frames_per_second = std::nullopt;
 
   [[nodiscard]] bool is_isovalue_sweep() const { return isovalues && isovalues->count > 1; }
+  [[nodiscard]] bool is_step_sweep() const { return !steps.empty(); }
   [[nodiscard]] int frame_count() const;
   // Of an animation.
   [[nodiscard]] double fps() const { return frames_per_second.value_or(12); }
 };
 
 // Registers the flags. Takes over --isovalue, which AddRequestFlags has registered: its first value
-// goes to `request`, so that the checks of a request hold. Both must outlive the parsing.
+// goes to `request`, so that the checks of a request hold. Takes over --step likewise, which may
+// name several. Both must outlive the parsing.
 void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* request);
 
 // UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
 // of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
-absl::Status CheckUsage(const SweepFlags& flags, const std::string& output);
+absl::Status CheckUsage(const SweepFlags& flags, const client::FieldFlags& field,
+                        const std::string& output);
+
+// Finds the steps of a sweep among those that the dataset serves. INVALID_ARGUMENT if there are
+// none.
+absl::Status ResolveSteps(const client::FieldFlags& field, const isoscope::v1::Dataset& dataset,
+                          SweepFlags* flags);
 
 // The flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.
 client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,

@@ -313,20 +313,21 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
       ++i;
     }
     if (i == items.size()) {
-      items.push_back({coloring.color_by, ""});
+      items.push_back({coloring.color_by, coloring.field_title});
       isovalues.emplace_back();
     }
     if (coloring.surface_index < scene.isovalues.size()) {
       isovalues[i].push_back(absl::StrFormat("%.9g", scene.isovalues[coloring.surface_index]));
     }
   }
-  const std::array<const char*, 5> quantities = {"x", "y", "z", "normal: red x, green y, blue z",
-                                                 "gradient magnitude"};
+  const std::array<const char*, 6> quantities = {
+      "x", "y", "z", "normal: red x, green y, blue z", "gradient magnitude", "field"};
   for (std::size_t i = 0; i < items.size(); ++i) {
     const bool is_all = isovalues[i].size() == scene.isovalues.size();
-    items[i].title =
-        absl::StrCat(quantities[static_cast<std::size_t>(items[i].color_by.quantity)],
-                     is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", ")));
+    items[i].title = absl::StrCat(
+        items[i].title.empty() ? quantities[static_cast<std::size_t>(items[i].color_by.quantity)]
+                               : items[i].title,
+        is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", ")));
   }
   return items;
 }
@@ -444,8 +445,8 @@ absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scen
   if (g_utf8_validate(caption.data(), static_cast<gssize>(caption.size()), nullptr) == FALSE) {
     return absl::InvalidArgumentError("--caption: the text is not valid UTF-8");
   }
-  const std::string replaced =
-      absl::StrReplaceAll(caption, {{"{isovalue}", IsovalueText(scene)}, {"\\n", "\n"}});
+  const std::string replaced = absl::StrReplaceAll(
+      caption, {{"{isovalue}", IsovalueText(scene)}, {"{time}", scene.time}, {"\\n", "\n"}});
   const std::vector<std::string> lines = absl::StrSplit(replaced, '\n');
   double text = TextPx(picture);
   const int height = Ceil((kLineSpacing * static_cast<double>(lines.size()) + 1) * text);
@@ -495,8 +496,9 @@ ScaleBar MakeScaleBar(const AnnotationScene& scene, double max_px) {
     }
   }
   bar.length_px = bar.world_length / world_per_px;
-  bar.label =
-      absl::StrFormat("%.9g units%s", bar.world_length, is_perspective ? " at the target" : "");
+  bar.label = absl::StrFormat("%.9g %s%s", bar.world_length,
+                              scene.length_unit.empty() ? "units" : scene.length_unit,
+                              is_perspective ? " at the target" : "");
   return bar;
 }
 

@@ -28,8 +28,8 @@ struct Annotations {
   bool has_axes = false;
   bool has_scale_bar = false;
   bool has_legend = false;
-  // "{isovalue}" in it becomes the frame's, several with commas between; "\n" (two letters) begins
-  // a new line.
+  // "{isovalue}" in it becomes the frame's, several with commas between; "{time}" its time with
+  // unit; "\n" (two letters) begins a new line.
   std::optional<std::string> caption = std::nullopt;
 
   [[nodiscard]] bool any() const { return has_axes || has_scale_bar || has_legend || caption; }
@@ -38,7 +38,8 @@ struct Annotations {
 // How a surface was coloured: a part of the legend.
 struct SurfaceColoring {
   std::size_t surface_index = 0;
-  frame::ColorBy color_by;  // with its range, if it has a map
+  frame::ColorBy color_by;       // with its range, if it has a map
+  std::string field_title = {};  // of a colour by a field, with its unit
 };
 
 // What a frame tells its annotations.
@@ -51,6 +52,8 @@ struct AnnotationScene {
   // Of the ends that point the other way; empty: these have no arm.
   std::array<std::string, 3> opposite_names{};
   std::vector<SurfaceColoring> colorings;  // ascending surfaces
+  std::string length_unit = {};            // of world space; empty: not known
+  std::string time = {};                   // with its unit; empty: none
 };
 
 // Names the axes by the sides of a patient.

@@ -109,17 +109,62 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
   return light;
 }
 
+namespace {
+
+// Reads MAP[:MIN,MAX[:OPACITY,OPACITY]], the parts from `begin` on.
+absl::Status ParseMap(const std::vector<absl::string_view>& parts, std::size_t begin,
+                      ColorBy* color_by) {
+  if (parts.size() > begin) {
+    ISOSCOPE_ASSIGN_OR_RETURN(color_by->map, ParseChoice<ColorMap>(parts[begin], ColorMapNames()));
+  }
+  if (parts.size() > begin + 1 && !(parts.size() > begin + 2 && parts[begin + 1].empty())) {
+    ISOSCOPE_ASSIGN_OR_RETURN(color_by->range, ParseColorRange(parts[begin + 1]));
+  }
+  if (parts.size() > begin + 2) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::tie(color_by->opacity_at_min, color_by->opacity_at_max),
+                              ParseOpacities(parts[begin + 2]));
+  }
+  return absl::OkStatus();
+}
+
+// FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]. A word after the field that names a map is
+// one; any other is a component. `unknown` says that the first part is no other quantity.
+absl::StatusOr<ColorByValue> ParseColorByField(absl::string_view text,
+                                               const absl::Status& unknown) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  const bool has_component =
+      parts.size() > 1 && !ParseChoice<ColorMap>(parts[1], ColorMapNames()).ok();
+  if (parts[0].empty() || (has_component && parts[1].empty())) {
+    return unknown;
+  }
+  const std::size_t map_at = has_component ? 2 : 1;
+  if (parts.size() > map_at + 3) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is not FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]"));
+  }
+  ColorBy color_by{.quantity = ColorBy::Quantity::kField};
+  color_by.field = std::string(parts[0]);
+  color_by.component = has_component ? std::string(parts[1]) : "";
+  ISOSCOPE_RETURN_IF_ERROR(ParseMap(parts, map_at, &color_by));
+  return ColorByValue{color_by};
+}
+
+}  // namespace
+
 absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
   using Quantity = ColorBy::Quantity;
   const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::optional<Quantity> quantity,
+  const absl::StatusOr<std::optional<Quantity>> known =
       ParseChoice<std::optional<Quantity>>(parts[0], {{"x", Quantity::kPositionX},
                                                       {"y", Quantity::kPositionY},
                                                       {"z", Quantity::kPositionZ},
                                                       {"normal", Quantity::kNormal},
                                                       {"gradient", Quantity::kGradientMagnitude},
-                                                      {"none", std::nullopt}}));
+                                                      {"none", std::nullopt}});
+  if (!known.ok()) {
+    return ParseColorByField(text, known.status());
+  }
+  const std::optional<Quantity> quantity = *known;
   const bool has_map = quantity.has_value() && *quantity != Quantity::kNormal;
   if (parts.size() > (has_map ? 4U : 1U)) {
     return absl::InvalidArgumentError(absl::StrCat(
@@ -130,16 +175,7 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
     return ColorByValue{};
   }
   ColorBy color_by{.quantity = *quantity};
-  if (parts.size() > 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(color_by.map, ParseChoice<ColorMap>(parts[1], ColorMapNames()));
-  }
-  if (parts.size() > 2 && !(parts.size() > 3 && parts[2].empty())) {
-    ISOSCOPE_ASSIGN_OR_RETURN(color_by.range, ParseColorRange(parts[2]));
-  }
-  if (parts.size() > 3) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::tie(color_by.opacity_at_min, color_by.opacity_at_max),
-                              ParseOpacities(parts[3]));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(ParseMap(parts, 1, &color_by));
   return ColorByValue{color_by};
 }
 
@@ -166,12 +202,15 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
                "the space of all lights: view (default; x right, y up, z to the eye) or world")
       .Group(group);
   cli::AddRepeatableFlag(
-      set, "--color-by", "x|y|z|gradient|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
+      set, "--color-by",
+      "x|y|z|gradient|normal|none|FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
       &flags->color_by, ParseColorBy,
-      "colour surfaces by a world coordinate, by the length of the gradient or by their normal; "
+      "colour surfaces by a world coordinate, by the length of the gradient, by their normal or by "
+      "another field of the same step; "
       "once for all of them, or once for each --surface; maps: viridis (default), magma, cividis, "
       "turbo, cool-warm, grey; the range is the volume's box by default, of the gradient 0 to its "
-      "bound (isoscope info), as if it were left empty (z:grey::0.2,1); opacities are those at MIN "
+      "bound, of a field its range over all steps (isoscope info), as if it were left empty "
+      "(z:grey::0.2,1); opacities are those at MIN "
       "and MAX, and below 1 the surface is translucent")
       .Group(group);
 }

@@ -71,6 +71,7 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
       "fill the cuts of --clip-plane and --clip-box through opaque surfaces, with "
       "their colour, or with the samples through a map of --color-by (default "
       "range: all samples)");
+  AddFieldFlags(set, &flags->field);
   AddCameraFlags(set, &flags->camera);
 }
 
@@ -108,6 +109,7 @@ absl::Status CheckSurfaces(const std::optional<double>& isovalue,
 absl::Status CheckUsage(const RequestFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckSurfaces(flags.isovalue, flags.surfaces, flags.base_color));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.clip));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.field));
   if (flags.region) {
     if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
       return cli::UsageError(absl::StrCat("--region: ", status.message()));

@@ -14,6 +14,7 @@
 
 #include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/field_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
@@ -36,6 +37,7 @@ struct RequestFlags {
   std::optional<std::int64_t> max_layers = std::nullopt;
   ClipFlags clip = {};
   std::optional<frame::ClipCaps> caps = std::nullopt;
+  FieldFlags field = {};
 
   // The levels of all surfaces.
   [[nodiscard]] std::vector<double> isovalues() const;
