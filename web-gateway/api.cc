@@ -39,6 +39,7 @@
 #include "web-gateway/etag.h"
 #include "web-gateway/json.h"
 #include "web-gateway/render_query.h"
+#include "web-gateway/served_selection.h"
 #include "web-gateway/static_files.h"
 #include "web-gateway/url.h"
 
@@ -336,6 +337,15 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       return;
     }
     request.set_max_bin_count(count);
+    const absl::StatusOr<std::optional<v1::FieldSelection>> selection =
+        TakeSelection(&request_.target.query);
+    if (!selection.ok()) {
+      RespondError(selection.status());
+      return;
+    }
+    if (selection->has_value()) {
+      *request.mutable_selection() = **selection;
+    }
     if (TakesNoParameters()) {
       client_->GetHistogram(std::move(request), call_, AnswerWithJson<v1::GetHistogramResponse>());
     }
@@ -419,13 +429,28 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       Render({{"Cache-Control", "no-store"}});  // approximate
       return;
     }
-    const std::string etag =
-        MakeEtag({dataset_.dataset_id(), picture_revision, Serialize(render_)});
+    const bool may_change = DependsOnLaterSteps(render_.selection(), dataset_);
+    if (!dataset_.fields().empty()) {
+      const auto selection = ResolveSelection(render_.selection(), dataset_);
+      if (!selection) {
+        Render({{"Cache-Control", "no-store"}});  // the coordinator says what there is
+        return;
+      }
+      *render_.mutable_selection() = *selection;
+    }
+    const std::string request = Serialize(render_);
+    const std::string ranges = RangesOfColors(render_, dataset_);
+    std::vector<absl::string_view> parts = {dataset_.dataset_id(), picture_revision, request};
+    if (!ranges.empty()) {
+      parts.emplace_back(ranges);
+    }
+    const std::string etag = MakeEtag(parts);
+    const bool is_immutable = is_by_id_ && !may_change && ranges.empty();
     const bool is_private = options_.is_private || !request_.token.empty();
     const std::vector<std::pair<std::string, std::string>> headers = {
         {"ETag", etag},
         {"Cache-Control", absl::StrCat(is_private ? "private, " : "public, ",
-                                       is_by_id_ ? "max-age=31536000, immutable" : "no-cache")}};
+                                       is_immutable ? "max-age=31536000, immutable" : "no-cache")}};
     if (MatchesEtag(request_.if_none_match, etag)) {
       HttpResponse response;
       response.status = 304;
@@ -451,6 +476,13 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
               "X-Isoscope-Extent",
               absl::StrCat(rendered->extent().width_px(), "x", rendered->extent().height_px()));
           response.headers.emplace_back("X-Isoscope-Camera", ToJson(rendered->camera()));
+          if (rendered->has_selection()) {
+            response.headers.emplace_back("X-Isoscope-Selection",
+                                          ToAsciiJson(rendered->selection()));
+          }
+          if (rendered->has_time()) {
+            response.headers.emplace_back("X-Isoscope-Time", ToJson(rendered->time()));
+          }
           const absl::Status taken = TakePicture(self->render_, &*rendered, &response);
           self->Respond(taken.ok() ? std::move(response) : ErrorResponse(taken));
         });

@@ -242,7 +242,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     if (!origin_.empty() && parts_->access.IsAllowedOrigin(origin_)) {
       fields.emplace_back("Access-Control-Allow-Origin", origin_);
       fields.emplace_back("Access-Control-Expose-Headers",
-                          "ETag, X-Isoscope-Extent, X-Isoscope-Camera, X-Request-Id");
+                          "ETag, X-Isoscope-Extent, X-Isoscope-Camera, X-Isoscope-Selection, "
+                          "X-Isoscope-Time, X-Request-Id");
       fields.emplace_back("Vary", "Origin");
     }
     if (is_ending_) {

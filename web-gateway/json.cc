@@ -3,6 +3,7 @@
 #include "absl/strings/str_cat.h"
 #include "google/protobuf/stubs/common.h"
 #include "google/protobuf/util/json_util.h"
+#include <nlohmann/json.hpp>
 
 #include "core/base/check.h"
 
@@ -14,6 +15,13 @@ std::string ToJson(const google::protobuf::Message& message) {
   ISOSCOPE_CHECK(status.ok());  // all messages are known, and have no Any
   return json;
 }
+
+std::string ToAsciiJson(const google::protobuf::Message& message) {
+  constexpr int kOneLine = -1;
+  return nlohmann::ordered_json::parse(ToJson(message)).dump(kOneLine, ' ', /*ensure_ascii=*/true);
+}
+
+std::string ToJson(double number) { return nlohmann::json(number).dump(); }
 
 absl::Status FromJson(absl::string_view json, google::protobuf::Message* message) {
   const auto status = google::protobuf::util::JsonStringToMessage(

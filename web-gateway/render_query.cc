@@ -19,6 +19,7 @@
 #include "clients/cpp/request/look_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
+#include "clients/cpp/request/selection_flags.h"
 #include "clients/cpp/request/view_flags.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command_description.h"
@@ -134,6 +135,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   client::ViewFlags view;
   client::LookFlags look;
   client::EffectFlags effects;
+  client::SelectionFlags selection;
   std::optional<Format> format;
   std::optional<std::int64_t> quality;
   cli::FlagSet set({.has_help = false});
@@ -141,12 +143,15 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   client::AddNamedViewFlags(&set, &view);
   client::AddLookFlags(&set, &look);
   client::AddEffectFlags(&set, &effects);
+  client::AddSelectionFlags(&set, &selection);
   cli::AddFlag(&set, "--format", "png|jpeg|depth", &format, ParseFormat, "");
   cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(view, flags.camera)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(look, flags.isovalues().size())));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(look, dataset)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
   if (quality && format != Format::kJpeg) {
     return absl::InvalidArgumentError(
         absl::StrCat("quality is ", *quality, " without format=jpeg: only a JPEG has one"));
@@ -157,6 +162,9 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
                             client::MakeRequest(flags, dataset.name(), *camera, view.fit));
   client::SetEffects(effects, &request);
   client::AddLook(look, &request);
+  if (const auto proto = ToProto(selection); proto) {
+    *request.mutable_selection() = *proto;
+  }
   if (format.value_or(Format::kPng) != Format::kPng) {
     *request.mutable_output() = OutputOf(*format, quality);
   }
@@ -169,11 +177,13 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   std::optional<frame::Color> color;
   std::vector<client::SurfaceValue> surfaces;
   client::ClipFlags clip;
+  client::SelectionFlags selection;
   cli::FlagSet set({.has_help = false});
   cli::AddFlag(&set, "--isovalue", "V", &isovalue, client::ParseNumber, "");
   cli::AddFlag(&set, "--color", "COLOR", &color, client::ParseColor, "");
   cli::AddRepeatableFlag(&set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface, "");
   client::AddClipFlags(&set, &clip);
+  client::AddSelectionFlags(&set, &selection);
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   if (isovalue.has_value() != surfaces.empty()) {
     return absl::InvalidArgumentError("give isovalue=V, or surface=V:COLOR for each surface");
@@ -181,8 +191,12 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   ISOSCOPE_RETURN_IF_ERROR(
       ParameterError(client::CheckSurfaces(isovalue, surfaces, /*color=*/std::nullopt)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(clip)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
   MeshQuery mesh;
   mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name());
+  if (const auto proto = ToProto(selection); proto) {
+    *mesh.request.mutable_selection() = *proto;
+  }
   if (surfaces.empty()) {
     mesh.surfaces = {{.isovalue = *isovalue, .color = color}};
   }
@@ -193,6 +207,24 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
     }
   }
   return mesh;
+}
+
+absl::StatusOr<std::optional<v1::FieldSelection>> TakeSelection(QueryParameters* query) {
+  client::SelectionFlags selection;
+  cli::FlagSet set({.has_help = false});
+  client::AddSelectionFlags(&set, &selection);
+  const std::vector<cli::FlagDescription> parameters = set.Describe();
+  const auto others = std::stable_partition(
+      query->begin(), query->end(), [&](const std::pair<std::string, std::string>& one) {
+        return std::any_of(parameters.begin(), parameters.end(), [&](const auto& parameter) {
+          return parameter.names[0] == absl::StrCat("--", one.first);
+        });
+      });
+  const QueryParameters taken(query->begin(), others);
+  query->erase(query->begin(), others);
+  ISOSCOPE_RETURN_IF_ERROR(Parse(taken, &set));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
+  return ToProto(selection);
 }
 
 }  // namespace isoscope::gateway

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_WEB_GATEWAY_RENDER_QUERY_H_
 #define ISOSCOPE_WEB_GATEWAY_RENDER_QUERY_H_
 
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -28,9 +29,14 @@ struct MeshQuery {
   isoscope::v1::ExportIsosurfaceRequest request;
   std::vector<client::MeshSurface> surfaces;  // as many as the request has
 };
-// Parameters: isovalue, color, surface, clip-plane, clip-box. Errors as above.
+// Parameters: isovalue, color, surface, clip-plane, clip-box, field, component, time, step. Errors
+// as above.
 absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
                                              const isoscope::v1::Dataset& dataset);
+
+// Takes the parameters field, component, time and step out of `query`: unset if there are none.
+// Errors as above.
+absl::StatusOr<std::optional<isoscope::v1::FieldSelection>> TakeSelection(QueryParameters* query);
 
 }  // namespace isoscope::gateway
 

@@ -25,9 +25,10 @@
 #include "clients/cpp/mesh_file/mesh_store.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "clients/cpp/request/clip_flags.h"
-#include "clients/cpp/request/field_flags.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
+#include "clients/cpp/request/selection_flags.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
@@ -46,7 +47,7 @@ struct ExportFlags {
   std::optional<double> isovalue;
   std::vector<client::SurfaceValue> surfaces;
   client::ClipFlags clip;
-  client::FieldFlags field;
+  client::SelectionFlags selection;
   std::optional<std::string> output;
   std::optional<client::MeshFormat> format;
   std::optional<frame::Color> color;
@@ -94,7 +95,7 @@ absl::Status CheckUsage(const ExportFlags& flags) {
   if (!flags.output) {
     return UsageError("--output FILE is missing: the mesh to write");
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.field));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.selection));
   return CheckUsage(flags.clip);
 }
 
@@ -109,13 +110,11 @@ absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
   return options;
 }
 
-absl::StatusOr<isoscope::v1::ExportIsosurfaceRequest> MakeRequest(
-    const ExportFlags& flags, const isoscope::v1::Dataset& dataset) {
+isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
+                                                  const std::string& dataset) {
   isoscope::v1::ExportIsosurfaceRequest request =
-      client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip, dataset.name());
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<isoscope::v1::FieldSelection> selection,
-                            client::SelectionOf(flags.field, dataset));
-  if (selection) {
+      client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip, dataset);
+  if (const auto selection = client::ToProto(flags.selection)) {
     *request.mutable_selection() = *selection;
   }
   request.set_dataset_id(flags.dataset_id.value_or(""));
@@ -165,13 +164,11 @@ class SurfaceStores : public client::MeshSink {
 };
 
 // Gives the stream of the isosurfaces to `sink`.
-absl::Status Receive(const ExportFlags& flags, const isoscope::v1::Dataset& dataset,
-                     Session* session, client::MeshSink* sink, const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::ExportIsosurfaceRequest request,
-                            MakeRequest(flags, dataset));
+absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
+                     client::MeshSink* sink, const Context& context) {
   ProgressLine line(context.err, context.err_is_terminal);
   return client::ReceiveMesh(
-      request, session->export_timeout(), &session->client(), sink,
+      MakeRequest(flags, dataset), session->export_timeout(), &session->client(), sink,
       [&](std::int64_t vertex_count, std::int64_t triangle_count) {
         line.Update(absl::StrCat("exporting  ", FormatCount(vertex_count), " vertices, ",
                                  FormatCount(triangle_count), " triangles"));
@@ -243,8 +240,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   for (const client::MeshSurface& surface : file_options.surfaces) {
-    WarnIfNoSurface(client::DatasetOfField(dataset, flags.field.field), {surface.isovalue},
-                    context);
+    WarnIfNoSurface(client::DatasetOfField(dataset, flags.selection), {surface.isovalue}, context);
   }
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,
@@ -252,11 +248,11 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   if (flags.has_filter()) {
     const std::string folder = std::filesystem::path(*flags.output).parent_path().string();
     SurfaceStores surfaces(folder.empty() ? "." : folder);
-    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset, session.get(), &surfaces, context));
+    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), &surfaces, context));
     ISOSCOPE_RETURN_IF_ERROR(Filter(flags, surfaces, context));
     ISOSCOPE_RETURN_IF_ERROR(surfaces.Emit(writer.get()));
   } else {
-    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset, session.get(), writer.get(), context));
+    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), writer.get(), context));
   }
   ISOSCOPE_RETURN_IF_ERROR(writer->Finish());
   *context.out << *flags.output << ": " << FormatCount(writer->vertex_count()) << " vertices, "
@@ -276,7 +272,7 @@ Action RegisterExportFlags(FlagSet* set) {
                     "times. All go into one file: as primitives with materials in GLB, as objects "
                     "in OBJ, with a surface index of vertices in PLY and VTP");
   client::AddClipFlags(set, &flags->clip, "export");
-  client::AddFieldFlags(set, &flags->field);
+  client::AddSelectionFlags(set, &flags->selection);
   AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
           "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
           "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "

@@ -65,11 +65,6 @@ absl::Status CheckUsage(const PickFlags& flags) {
     return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
                                    " times: once for each pixel, 1 to ", rpc::kMaxPickedPixels));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<v1::FieldSelection> selection,
-                            client::SelectionOf(flags.request.field, dataset));
-  if (selection) {
-    *request.mutable_frame()->mutable_selection() = *selection;
-  }
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_RETURN_IF_ERROR(ParsePixel(text, flags.request.viewport()).status());
   }
@@ -142,7 +137,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
-  WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.field.field),
+  WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.selection),
                   flags.request.isovalues(), context);
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));

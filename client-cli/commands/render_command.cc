@@ -31,6 +31,7 @@
 #include "clients/cpp/picture_file/picture_scaling.h"
 #include "clients/cpp/picture_file/poster.h"
 #include "clients/cpp/request/camera_file.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -252,18 +253,12 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
 // The request of frame `i`, whose camera is `first` turned on.
 absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& flags,
                                                              const client::RequestFlags& of_frame,
-                                                             const v1::Dataset& dataset,
+                                                             const std::string& dataset,
                                                              const v1::Camera& first, int i) {
   ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(of_frame, dataset.name(), first, flags.view.fit));
-  const std::optional<int> step =
-      flags.sweep.is_step_sweep()
-          ? std::optional<int>(flags.sweep.steps[static_cast<std::size_t>(i)])
-          : std::nullopt;
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<v1::FieldSelection> selection,
-                            client::SelectionOf(of_frame.field, dataset, step));
-  if (selection) {
-    *request.mutable_selection() = *selection;
+                            client::MakeRequest(of_frame, dataset, first, flags.view.fit));
+  if (flags.sweep.is_step_sweep()) {
+    request.mutable_selection()->set_time_step(flags.sweep.steps[static_cast<std::size_t>(i)]);
   }
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
     // All but the eye has the very bits of the first camera.
@@ -300,7 +295,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags
                                                         PictureOutput* output,
                                                         const Context& context) {
   const int frame_count = flags.sweep.frame_count();
-  const v1::Dataset of_field = client::DatasetOfField(dataset, flags.request.field.field);
+  const v1::Dataset of_field = client::DatasetOfField(dataset, flags.request.selection);
   v1::RenderIsosurfaceResponse last;
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
@@ -309,7 +304,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags
       WarnIfNoSurface(of_field, of_frame.isovalues(), context);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
-                              MakeFrameRequest(flags, of_frame, dataset, camera, i));
+                              MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
     if (i == 0 && flags.view.save_camera_file) {
@@ -327,18 +322,20 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
                        const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
   const v1::Dataset& dataset = subject.dataset;
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckColorFields(given.look, dataset));
   RenderFlags flags = given;
-  ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(flags.request.field, dataset, &flags.sweep));
+  ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(dataset, &flags.sweep));
   if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
     flags.annotations.caption = "{time}";
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   if (flags.is_poster()) {
-    WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.field.field),
+    WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.selection),
                     flags.request.isovalues(), context);
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest whole,
-                              MakeFrameRequest(flags, flags.request, dataset, camera, /*i=*/0));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const v1::RenderIsosurfaceRequest whole,
+        MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
     return RunPoster(flags, whole, display, session, context);
   }
   PictureOutput output = MakeOutput(flags, subject);

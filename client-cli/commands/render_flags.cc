@@ -154,8 +154,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.isovalues().size()));
-    const bool has_frames = flags.sweep.frame_count() > 1 ||
-                            (flags.request.field.steps && flags.request.field.steps->last);
+    const bool has_frames = flags.sweep.frame_count() > 1 || flags.sweep.is_step_sweep();
     if (flags.planes.files.any_plane() && has_frames) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
     }
@@ -166,7 +165,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
       return UsageError("--legend shows what the colours of --color-by mean: give that too");
     }
     ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
-    return CheckUsage(flags.sweep, flags.request.field, flags.output.value_or(""));
+    return CheckUsage(flags.sweep, flags.output.value_or(""));
   }
   if (flags.request.culling == frame::Culling::kMask) {
     return UsageError("--culling mask can't be used with --like: it is approximate");

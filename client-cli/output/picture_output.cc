@@ -9,7 +9,7 @@
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/output_suffix.h"
 #include "clients/cpp/connection/png_metadata.h"
-#include "clients/cpp/request/field_flags.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
@@ -54,7 +54,7 @@ std::string FieldTitle(const isoscope::v1::Dataset& dataset, const frame::ColorB
   if (color_by.quantity != frame::ColorBy::Quantity::kField) {
     return "";
   }
-  const client::FieldName field{color_by.field, color_by.component};
+  const client::FieldValue field{color_by.field, color_by.component};
   const std::string unit = client::UnitOfField(dataset, field);
   return absl::StrCat(client::TitleOfField(dataset, field), unit.empty() ? "" : ", ", unit);
 }

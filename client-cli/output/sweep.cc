@@ -1,6 +1,9 @@
 #include "client-cli/output/sweep.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <limits>
 #include <vector>
 
 #include "absl/strings/numbers.h"
@@ -38,7 +41,98 @@ absl::StatusOr<double> ParseFps(absl::string_view text) {
   return fps;
 }
 
+constexpr int kMaxStep = std::numeric_limits<int>::max() - 1;
+
+absl::StatusOr<StepName> ParseStep(absl::string_view text) {
+  if (text == "first") {
+    return StepName{.kind = StepName::Kind::kFirst};
+  }
+  if (text == "last") {
+    return StepName{.kind = StepName::Kind::kLast};
+  }
+  const absl::StatusOr<std::int64_t> number = client::ParseInteger(text, 0, kMaxStep);
+  if (!number.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is no step: a number from 0, first or last"));
+  }
+  return StepName{.number = static_cast<int>(*number)};
+}
+
+// The steps that a field or the dataset serves, ascending.
+std::vector<int> ServedSteps(const isoscope::v1::Dataset& dataset) {
+  std::vector<int> numbers;
+  for (const isoscope::v1::TimeStep& step : dataset.time_steps()) {
+    numbers.push_back(step.number());
+  }
+  std::sort(numbers.begin(), numbers.end());
+  return numbers;
+}
+
+int NumberOf(const StepName& name, const std::vector<int>& served) {
+  switch (name.kind) {
+    case StepName::Kind::kFirst:
+      return served.front();
+    case StepName::Kind::kLast:
+      return served.back();
+    case StepName::Kind::kNumber:
+      break;
+  }
+  return name.number;
+}
+
 }  // namespace
+
+absl::StatusOr<StepRange> ParseSteps(absl::string_view text) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  if (parts.size() > 3) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is not N, first, last, A:B or A:B:STRIDE"));
+  }
+  StepRange range;
+  ISOSCOPE_ASSIGN_OR_RETURN(range.first, ParseStep(parts[0]));
+  if (parts.size() > 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(range.last, ParseStep(parts[1]));
+  }
+  if (parts.size() > 2) {
+    const absl::StatusOr<std::int64_t> stride = client::ParseInteger(parts[2], -kMaxStep, kMaxStep);
+    if (!stride.ok() || *stride == 0) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("'", parts[2], "' is no stride: a whole number other than 0"));
+    }
+    range.stride = static_cast<int>(*stride);
+  }
+  return range;
+}
+
+absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range,
+                                         const isoscope::v1::Dataset& dataset) {
+  const std::vector<int> served = ServedSteps(dataset);
+  if (served.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat("--step: dataset \"", dataset.name(),
+                                                   "\" has one step, without a number; leave "
+                                                   "--step out"));
+  }
+  const int first = NumberOf(range.first, served);
+  if (!range.last) {
+    return std::vector<int>{first};  // the server says if it is not served
+  }
+  const int last = NumberOf(*range.last, served);
+  std::vector<int> steps;
+  if ((last - first) / std::abs(range.stride) * (range.stride > 0 ? 1 : -1) >= 0) {
+    for (std::int64_t step = first; range.stride > 0 ? step <= last : step >= last;
+         step += range.stride) {
+      if (std::binary_search(served.begin(), served.end(), static_cast<int>(step))) {
+        steps.push_back(static_cast<int>(step));
+      }
+    }
+  }
+  if (steps.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--step names no step that is served: dataset \"", dataset.name(), "\" has ",
+                     served.front(), " to ", served.back()));
+  }
+  return steps;
+}
 
 double IsovalueRange::At(int i) const {
   if (i == 0) {
@@ -79,7 +173,7 @@ absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text) {
 
 int SweepFlags::frame_count() const {
   if (is_step_sweep()) {
-    return static_cast<int>(steps.size());
+    return std::max(1, static_cast<int>(steps.size()));
   }
   return is_isovalue_sweep() ? isovalues->count : static_cast<int>(repeat_count.value_or(1));
 }
@@ -93,10 +187,18 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
   };
   set->Add("--isovalue", "V|A:B:STEP", parse_isovalues,
            "the level, in field units; START:STOP:STEP renders a frame for each level");
-  for (const char* flag : {"--field", "--time", "--step"}) {
-    set->Remove(flag);
-  }
-  client::AddFieldFlags(set, &request->field, /*has_sweep=*/true);
+  set->Remove("--step");
+  const auto parse_steps = [flags, request](absl::string_view text) -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(flags->step_range, ParseSteps(text));
+    if (!flags->step_range->last) {
+      ISOSCOPE_ASSIGN_OR_RETURN(request->selection.step, client::ParseStep(text));
+    }
+    return absl::OkStatus();
+  };
+  set->Add("--step", "N|first|last|A:B[:STRIDE]", parse_steps,
+           "the time step, from 0 (default: last); A:B[:STRIDE] renders a frame for each step "
+           "that is served")
+      .Group("Field and time");
   AddFlag(set, "--repeat", "N", &flags->repeat_count, ParseFrameCount,
           "frames to render, one request each (default: 1)");
   AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, client::ParseNumber,
@@ -106,8 +208,6 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
 }
 
 namespace {
-
-bool HasStepSweep(const client::FieldFlags& field) { return field.steps && field.steps->last; }
 
 // A sweep of steps, whose number is not known yet.
 absl::Status CheckStepSweep(const SweepFlags& flags, const std::string& output) {
@@ -130,21 +230,19 @@ absl::Status CheckStepSweep(const SweepFlags& flags, const std::string& output) 
 
 }  // namespace
 
-absl::Status ResolveSteps(const client::FieldFlags& field, const isoscope::v1::Dataset& dataset,
-                          SweepFlags* flags) {
-  if (HasStepSweep(field)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(flags->steps, client::StepsOf(*field.steps, dataset));
+absl::Status ResolveSteps(const isoscope::v1::Dataset& dataset, SweepFlags* flags) {
+  if (flags->is_step_sweep()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(flags->steps, StepsOf(*flags->step_range, dataset));
   }
   return absl::OkStatus();
 }
 
-absl::Status CheckUsage(const SweepFlags& flags, const client::FieldFlags& field,
-                        const std::string& output) {
+absl::Status CheckUsage(const SweepFlags& flags, const std::string& output) {
   if (flags.is_isovalue_sweep() && flags.repeat_count) {
     return UsageError(absl::StrCat("--repeat can't be used with a sweep of isovalues, which has ",
                                    flags.isovalues->count, " frames"));
   }
-  if (flags.orbit_degrees && flags.frame_count() == 1 && !HasStepSweep(field)) {
+  if (flags.orbit_degrees && flags.frame_count() == 1 && !flags.is_step_sweep()) {
     return UsageError(
         "--orbit turns the camera between frames: it needs --repeat N with N > 1, --isovalue "
         "START:STOP:STEP, or --step A:B");
@@ -153,7 +251,7 @@ absl::Status CheckUsage(const SweepFlags& flags, const client::FieldFlags& field
     return UsageError(absl::StrCat("--fps is for an animation; --output '", output,
                                    "' is none: expected a name that ends in .apng or .webp"));
   }
-  if (HasStepSweep(field) && (flags.is_isovalue_sweep() || flags.repeat_count)) {
+  if (flags.is_step_sweep() && (flags.is_isovalue_sweep() || flags.repeat_count)) {
     return CheckStepSweep(flags, output);
   }
   if (client::IsAnimationName(output)) {
@@ -162,7 +260,7 @@ absl::Status CheckUsage(const SweepFlags& flags, const client::FieldFlags& field
                                          "' is one file of all frames: leave the number out"))
                : absl::OkStatus();
   }
-  if (HasStepSweep(field)) {
+  if (flags.is_step_sweep()) {
     return CheckStepSweep(flags, output);
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckFrameName(output, flags.frame_count()));

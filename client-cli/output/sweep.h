@@ -18,6 +18,7 @@
 #include "clients/cpp/request/render_request.h"
 #include "core/cli/flag_set.h"
 #include "core/cli/progress_line.h"
+#include "isoscope/v1/dataset.pb.h"
 
 namespace isoscope::cli {
 
@@ -40,8 +41,33 @@ struct IsovalueRange {
 // INVALID_ARGUMENT quotes the text and says what is allowed.
 absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text);
 
+// A step by its number, or the first or last one that is served.
+struct StepName {
+  enum class Kind { kNumber, kFirst, kLast };
+  Kind kind = Kind::kNumber;
+  int number = 0;  // of kNumber
+};
+
+// One step, or all from `first` to `last` in strides.
+struct StepRange {
+  StepName first;
+  std::optional<StepName> last = std::nullopt;  // not set: `first` alone
+  int stride = 1;                               // not 0; negative: backwards
+};
+
+// "N", "first", "last", "A:B" or "A:B:STRIDE".
+absl::StatusOr<StepRange> ParseSteps(absl::string_view text);
+
+// The numbers of the steps that `range` names, of those that the dataset serves: not all numbers
+// between are. INVALID_ARGUMENT if the dataset has no steps, or if none of those served is meant
+// (says which are).
+absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range,
+                                         const isoscope::v1::Dataset& dataset);
+
 struct SweepFlags {
   std::optional<IsovalueRange> isovalues = std::nullopt;
+  // --step with a range.
+  std::optional<StepRange> step_range = std::nullopt;
   // Numbers of the steps to draw: set once the dataset is known (ResolveSteps). Empty: one step.
   std::vector<int> steps = {};
   std::optional<std::int64_t> repeat_count = std::nullopt;
@@ -49,7 +75,8 @@ struct SweepFlags {
   std::optional<double> frames_per_second = std::nullopt;
 
   [[nodiscard]] bool is_isovalue_sweep() const { return isovalues && isovalues->count > 1; }
-  [[nodiscard]] bool is_step_sweep() const { return !steps.empty(); }
+  // Several steps, known or not yet.
+  [[nodiscard]] bool is_step_sweep() const { return step_range && step_range->last; }
   [[nodiscard]] int frame_count() const;
   // Of an animation.
   [[nodiscard]] double fps() const { return frames_per_second.value_or(12); }
@@ -62,13 +89,11 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
 
 // UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
 // of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
-absl::Status CheckUsage(const SweepFlags& flags, const client::FieldFlags& field,
-                        const std::string& output);
+absl::Status CheckUsage(const SweepFlags& flags, const std::string& output);
 
 // Finds the steps of a sweep among those that the dataset serves. INVALID_ARGUMENT if there are
 // none.
-absl::Status ResolveSteps(const client::FieldFlags& field, const isoscope::v1::Dataset& dataset,
-                          SweepFlags* flags);
+absl::Status ResolveSteps(const isoscope::v1::Dataset& dataset, SweepFlags* flags);
 
 // The flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.
 client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,

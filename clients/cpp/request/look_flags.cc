@@ -29,6 +29,23 @@ const std::vector<std::pair<std::string, ColorMap>>& ColorMapNames() {
   return names;
 }
 
+using Quantity = std::optional<ColorBy::Quantity>;
+
+const std::vector<std::pair<std::string, Quantity>>& QuantityNames() {
+  static const std::vector<std::pair<std::string, Quantity>> names = {
+      {"x", ColorBy::Quantity::kPositionX},
+      {"y", ColorBy::Quantity::kPositionY},
+      {"z", ColorBy::Quantity::kPositionZ},
+      {"normal", ColorBy::Quantity::kNormal},
+      {"gradient", ColorBy::Quantity::kGradientMagnitude},
+      {"none", std::nullopt}};
+  return names;
+}
+
+absl::Status NoQuantity(absl::string_view text) {
+  return ParseChoice<Quantity>(text, QuantityNames()).status();
+}
+
 absl::StatusOr<Light::Space> ParseSpace(absl::string_view text) {
   return ParseChoice<Light::Space>(
       text, {{"view", Light::Space::kView}, {"world", Light::Space::kWorld}});
@@ -109,74 +126,52 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
   return light;
 }
 
-namespace {
-
-// Reads MAP[:MIN,MAX[:OPACITY,OPACITY]], the parts from `begin` on.
-absl::Status ParseMap(const std::vector<absl::string_view>& parts, std::size_t begin,
-                      ColorBy* color_by) {
-  if (parts.size() > begin) {
-    ISOSCOPE_ASSIGN_OR_RETURN(color_by->map, ParseChoice<ColorMap>(parts[begin], ColorMapNames()));
-  }
-  if (parts.size() > begin + 1 && !(parts.size() > begin + 2 && parts[begin + 1].empty())) {
-    ISOSCOPE_ASSIGN_OR_RETURN(color_by->range, ParseColorRange(parts[begin + 1]));
-  }
-  if (parts.size() > begin + 2) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::tie(color_by->opacity_at_min, color_by->opacity_at_max),
-                              ParseOpacities(parts[begin + 2]));
-  }
-  return absl::OkStatus();
-}
-
-// FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]. A word after the field that names a map is
-// one; any other is a component. `unknown` says that the first part is no other quantity.
-absl::StatusOr<ColorByValue> ParseColorByField(absl::string_view text,
-                                               const absl::Status& unknown) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
-  const bool has_component =
-      parts.size() > 1 && !ParseChoice<ColorMap>(parts[1], ColorMapNames()).ok();
-  if (parts[0].empty() || (has_component && parts[1].empty())) {
-    return unknown;
-  }
-  const std::size_t map_at = has_component ? 2 : 1;
-  if (parts.size() > map_at + 3) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]"));
-  }
-  ColorBy color_by{.quantity = ColorBy::Quantity::kField};
-  color_by.field = std::string(parts[0]);
-  color_by.component = has_component ? std::string(parts[1]) : "";
-  ISOSCOPE_RETURN_IF_ERROR(ParseMap(parts, map_at, &color_by));
-  return ColorByValue{color_by};
-}
-
-}  // namespace
-
 absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
-  using Quantity = ColorBy::Quantity;
-  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
-  const absl::StatusOr<std::optional<Quantity>> known =
-      ParseChoice<std::optional<Quantity>>(parts[0], {{"x", Quantity::kPositionX},
-                                                      {"y", Quantity::kPositionY},
-                                                      {"z", Quantity::kPositionZ},
-                                                      {"normal", Quantity::kNormal},
-                                                      {"gradient", Quantity::kGradientMagnitude},
-                                                      {"none", std::nullopt}});
-  if (!known.ok()) {
-    return ParseColorByField(text, known.status());
+  std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  const auto known = std::find_if(QuantityNames().begin(), QuantityNames().end(),
+                                  [&](const auto& name) { return name.first == parts[0]; });
+  ColorByValue value;
+  bool has_map = true;
+  if (known != QuantityNames().end()) {
+    if (known->second) {
+      value.color_by = ColorBy{.quantity = *known->second};
+    }
+    has_map = known->second && *known->second != ColorBy::Quantity::kNormal;
+  } else if (parts[0].empty()) {
+    return NoQuantity(text);
+  } else {
+    value.field = std::string(parts[0]);
+    value.color_by.emplace();
+    if (parts.size() > 1 && !ParseChoice<ColorMap>(parts[1], ColorMapNames()).ok()) {
+      if (parts[1].empty()) {
+        return absl::InvalidArgumentError(
+            absl::StrCat("'", text, "' has no component or colour map after its first colon"));
+      }
+      value.component = std::string(parts[1]);
+      parts.erase(parts.begin() + 1);
+    }
   }
-  const std::optional<Quantity> quantity = *known;
-  const bool has_map = quantity.has_value() && *quantity != Quantity::kNormal;
   if (parts.size() > (has_map ? 4U : 1U)) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "'", text, "' is not ",
-        has_map ? "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]" : "normal or none alone"));
+    const absl::string_view what =
+        value.field.empty() ? "x|y|z|gradient" : absl::string_view("FIELD[:COMPONENT]");
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is not ",
+                     has_map ? absl::StrCat(what, "[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]")
+                             : "normal or none alone"));
   }
-  if (!quantity.has_value()) {
-    return ColorByValue{};
+  if (parts.size() > 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(value.color_by->map,
+                              ParseChoice<ColorMap>(parts[1], ColorMapNames()));
   }
-  ColorBy color_by{.quantity = *quantity};
-  ISOSCOPE_RETURN_IF_ERROR(ParseMap(parts, 1, &color_by));
-  return ColorByValue{color_by};
+  if (parts.size() > 2 && !(parts.size() > 3 && parts[2].empty())) {
+    ISOSCOPE_ASSIGN_OR_RETURN(value.color_by->range, ParseColorRange(parts[2]));
+  }
+  if (parts.size() > 3) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::tie(value.color_by->opacity_at_min, value.color_by->opacity_at_max),
+        ParseOpacities(parts[3]));
+  }
+  return value;
 }
 
 absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text) {
@@ -206,12 +201,11 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
       "x|y|z|gradient|normal|none|FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
       &flags->color_by, ParseColorBy,
       "colour surfaces by a world coordinate, by the length of the gradient, by their normal or by "
-      "another field of the same step; "
-      "once for all of them, or once for each --surface; maps: viridis (default), magma, cividis, "
-      "turbo, cool-warm, grey; the range is the volume's box by default, of the gradient 0 to its "
-      "bound, of a field its range over all steps (isoscope info), as if it were left empty "
-      "(z:grey::0.2,1); opacities are those at MIN "
-      "and MAX, and below 1 the surface is translucent")
+      "another field of the dataset; once for all of them, or once for each --surface; maps: "
+      "viridis (default), magma, cividis, turbo, cool-warm, grey; the range is the volume's box by "
+      "default, of the gradient 0 to its bound (isoscope info), of a field its range over all "
+      "steps, as if it were left empty (z:grey::0.2,1); opacities are those at MIN and MAX, and "
+      "below 1 the surface is translucent")
       .Group(group);
 }
 
@@ -228,6 +222,16 @@ absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count) {
         absl::StrCat("--color-by is given ", flags.color_by.size(), " times, with ", surface_count,
                      " surfaces: give it once for all, or once for each in their "
                      "order (none keeps the colour)"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Dataset& dataset) {
+  for (const ColorByValue& value : flags.color_by) {
+    if (!value.field.empty() && dataset.fields().empty()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "--color-by ", NoQuantity(value.field).message(), "; the dataset has no other fields"));
+    }
   }
   return absl::OkStatus();
 }
@@ -252,8 +256,15 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
   for (int i = 0; i < request->surfaces_size(); ++i) {
     const ColorByValue& value =
         flags.color_by[flags.color_by.size() == 1 ? 0 : static_cast<std::size_t>(i)];
-    if (value.color_by) {
-      *request->mutable_surfaces(i)->mutable_color_by() = rpc::ToProto(*value.color_by);
+    if (!value.color_by) {
+      continue;
+    }
+    isoscope::v1::ColorBy* const proto = request->mutable_surfaces(i)->mutable_color_by();
+    *proto = rpc::ToProto(*value.color_by);
+    if (!value.field.empty()) {
+      proto->set_quantity(isoscope::v1::ColorBy::QUANTITY_FIELD);
+      proto->set_field(value.field);
+      proto->set_component(value.component);
     }
   }
 }

@@ -14,6 +14,7 @@
 
 #include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
+#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::client {
@@ -21,10 +22,13 @@ namespace isoscope::client {
 // "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0). Its space is the view's.
 absl::StatusOr<frame::Light> ParseLight(absl::string_view text);
 
-// "x|y|z[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps its
-// colour. MIN,MAX may be empty before opacities.
+// "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps
+// its colour. Every other word is a field of the dataset: "FIELD[:COMPONENT][:MAP[...]]"; what
+// follows it is a component unless it is a map. MIN,MAX may be empty before opacities.
 struct ColorByValue {
-  std::optional<frame::ColorBy> color_by;
+  std::optional<frame::ColorBy> color_by;  // of a field, all but its quantity
+  std::string field = {};                  // empty: none
+  std::string component = {};
 
   friend bool operator==(const ColorByValue&, const ColorByValue&) = default;
 };
@@ -45,6 +49,8 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags);
 
 // UsageError.
 absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count);
+// INVALID_ARGUMENT if a surface is to be coloured by a field, and the dataset has none.
+absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Dataset& dataset);
 
 // Adds the flags to a request. One that has an isovalue gets a surface of it instead if that is to
 // be coloured. REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.

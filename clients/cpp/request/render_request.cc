@@ -71,7 +71,7 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
       "fill the cuts of --clip-plane and --clip-box through opaque surfaces, with "
       "their colour, or with the samples through a map of --color-by (default "
       "range: all samples)");
-  AddFieldFlags(set, &flags->field);
+  AddSelectionFlags(set, &flags->selection);
   AddCameraFlags(set, &flags->camera);
 }
 
@@ -109,7 +109,7 @@ absl::Status CheckSurfaces(const std::optional<double>& isovalue,
 absl::Status CheckUsage(const RequestFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckSurfaces(flags.isovalue, flags.surfaces, flags.base_color));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.clip));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.field));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.selection));
   if (flags.region) {
     if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
       return cli::UsageError(absl::StrCat("--region: ", status.message()));
@@ -134,6 +134,9 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
     if (surface.color) {
       *proto->mutable_color() = ToProto(*surface.color);
     }
+  }
+  if (const auto selection = ToProto(flags.selection)) {
+    *request.mutable_selection() = *selection;
   }
   request.set_max_layers(static_cast<std::int32_t>(flags.max_layers.value_or(0)));
   if (!flags.clip.empty()) {

@@ -14,8 +14,8 @@
 
 #include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/clip_flags.h"
-#include "clients/cpp/request/field_flags.h"
 #include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/selection_flags.h"
 #include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
 #include "core/frame/culling.h"
@@ -37,7 +37,7 @@ struct RequestFlags {
   std::optional<std::int64_t> max_layers = std::nullopt;
   ClipFlags clip = {};
   std::optional<frame::ClipCaps> caps = std::nullopt;
-  FieldFlags field = {};
+  SelectionFlags selection = {};
 
   // The levels of all surfaces.
   [[nodiscard]] std::vector<double> isovalues() const;

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "absl/synchronization/notification.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -55,20 +56,50 @@ class Datasets final : public v1::DatasetService::Service {
     geometry.mutable_spacing()->set_x(1);
     geometry.mutable_spacing()->set_y(1);
     geometry.mutable_spacing()->set_z(1);
+    for (int step = 0; step < step_count; ++step) {
+      v1::TimeStep& time = *dataset.add_time_steps();
+      time.set_number(step);
+      time.set_value(step * 0.5);
+    }
+    for (const char* const name : {"pressure", "velocity"}) {
+      if (step_count == 0) {
+        break;
+      }
+      v1::Field& field = *dataset.add_fields();
+      field.set_name(name);
+      v1::FieldComponent& component = *field.add_components();
+      component.mutable_value_range()->set_max(step_count);
+      for (int step = 0; step < step_count; ++step) {
+        field.add_time_steps(step);
+      }
+    }
+    return grpc::Status::OK;
+  }
+  grpc::Status GetHistogram(grpc::ServerContext* /*context*/,
+                            const v1::GetHistogramRequest* request,
+                            v1::GetHistogramResponse* response) override {
+    if (request->has_selection()) {
+      *response->mutable_selection() = request->selection();
+    }
     return grpc::Status::OK;
   }
 
   std::string dataset_id = "0123";
+  int step_count = 0;  // of two fields, if there are steps
 };
 
 class Surfaces final : public v1::IsosurfaceService::Service {
  public:
   grpc::Status RenderIsosurfaceStream(
-      grpc::ServerContext* /*context*/, const v1::RenderIsosurfaceStreamRequest* /*request*/,
+      grpc::ServerContext* /*context*/, const v1::RenderIsosurfaceStreamRequest* request,
       grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* writer) override {
     ++picture_count;
     v1::RenderIsosurfaceStreamResponse message;
     message.mutable_part()->set_png("a picture");
+    if (request->request().has_selection()) {
+      *message.mutable_part()->mutable_selection() = request->request().selection();
+      message.mutable_part()->set_time(request->request().selection().time_step() * 0.5);
+    }
     writer->Write(message);
     return grpc::Status::OK;
   }
@@ -176,6 +207,63 @@ TEST_F(ApiTest, NoSharedCacheKeepsWhatATokenWasShownFor) {
   EXPECT_EQ(HeaderOf(Get(target, "", "secret"), "Cache-Control"), "private, no-cache");
   EXPECT_EQ(HeaderOf(Get("/v1/datasets/0123/render?isovalue=1&width=8&height=8"), "Cache-Control"),
             "public, max-age=31536000, immutable");
+}
+
+// Steps come, and the dataset keeps its id.
+TEST_F(ApiTest, APictureOfAStepIsGoodUntilAnotherStepIsMeant) {
+  datasets_.step_count = 3;
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8&field=velocity";
+  const HttpResponse last = Get(target);
+  ASSERT_EQ(last.status, 200) << last.body;
+  EXPECT_EQ(HeaderOf(last, "X-Isoscope-Selection"), R"({"field":"velocity","timeStep":2})");
+  EXPECT_EQ(HeaderOf(last, "X-Isoscope-Time"), "1.0");
+  const std::string etag = HeaderOf(last, "ETag");
+  EXPECT_EQ(Get(absl::StrCat(target, "&step=2"), etag).status, 304);
+  EXPECT_EQ(Get(absl::StrCat(target, "&time=0.9"), etag).status, 304);
+  EXPECT_EQ(Get(absl::StrCat(target, "&step=1"), etag).status, 200);
+  EXPECT_EQ(Get("/v1/datasets/head/render?isovalue=1&width=8&height=8", etag).status, 200);
+  datasets_.step_count = 4;
+  EXPECT_EQ(Get(target, etag).status, 200) << "another step is the last one";
+  EXPECT_EQ(Get(absl::StrCat(target, "&step=2"), etag).status, 304);
+}
+
+TEST_F(ApiTest, ColorsWithoutARangeAreGoodUntilTheRangeOfAllStepsChanges) {
+  datasets_.step_count = 3;
+  const std::string step = "/v1/datasets/head/render?isovalue=1&width=8&height=8&step=0&color-by=";
+  const std::string open = HeaderOf(Get(absl::StrCat(step, "velocity")), "ETag");
+  const std::string given = HeaderOf(Get(absl::StrCat(step, "velocity:magma:0,1")), "ETag");
+  datasets_.step_count = 4;
+  EXPECT_EQ(Get(absl::StrCat(step, "velocity"), open).status, 200);
+  EXPECT_EQ(Get(absl::StrCat(step, "velocity:magma:0,1"), given).status, 304);
+}
+
+TEST_F(ApiTest, OnlyWhatNoLaterStepChangesIsImmutable) {
+  datasets_.step_count = 3;
+  const struct {
+    const char* parameters;
+    const char* cache_control;
+  } cases[] = {{"", "public, no-cache"},
+               {"&step=last", "public, no-cache"},
+               {"&time=0", "public, no-cache"},
+               {"&step=0&color-by=velocity", "public, no-cache"},
+               {"&step=3", "no-store"},
+               {"&field=hue", "no-store"},
+               {"&step=0", "public, max-age=31536000, immutable"},
+               {"&step=0&color-by=velocity:magma:0,1", "public, max-age=31536000, immutable"}};
+  for (const auto& c : cases) {
+    const std::string target =
+        absl::StrCat("/v1/datasets/0123/render?isovalue=1&width=8&height=8", c.parameters);
+    EXPECT_EQ(HeaderOf(Get(target), "Cache-Control"), c.cache_control) << target;
+  }
+}
+
+TEST_F(ApiTest, HistogramsAreOfAFieldAndAStep) {
+  datasets_.step_count = 3;
+  EXPECT_EQ(Get("/v1/datasets/head/histogram?bins=8&field=velocity:x&step=1").body,
+            R"({"selection":{"field":"velocity","component":"x","timeStep":1}})");
+  EXPECT_EQ(Get("/v1/datasets/head/histogram").body, "{}");
+  EXPECT_EQ(Get("/v1/datasets/head/histogram?step=x").status, 400);
+  EXPECT_EQ(Get("/v1/datasets/head/histogram?isovalue=1").status, 400);
 }
 
 TEST_F(ApiTest, PlacesForPicturesComeBackHoweverTheyEnd) {

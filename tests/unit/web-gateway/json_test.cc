@@ -5,6 +5,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "tests/support/status_matchers.h"
 
@@ -28,6 +29,14 @@ TEST(JsonTest, FollowsTheMappingOfProtobuf) {
   isoscope::v1::RenderIsosurfaceRequest back;
   ASSERT_THAT(FromJson(ToJson(request), &back), IsOk());
   EXPECT_EQ(back.SerializeAsString(), request.SerializeAsString());
+}
+
+TEST(JsonTest, HeadersHaveAsciiAndNumbersAllTheirDigits) {
+  isoscope::v1::FieldSelection selection;
+  selection.set_field("temp\xc3\xa9rature");
+  selection.set_time_step(0);
+  EXPECT_EQ(ToAsciiJson(selection), R"({"field":"temp\u00e9rature","timeStep":0})");
+  EXPECT_EQ(ToJson(0.1 + 0.2), "0.30000000000000004");
 }
 
 TEST(JsonTest, RefusesWhatIsNoMessage) {

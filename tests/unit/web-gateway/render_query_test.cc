@@ -32,6 +32,12 @@ v1::Dataset MakeDataset() {
   return dataset;
 }
 
+v1::Dataset MakeSeries() {
+  v1::Dataset dataset = MakeDataset();
+  dataset.add_fields()->set_name("pressure");
+  return dataset;
+}
+
 absl::StatusOr<v1::RenderIsosurfaceRequest> Parse(const std::string& query) {
   const absl::StatusOr<Target> target = ParseTarget(absl::StrCat("/?", query));
   EXPECT_THAT(target, IsOk());
@@ -76,6 +82,34 @@ TEST(RenderQueryTest, SurfacesAreInTheOrderOfTheAddress) {
   EXPECT_EQ(request->output().jpeg_quality(), 80);
 }
 
+TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {
+  const auto parse = [](const std::string& query) {
+    return RenderRequestFromQuery(ParseTarget(absl::StrCat("/?isovalue=1&", query))->query,
+                                  MakeSeries());
+  };
+  const auto frame = parse("field=velocity:x&time=0.25&color_by=temperature:magma:1,2");
+  ASSERT_THAT(frame, IsOk());
+  EXPECT_EQ(frame->selection().ShortDebugString(),
+            "field: \"velocity\" component: \"x\" time: 0.25");
+  EXPECT_EQ(frame->surfaces(0).color_by().ShortDebugString(),
+            "quantity: QUANTITY_FIELD color_map: COLOR_MAP_MAGMA range { min: 1 max: 2 } field: "
+            "\"temperature\"");
+  EXPECT_EQ(parse("component=y&step=last")->selection().ShortDebugString(),
+            "component: \"y\" time_step: -1");
+  EXPECT_FALSE(parse("width=8")->has_selection());
+}
+
+TEST(RenderQueryTest, TheSelectionOfAHistogramIsTakenOutOfItsParameters) {
+  QueryParameters query = {{"bins", "8"}, {"field", "velocity"}, {"step", "3"}, {"x", "1"}};
+  const auto selection = TakeSelection(&query);
+  ASSERT_THAT(selection, IsOk());
+  EXPECT_EQ((*selection)->ShortDebugString(), "field: \"velocity\" time_step: 3");
+  EXPECT_EQ(query, (QueryParameters{{"bins", "8"}, {"x", "1"}}));
+  EXPECT_FALSE(TakeSelection(&query)->has_value());
+  query = {{"time", "1"}, {"step", "3"}};
+  EXPECT_THAT(TakeSelection(&query).status(), StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
 TEST(RenderQueryTest, DepthIsAPlaneWithoutAPicture) {
   const absl::StatusOr<v1::RenderIsosurfaceRequest> request = Parse("isovalue=60&format=depth");
   ASSERT_THAT(request, IsOk());
@@ -114,6 +148,14 @@ TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
       {"isovalue=60&=1", {"''"}},
       {"isovalue=60&--width=5", {"'--width'"}},
       {"isovalue=60&output=x.png", {"'output'"}},
+      {"isovalue=60&field=", {"field", "no value"}},
+      {"isovalue=60&field=velocity:", {"field", "'velocity:'", "NAME:COMPONENT"}},
+      {"isovalue=60&field=velocity:x&component=y", {"component is y", "field velocity:x"}},
+      {"isovalue=60&step=-1", {"step", "'-1'", "first or last"}},
+      {"isovalue=60&step=1:9:2", {"step", "'1:9:2'"}},
+      {"isovalue=60&time=now", {"time", "'now'"}},
+      {"isovalue=60&time=1&step=2", {"time and step exclude each other"}},
+      {"isovalue=60&color-by=hue", {"color-by", "'hue'", "gradient", "no other fields"}},
   };
   for (const auto& c : cases) {
     const absl::Status status = Parse(c.query).status();
@@ -149,8 +191,14 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
   ASSERT_THAT(two, IsOk());
   EXPECT_EQ(two->request.surfaces_size(), 2);
   EXPECT_EQ(two->surfaces[0].color->alpha, 1);
+  const absl::StatusOr<MeshQuery> of_a_step =
+      MeshQueryFromQuery({{"isovalue", "1"}, {"field", "velocity:z"}, {"step", "2"}}, MakeSeries());
+  ASSERT_THAT(of_a_step, IsOk());
+  EXPECT_EQ(of_a_step->request.selection().ShortDebugString(),
+            "field: \"velocity\" component: \"z\" time_step: 2");
   for (const QueryParameters& wrong :
-       {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"surface", "2"}},
+       {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"time", "2"}, {"step", "2"}},
+        QueryParameters{{"isovalue", "1"}, {"surface", "2"}},
         QueryParameters{{"isovalue", "1"}, {"width", "2"}}}) {
     EXPECT_THAT(MeshQueryFromQuery(wrong, MakeDataset()).status(),
                 StatusIs(absl::StatusCode::kInvalidArgument));

@@ -59,13 +59,23 @@ TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
       {"gradient:turbo",
        {ColorBy{.quantity = ColorBy::Quantity::kGradientMagnitude, .map = ColorMap::kTurbo}}},
       {"normal", {ColorBy{.quantity = ColorBy::Quantity::kNormal}}},
-      {"none", {}}};
+      {"none", {}},
+      {"w", {ColorBy{}, "w"}},
+      {"temperature:magma:1,2",
+       {ColorBy{.map = ColorMap::kMagma, .range = frame::ColorRange{1, 2}}, "temperature"}},
+      {"velocity:x", {ColorBy{}, "velocity", "x"}},
+      {"velocity:magnitude:turbo::0,1",
+       {ColorBy{.map = ColorMap::kTurbo, .opacity_at_min = 0}, "velocity", "magnitude"}}};
   for (const auto& [text, expected] : right) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorByValue value, ParseColorBy(text));
     EXPECT_EQ(value, expected) << text;
   }
   for (const char* text : {"",
-                           "w",
+                           ":magma",
+                           "w:",
+                           "w:x:jet",
+                           "w:x:magma:2,1",
+                           "w:x:magma:1,2:0,1:1",
                            "x:",
                            "x:jet",
                            "x:turbo:",
@@ -149,6 +159,23 @@ TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
   EXPECT_EQ(spec.surfaces[0].isovalue, 60);
   EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
   EXPECT_EQ(spec.surfaces[0].color_by, flags.color_by[0].color_by);
+}
+
+TEST(LookFlagsTest, AFieldIsNamedAndTheDatasetMustHaveSome) {
+  LookFlags flags;
+  flags.color_by = {{ColorBy{.map = ColorMap::kTurbo}, "velocity", "x"}};
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.add_surfaces();
+  AddLook(flags, &request);
+  EXPECT_EQ(request.surfaces(0).color_by().ShortDebugString(),
+            "quantity: QUANTITY_FIELD color_map: COLOR_MAP_TURBO field: \"velocity\" component: "
+            "\"x\"");
+  isoscope::v1::Dataset dataset;
+  EXPECT_THAT(CheckColorFields(flags, dataset),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("--color-by 'velocity' is none of: x, y, z")));
+  dataset.add_fields()->set_name("pressure");
+  ISOSCOPE_EXPECT_OK(CheckColorFields(flags, dataset)) << "names are the server's to check";
 }
 
 TEST(LookFlagsTest, ASurfaceMayKeepItsColor) {

@@ -1,0 +1,66 @@
+#include "clients/cpp/request/dataset_fields.h"
+
+#include "absl/strings/str_cat.h"
+
+namespace isoscope::client {
+namespace {
+
+// Null if the dataset has no such field.
+const isoscope::v1::Field* FindField(const isoscope::v1::Dataset& dataset,
+                                     const std::string& name) {
+  for (const isoscope::v1::Field& field : dataset.fields()) {
+    if (field.name() == name || name.empty()) {
+      return &field;
+    }
+  }
+  return nullptr;
+}
+
+}  // namespace
+
+isoscope::v1::Dataset DatasetOfField(isoscope::v1::Dataset dataset, const SelectionFlags& flags) {
+  if (!flags.field && !flags.component) {
+    return dataset;
+  }
+  const FieldValue field = flags.field.value_or(FieldValue());
+  const std::string component_name = flags.component.value_or(field.component);
+  const isoscope::v1::Field* const found = FindField(dataset, field.name);
+  if (found == nullptr || found->components().empty()) {
+    return dataset;
+  }
+  const isoscope::v1::FieldComponent* component = &found->components(found->components_size() - 1);
+  for (int i = 0; i < found->components_size(); ++i) {
+    if (!field->component.empty() &&
+        (found->components(i).name() == field->component || absl::StrCat(i) == component_name)) {
+      component = &found->components(i);
+      break;
+    }
+  }
+  const isoscope::v1::FieldComponent chosen = *component;
+  dataset.set_sample_type(chosen.sample_type());
+  dataset.clear_value_range();
+  if (chosen.has_value_range()) {
+    *dataset.mutable_value_range() = chosen.value_range();
+  }
+  dataset.clear_max_gradient_magnitude();
+  if (chosen.has_max_gradient_magnitude()) {
+    dataset.set_max_gradient_magnitude(chosen.max_gradient_magnitude());
+  }
+  return dataset;
+}
+
+std::string TitleOfField(const isoscope::v1::Dataset& dataset, const FieldValue& field) {
+  const isoscope::v1::Field* const found = FindField(dataset, field.name);
+  if (found == nullptr) {
+    return "";
+  }
+  const std::string& name = found->long_name().empty() ? found->name() : found->long_name();
+  return field.component.empty() ? name : absl::StrCat(name, " ", field.component);
+}
+
+std::string UnitOfField(const isoscope::v1::Dataset& dataset, const FieldValue& field) {
+  const isoscope::v1::Field* const found = FindField(dataset, field.name);
+  return found == nullptr ? "" : found->unit();
+}
+
+}  // namespace isoscope::client
