@@ -28,6 +28,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/store/json_fields.h"
+#include "core/store/manifest_members.h"
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
 
@@ -35,45 +36,6 @@ namespace isoscope::store {
 namespace {
 
 constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
-
-Json JsonFromIndex(const math::Index3& index) { return Json::array({index.x, index.y, index.z}); }
-
-Json JsonFromVector(const math::Vec3d& vector) {
-  return Json::array(
-      {JsonFromDouble(vector.x), JsonFromDouble(vector.y), JsonFromDouble(vector.z)});
-}
-
-void ReadIndex(const char* name, std::int64_t min, std::int64_t max, JsonFields* fields,
-               math::Index3* index) {
-  std::int64_t values[3] = {};
-  fields->ReadIntegers(name, 3, min, max, values);
-  *index = {values[0], values[1], values[2]};
-}
-
-void ReadVector(const char* name, JsonFields* fields, math::Vec3d* vector) {
-  double values[3] = {};
-  fields->ReadDoubles(name, 3, values);
-  *vector = {values[0], values[1], values[2]};
-}
-
-absl::Status WithContext(absl::string_view where, const absl::Status& status) {
-  return absl::DataLossError(absl::StrCat(where, ": ", status.message()));
-}
-
-absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction) {
-  JsonFields fields(json, where);
-  ReadVector("x", &fields, &direction->columns[0]);
-  ReadVector("y", &fields, &direction->columns[1]);
-  ReadVector("z", &fields, &direction->columns[2]);
-  return fields.status();
-}
-
-absl::Status ReadRange(const Json& json, absl::string_view where, volume::ScalarSpan* range) {
-  JsonFields fields(json, where);
-  fields.ReadDouble("min", &range->min);
-  fields.ReadDouble("max", &range->max);
-  return fields.status();
-}
 
 absl::Status ReadShards(const Json& json, absl::string_view where,
                         std::vector<ShardSummary>* shards) {
@@ -92,11 +54,6 @@ absl::Status ReadShards(const Json& json, absl::string_view where,
     shards->push_back(shard);
   }
   return absl::OkStatus();
-}
-
-// True for the digests of a manifest.
-bool IsDigest(const std::string& id) {
-  return id.size() == 32 && id.find_first_not_of("0123456789abcdef") == std::string::npos;
 }
 
 // Checks what involves several members.
@@ -183,9 +140,7 @@ std::string EncodeManifest(const Manifest& manifest) {
   }
   json["spacing"] = JsonFromVector(geometry.spacing);
   json["origin"] = JsonFromVector(geometry.origin);
-  json["direction"] = Json{{"x", JsonFromVector(geometry.direction.columns[0])},
-                           {"y", JsonFromVector(geometry.direction.columns[1])},
-                           {"z", JsonFromVector(geometry.direction.columns[2])}};
+  json["direction"] = JsonFromDirection(geometry.direction);
   if (manifest.patient_frame.has_value()) {
     json["patient_frame"] = manifest.patient_frame->name();
   }
@@ -224,10 +179,7 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
   if (const Json* direction = fields.ReadObject("direction")) {
     fields.Fail(ReadDirection(*direction, where, &manifest.geometry.direction));
   }
-  std::string patient_frame;
-  if (fields.Has("patient_frame")) {
-    fields.Read("patient_frame", &patient_frame);
-  }
+  ReadPatientFrame(where, &fields, &manifest.patient_frame);
   ReadIndex("block_cells", 1, volume::BlockLayout::kMaxBlockCells, &fields, &manifest.block_cells);
   std::string distribution;
   fields.Read("distribution", &distribution);
@@ -243,13 +195,6 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
     return WithContext(where, type.status());
   }
   manifest.scalar_type = *type;
-  if (!patient_frame.empty()) {
-    const auto frame = volume::PatientFrame::FromName(patient_frame);
-    if (!frame.ok()) {
-      return WithContext(where, frame.status());
-    }
-    manifest.patient_frame = *frame;
-  }
   const auto known_distribution = DistributionFromName(distribution);
   if (!known_distribution.ok()) {
     return WithContext(where, known_distribution.status());

@@ -29,6 +29,8 @@ inline constexpr char kIntervalTreeFileName[] = "interval_tree.bin";
 inline constexpr char kHistogramFileName[] = "histogram.bin";  // optional
 // Names the shard that a shard directory holds: JSON with its own CRC-32C.
 inline constexpr char kShardFileName[] = "shard.json";
+// The same in a shard directory of a series.
+inline constexpr char kSeriesShardFileName[] = "series_shard.json";
 
 // "shard-00003-of-00016".
 inline std::string ShardDirectoryName(int shard_index, int shard_count) {
@@ -41,10 +43,13 @@ inline constexpr int kMaxShardCount = 65536;
 inline constexpr absl::string_view kManifestFormat = "isoscope-dataset";
 inline constexpr absl::string_view kShardFormat = "isoscope-shard";
 inline constexpr int kFormatVersion = 1;
+inline constexpr int kSeriesFormatVersion = 2;  // of manifests (series_manifest.h)
 
 // Larger files are refused before memory is allocated for them. The largest manifest, of
 // kMaxShardCount shards, takes about 9 MiB.
 inline constexpr std::int64_t kMaxManifestBytes = 16 * base::kMiB;
+// One of kMaxScalarVolumes, 200 bytes each, takes about 40 MiB.
+inline constexpr std::int64_t kMaxSeriesManifestBytes = 64 * base::kMiB;
 inline constexpr std::int64_t kMaxShardFileBytes = base::kMiB;
 
 // The CRC-32C of this many first bytes of the interval tree is verified when a shard is opened.

@@ -37,6 +37,7 @@
 #include "core/store/histogram_file.h"
 #include "core/store/json_fields.h"
 #include "core/store/sealed_json.h"
+#include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "core/volume/block_set.h"
@@ -140,6 +141,12 @@ absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory) {
     return absl::FailedPreconditionError(absl::StrCat(
         directory, ": is one shard of a dataset, expected the dataset directory that holds it"));
   }
+  if (IsSeriesDirectory(directory)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(directory,
+                     ": is a series, a dataset with fields or time steps: expected one of a single "
+                     "field and step"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions,
                             ReadDescriptions(directory, io::OpenRandomAccessFile));
   DatasetDescription dataset;
@@ -158,7 +165,8 @@ bool IsDatasetDirectory(const std::string& directory) {
 }
 
 bool IsShardDirectory(const std::string& directory) {
-  return io::PathExists(PathIn(directory, kShardFileName));
+  return io::PathExists(PathIn(directory, kShardFileName)) ||
+         io::PathExists(PathIn(directory, kSeriesShardFileName));
 }
 
 absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string& directory,

@@ -38,10 +38,11 @@ struct DatasetDescription {
   std::vector<std::string> shard_directories;  // by shard index; "" where it does not exist
 };
 // Reads the description. NOT_FOUND if `directory` holds no finished dataset, FAILED_PRECONDITION if
-// it is a shard directory or has a newer format version, DATA_LOSS if it is damaged.
+// it is a shard directory, a series (OpenSeries) or has a newer format version, DATA_LOSS if it is
+// damaged.
 absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory);
 
-// True if `directory` looks like a dataset directory / a shard directory.
+// True if `directory` looks like a dataset directory / a shard directory, of a series or not.
 bool IsDatasetDirectory(const std::string& directory);
 bool IsShardDirectory(const std::string& directory);
 

@@ -1,0 +1,74 @@
+#include "core/store/manifest_members.h"
+
+#include "absl/strings/str_cat.h"
+#include <nlohmann/json.hpp>
+
+namespace isoscope::store {
+
+Json JsonFromIndex(const math::Index3& index) { return Json::array({index.x, index.y, index.z}); }
+
+Json JsonFromVector(const math::Vec3d& vector) {
+  return Json::array(
+      {JsonFromDouble(vector.x), JsonFromDouble(vector.y), JsonFromDouble(vector.z)});
+}
+
+Json JsonFromDirection(const math::Mat3d& direction) {
+  return Json{{"x", JsonFromVector(direction.columns[0])},
+              {"y", JsonFromVector(direction.columns[1])},
+              {"z", JsonFromVector(direction.columns[2])}};
+}
+
+void ReadIndex(const char* name, std::int64_t min, std::int64_t max, JsonFields* fields,
+               math::Index3* index) {
+  std::int64_t values[3] = {};
+  fields->ReadIntegers(name, 3, min, max, values);
+  *index = {values[0], values[1], values[2]};
+}
+
+void ReadVector(const char* name, JsonFields* fields, math::Vec3d* vector) {
+  double values[3] = {};
+  fields->ReadDoubles(name, 3, values);
+  *vector = {values[0], values[1], values[2]};
+}
+
+void ReadPatientFrame(absl::string_view where, JsonFields* fields,
+                      std::optional<volume::PatientFrame>* frame) {
+  if (!fields->Has("patient_frame")) {
+    return;
+  }
+  std::string name;
+  fields->Read("patient_frame", &name);
+  if (name.empty()) {  // an error was recorded, or there is no frame to set
+    return;
+  }
+  const auto known = volume::PatientFrame::FromName(name);
+  if (!known.ok()) {
+    return fields->Fail(WithContext(where, known.status()));
+  }
+  *frame = *known;
+}
+
+absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction) {
+  JsonFields fields(json, where);
+  ReadVector("x", &fields, &direction->columns[0]);
+  ReadVector("y", &fields, &direction->columns[1]);
+  ReadVector("z", &fields, &direction->columns[2]);
+  return fields.status();
+}
+
+absl::Status ReadRange(const Json& json, absl::string_view where, volume::ScalarSpan* range) {
+  JsonFields fields(json, where);
+  fields.ReadDouble("min", &range->min);
+  fields.ReadDouble("max", &range->max);
+  return fields.status();
+}
+
+bool IsDigest(const std::string& id) {
+  return id.size() == 32 && id.find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
+absl::Status WithContext(absl::string_view where, const absl::Status& status) {
+  return absl::DataLossError(absl::StrCat(where, ": ", status.message()));
+}
+
+}  // namespace isoscope::store
