@@ -51,7 +51,7 @@ void AddSeries(const ShardSet& shards, v1::DescribeShardsResponse* description) 
   if (shards.series().empty()) {
     return;
   }
-  for (const std::unique_ptr<SeriesShard>& shard : shards.series()) {
+  for (const std::shared_ptr<SeriesShard>& shard : shards.series()) {
     shard->Refresh();
     const std::shared_ptr<const SeriesShard::Served> served = shard->served();
     v1::ShardDescription* const out = description->add_shards();

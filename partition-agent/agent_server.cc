@@ -47,10 +47,6 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
   if (store::IsShardDirectory(directory)) {
     return std::vector<std::string>{directory};
   }
-  if (store::IsSeriesDirectory(directory)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesDescription series, store::OpenSeries(directory));
-    return PresentShards(directory, series.shard_directories);
-  }
   if (!store::IsDatasetDirectory(directory)) {
     // A folder that this user may not read looks empty, so this checks.
     const absl::Status readable =
@@ -64,8 +60,9 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
                                                 : ": no such directory",
                                             "; `isoscope partition` makes them"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(directory));
-  return PresentShards(directory, dataset.shard_directories);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
+                            store::ShardDirectoriesOf(directory));
+  return PresentShards(directory, shard_directories);
 }
 
 // What tells one shard from another, of datasets with and without fields.
@@ -86,7 +83,7 @@ std::vector<ShardLabel> LabelsOf(const ShardSet& shards) {
                       reader.manifest_crc32c(), reader.shard_index(),
                       reader.manifest().shards.size(), reader.directory()});
   }
-  for (const std::unique_ptr<SeriesShard>& shard : shards.series()) {
+  for (const std::shared_ptr<SeriesShard>& shard : shards.series()) {
     const std::shared_ptr<const SeriesShard::Served> served = shard->served();
     labels.push_back({served->manifest.name, served->manifest.dataset_id, 0, shard->shard_index(),
                       static_cast<std::size_t>(served->manifest.shard_count), shard->directory()});

@@ -31,7 +31,7 @@ absl::StatusOr<std::vector<ShardSet::Served>> ShardSet::ServedOf(
       found.push_back({.plain = &shard});
     }
   }
-  for (const std::unique_ptr<SeriesShard>& shard : series_) {
+  for (const std::shared_ptr<SeriesShard>& shard : series_) {
     if (shard->Has(dataset_id)) {
       found.push_back({.series = shard.get()});
     }

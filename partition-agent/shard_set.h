@@ -17,7 +17,7 @@
 
 namespace isoscope::agent {
 
-using SeriesShards = std::vector<std::unique_ptr<SeriesShard>>;
+using SeriesShards = std::vector<std::shared_ptr<SeriesShard>>;
 
 // Thread-safe. Dataset ids are those of datasets, or of scalar volumes of a series.
 class ShardSet {

@@ -16,7 +16,7 @@
 #include "core/base/task_arena.h"
 #include "core/base/units.h"
 #include "core/render/renderer_factory.h"
-#include "core/store/shard_reader.h"
+#include "core/store/series_manifest.h"
 #include "partition-agent/agent_memory.h"
 #include "partition-agent/agent_server.h"
 #include "server/coordinator_server.h"
@@ -27,11 +27,11 @@ namespace {
 // Agents in the same process answer at once; this is for a machine under heavy load.
 constexpr absl::Duration kReadyTimeout = absl::Seconds(60);
 
-absl::Status CheckAllShardsPresent(const store::DatasetDescription& dataset,
+absl::Status CheckAllShardsPresent(const std::vector<std::string>& shard_directories,
                                    const std::string& directory) {
   std::vector<std::size_t> missing;
-  for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
-    if (dataset.shard_directories[i].empty()) {
+  for (std::size_t i = 0; i < shard_directories.size(); ++i) {
+    if (shard_directories[i].empty()) {
       missing.push_back(i);
     }
   }
@@ -40,7 +40,7 @@ absl::Status CheckAllShardsPresent(const store::DatasetDescription& dataset,
   }
   return absl::FailedPreconditionError(
       absl::StrCat("'", directory, "' lacks ", missing.size(), " of its ",
-                   dataset.shard_directories.size(), " shards (", absl::StrJoin(missing, ", "),
+                   shard_directories.size(), " shards (", absl::StrJoin(missing, ", "),
                    "); serve them where they are with isoscope-agent, or copy them back"));
 }
 
@@ -58,9 +58,9 @@ absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text) {
 
 absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     const EmbeddedClusterOptions& options) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
-                            store::OpenDataset(options.dataset_directory));
-  ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(dataset, options.dataset_directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
+                            store::ShardDirectoriesOf(options.dataset_directory));
+  ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shard_directories, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
   const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
@@ -69,7 +69,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   // of steps compute beside those of the arena; so with --threads 1 there are none.
   const bool one_thread_a_step =
       arena->max_concurrency() > 1 &&
-      dataset.shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
+      shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
                                      : agent::AgentMemory::DefaultLimitBytes(),
@@ -96,7 +96,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   agent_options.mailboxes = mailboxes;
   agent_options.frame_executor = frame_executor;
   agent_options.one_thread_a_step = one_thread_a_step;
-  for (const std::string& directory : dataset.shard_directories) {
+  for (const std::string& directory : shard_directories) {
     agent_options.directories = {directory};
     ISOSCOPE_ASSIGN_OR_RETURN(cluster->agents_.emplace_back(),
                               agent::AgentServer::Start(agent_options));

@@ -21,6 +21,7 @@
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/host_port.h"
+#include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/shard.h"
 
@@ -35,10 +36,15 @@ absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
 
 // Opens everything that agents will open.
 absl::Status VerifyDatasetDirectory(const std::string& directory) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(directory));
-  for (const std::string& shard : dataset.shard_directories) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
+                            store::ShardDirectoriesOf(directory));
+  for (const std::string& shard : shards) {
     if (shard.empty()) {
       return absl::NotFoundError(absl::StrCat("'", directory, "' lacks a shard"));
+    }
+    if (store::IsSeriesDirectory(shard)) {
+      ISOSCOPE_RETURN_IF_ERROR(store::OpenSeriesShard(shard).status());
+      continue;
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const agent::Shard> opened,
                               agent::OpenShard(shard));
@@ -103,11 +109,11 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
 absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
   const std::string& input = *flags.input;
   if (flags.shard_count) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(input));
-    if (*flags.shard_count != static_cast<std::int64_t>(dataset.manifest.shards.size())) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
+                              store::ShardDirectoriesOf(input));
+    if (*flags.shard_count != static_cast<std::int64_t>(shards.size())) {
       return UsageError(absl::StrCat("--shards ", *flags.shard_count, ": '", input,
-                                     "' was cut into ", dataset.manifest.shards.size(),
-                                     " shards; leave --shards out, or partition anew"));
+                                     "' was cut into ", shards.size(), " shards; leave --shards out, or partition anew"));
     }
   }
   return CachedDataset{.directory = input};

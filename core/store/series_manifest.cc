@@ -511,6 +511,15 @@ absl::StatusOr<SeriesDescription> OpenSeries(const std::string& directory) {
   return series;
 }
 
+absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory) {
+  if (IsSeriesDirectory(directory)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(SeriesDescription series, OpenSeries(directory));
+    return std::move(series.shard_directories);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(DatasetDescription dataset, OpenDataset(directory));
+  return std::move(dataset.shard_directories);
+}
+
 absl::Status WriteSeriesManifest(const std::string& directory, const SeriesManifest& manifest,
                                  int shard_index) {
   const std::string path = FileIn(directory, kManifestFileName);

@@ -138,6 +138,10 @@ struct SeriesDescription {
 // Errors as OpenDataset.
 absl::StatusOr<SeriesDescription> OpenSeries(const std::string& directory);
 
+// Returns the shard directories of a dataset directory, of a series or of version 1, by shard index;
+// "" where one does not exist. Errors as OpenDataset.
+absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory);
+
 // Writes the manifest in a way that readers see the old or the new one whole: into a dataset
 // directory (shard_index < 0), or with series_shard.json into a shard directory.
 absl::Status WriteSeriesManifest(const std::string& directory, const SeriesManifest& manifest,

@@ -30,8 +30,8 @@ isoscope::v1::Dataset DatasetOfField(isoscope::v1::Dataset dataset, const Select
   }
   const isoscope::v1::FieldComponent* component = &found->components(found->components_size() - 1);
   for (int i = 0; i < found->components_size(); ++i) {
-    if (!field->component.empty() &&
-        (found->components(i).name() == field->component || absl::StrCat(i) == component_name)) {
+    if (!component_name.empty() &&
+        (found->components(i).name() == component_name || absl::StrCat(i) == component_name)) {
       component = &found->components(i);
       break;
     }
