@@ -22,7 +22,7 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// A message names this many shards, and then says "...".
+// A message names at most this many shards, followed by "...".
 constexpr std::size_t kMaxNamedShards = 16;
 
 std::string Identity(const internal::ShardDescription& shard) {
@@ -138,7 +138,7 @@ const Content* ChooseContent(const Draft& draft) {
   if (draft.contents.size() == 1 || served_count == 0) {
     return most;
   }
-  // Of lost agents nobody knows whether they come back. They count against fewer others.
+  // Lost agents may come back or not. So they count only against contents with fewer agents.
   if (served_count == 1 && (is_tie || most == only_served)) {
     return only_served;
   }

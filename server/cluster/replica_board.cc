@@ -34,7 +34,7 @@ std::uint64_t RankOf(std::uint64_t key, int shard, absl::string_view address) {
   return base::Mix64(base::Mix64(key ^ static_cast<std::uint64_t>(shard)) ^ HashOf(address));
 }
 
-// Returns the indices of the set's agents for a shard, the well ones first, then by rank.
+// Returns the indices of the set's agents for a shard: agents without trouble first, then by rank.
 std::vector<std::size_t> OrderOf(const ReplicaSet& set, const std::vector<bool>& is_well,
                                  std::uint64_t key, int shard) {
   std::vector<std::uint64_t> ranks;
