@@ -63,7 +63,7 @@ class AccessGrant {
   void Withdraw() { is_withdrawn_.store(true); }
   [[nodiscard]] bool is_withdrawn() const { return is_withdrawn_.load(); }
   // Calls `end` once when the users of a withdrawn grant must end, at once if it is withdrawn
-  // already. Returns the number for RemoveUser.
+  // already. Returns the number for ForgetUser.
   std::int64_t AddUser(std::function<void()> end) ABSL_LOCKS_EXCLUDED(mutex_);
   void ForgetUser(std::int64_t user) ABSL_LOCKS_EXCLUDED(mutex_);
   void EndUsers() ABSL_LOCKS_EXCLUDED(mutex_);
