@@ -1,7 +1,6 @@
 // 1. CapPainter::NeedOf classifies a block: it has no caps, is wholly inside, or needs its samples.
 // 2. Blocks wholly inside are painted from their span, and blocks with cached samples from the
-// cache,
-//    in parallel.
+//    cache, in parallel.
 // 3. The others are read in disk runs and painted as they arrive; their samples are offered to the
 //    cache.
 //

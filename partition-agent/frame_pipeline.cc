@@ -193,8 +193,7 @@ absl::Status FramePipeline::FindBlocks() {
                             SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
                                                 resources_.cache, cancellation_, &cost));
   if (task_.report_active_blocks) {
-    reported_ = found.Ids();  // includes clipped blocks: the coordinator keeps the list for other
-                              // frames
+    reported_ = found.Ids();  // with clipped ones: the coordinator keeps the list
   }
   found.EraseOutside(clipper_);
   blocks_ = std::make_unique<const SurfaceBlocks>(std::move(found));

@@ -3,9 +3,8 @@
 //   HealthReporter, AgentRegistry, AccessControl, AuditLog, FrameRunner, services, gRPC server
 //
 // Members are destroyed in the reverse order, so each part outlives its users. gRPC creates the
-// health
-// service with the server, and the registry reports its first probe from its own thread. So the
-// reporter is shared, and waits for both.
+// health service with the server, and the registry reports its first probe from its own thread. So
+// the reporter is shared, and waits for both.
 
 #include "server/coordinator_server.h"
 

@@ -80,8 +80,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
                                                    turn_.cancellation(), &record_, response)
                        : turn;
     });
-    turn_.GiveBack();  // before the client gets its answer, so that its next request finds the
-                       // place free
+    turn_.GiveBack();  // before the answer, so that the next request finds the place free
     End(status);
   }
 

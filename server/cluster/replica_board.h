@@ -7,9 +7,8 @@
 // 2. The shards of one set that took the same agent make a part. The other agents of the set follow
 //    in the order of their ranks: they repeat the part if the first agent is lost.
 // 3. If the first agent has more than its share of the parts under way, the least busy agent
-// becomes
-//    the first (consistent hashing with bounded loads: Mirrokni, Thorup, Zadimoghaddam, 2018). A
-//    single client never has so many parts, and keeps its caches.
+//    becomes the first (consistent hashing with bounded loads: Mirrokni, Thorup, Zadimoghaddam,
+//    2018). A single client never has so many parts, and keeps its caches.
 //
 // An agent that failed or was late goes last for a while, longer each time; a completed part resets
 // that. A short deadline of a client says nothing about agents. An agent is late if others were

@@ -8,8 +8,7 @@
 //    between blocks by its edge key, so such a vertex is sent once (core/mesh/mesh_welder.h).
 // 4. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
 //    chunks of at most 1 MiB. A vertex takes 24 bytes, and so does a triangle. In a block's part
-// all
-//    vertices come before the triangles, so a triangle uses only vertices that were sent.
+//    all vertices come before the triangles, so a triangle uses only vertices that were sent.
 // 5. The source of the block gives its next one.
 //
 // Blocks are merged in the order of the volume, so mesh and chunks do not depend on how blocks are

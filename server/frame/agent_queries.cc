@@ -3,12 +3,11 @@
 // 1. Begin starts the call of a question on its best agent.
 // 2. AwaitEnds sleeps until a call ends, a question is late, or the request is cancelled.
 // 3. Handle takes the first good answer, cancels the question's other call, or tries the next
-// agent.
+//    agent.
 // 4. A question that is late gets a second call on the next agent.
 //
 // Calls end on gRPC's threads, which only push their end into a queue. The callers at the end of
-// this
-// source make the questions and add their answers: histogram, active box, points.
+// this source make the questions and add their answers: histogram, active box, points.
 
 #include "server/frame/agent_queries.h"
 

@@ -5,7 +5,7 @@
 //   2. Composite the waiting pixels until the frame can go on. Then wait for events.
 //   3. Handle each event. Its content goes to the reduction, or to the queue of pixels.
 //   4. At the end of a step: wait for its pixels, compute the next blocks, tell each part its
-// blocks.
+//      blocks.
 //   5. From 2, until all parts have ended and all pixels are composited.
 //
 // A frame that fails cancels all agents and waits until their streams have ended, so that no agent

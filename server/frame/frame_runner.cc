@@ -329,8 +329,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, cons
       return result;
     }
     // Starts again with an empty image: a lost part has left some of its pixels in the picture.
-    std::reverse(lost_parts.begin(), lost_parts.end());  // descending, so that the other indices
-                                                         // stay valid
+    std::reverse(lost_parts.begin(), lost_parts.end());  // keeps the other indices valid
     for (const std::size_t lost : lost_parts) {
       parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(lost));
     }

@@ -27,8 +27,7 @@ constexpr std::size_t kPartsUnderWayBytes = 2 * base::kMiB;
 // Returns when a frame that begins now must end, so that its client still receives the name of a
 // late agent. If the client's own deadline passed first, it would not.
 absl::Time EndOf(const FrameClaim& claim) {
-  constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // time of an answer on a slow
-                                                                  // network
+  constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
   constexpr int kMarginShare = 10;                                // of the client's time
   const absl::Time now = absl::Now();
   const absl::Duration margin = std::min((claim.client_deadline - now) / kMarginShare, kMaxMargin);

@@ -2,16 +2,14 @@
 // drawing.
 //
 // 1. TakePlace, on gRPC's thread, first checks the limits of the caller's token: a caller above
-// them
-//    must not take a place that another could have. Then the frame is counted. It is refused if too
-//    many are in work or wait, or if it can never fit the memory limit.
+//    them must not take a place that another could have. Then the frame is counted. It is refused
+//    if too many are in work or wait, or if it can never fit the memory limit.
 // 2. Schedule queues it for its turn. Run is the work on a frame thread. Prepare waits for the
-// memory
-//    of the frame, then finds dataset, camera and view, which may wait for a probe of the agents.
+//    memory of the frame, then finds dataset, camera and view, which may wait for a probe of the
+//    agents.
 // 3. At the end of Run the frame is counted and logged. It returns its place before the client gets
 //    the answer, so that the client's next request finds it free. All memory but that of the
-// response
-//    is returned next, the rest when gRPC is done with the response.
+//    response is returned next, the rest when gRPC is done with the response.
 
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_TICKET_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_TICKET_H_

@@ -463,10 +463,7 @@ class InteractServiceImpl::InteractCall final
   v1::ViewState state_ ABSL_GUARDED_BY(mutex_);  // the newest
   InteractiveSchedule schedule_ ABSL_GUARDED_BY(mutex_);
   RateControl rate_ ABSL_GUARDED_BY(mutex_);
-  std::map<std::int64_t, std::shared_ptr<FrameTicket>> frames_ ABSL_GUARDED_BY(mutex_);  // by
-                                                                                         // number
-                                                                                         // of the
-                                                                                         // work
+  std::map<std::int64_t, std::shared_ptr<FrameTicket>> frames_ ABSL_GUARDED_BY(mutex_);  // by work
   InteractOutbox outbox_ ABSL_GUARDED_BY(mutex_){&schedule_};
   Wake wake_ ABSL_GUARDED_BY(mutex_);
   AuditedFrame audited_ ABSL_GUARDED_BY(mutex_);
