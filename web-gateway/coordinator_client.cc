@@ -1,7 +1,7 @@
 // Each call owns itself: it lies on the heap, and its last reaction deletes it.
 //
 // 1. The constructor sets deadline, token and identity; Start begins the stub's asynchronous
-// method.
+//    method.
 // 2. A reaction hands the answer, or each message of a stream, to the caller's function.
 // 3. The last reaction deletes the call, and only then removes it from the counter.
 //

@@ -2,7 +2,7 @@
 //
 // 1. The context gets the deadline, the trace identity, the token and the interrupt (CallContext).
 // 2. The stub's method runs. If the server refuses it with a retry delay, CallWithRetries repeats
-// it.
+//    it.
 // 3. Explain turns the status into an error with advice: start a server, show a token, ask the
 //    operator with the id of the request.
 //

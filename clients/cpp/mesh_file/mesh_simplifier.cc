@@ -2,8 +2,7 @@
 //
 // 1. WeldEqualPositions joins vertices of one position, which libmeshoptimizer would keep as seams.
 // 2. RunRound goes through the triangles in parts of part_triangle_count, in the order of the
-// stream.
-//    libmeshoptimizer simplifies each part; vertices that parts share are locked.
+//    stream. libmeshoptimizer simplifies each part; vertices that parts share are locked.
 // 3. A mesh of several parts gets up to three rounds. Each shifts the borders of the parts, so that
 //    earlier borders are simplified, too.
 //
