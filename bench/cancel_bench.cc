@@ -4,8 +4,7 @@
 // 2. The cluster is restarted before every frames_per_start-th frame, which is therefore cold.
 // 3. A thread requests a frame. This thread sleeps until the moment and cancels. Then it checks the
 //    agents every 50 us until none has a frame in work, and for 5 ms more: the frame may still be
-// on
-//    its way to one of them. The requesting thread takes the time of the answer.
+//    on its way to one of them. The requesting thread takes the time of the answer.
 //
 // A frame that was complete before its moment does not count; another replaces it, up to ten
 // attempts for each cancelled frame.

@@ -94,8 +94,7 @@ absl::StatusOr<pid_t> Spawn(const std::vector<std::string>& argv,
   std::vector<char*> arguments;
   arguments.reserve(argv.size() + 1);
   for (const std::string& argument : argv) {
-    arguments.push_back(const_cast<char*>(argument.c_str()));  // POSIX guarantees that it is not
-                                                               // changed
+    arguments.push_back(const_cast<char*>(argument.c_str()));  // POSIX: not changed
   }
   arguments.push_back(nullptr);
   pid_t pid = -1;

@@ -1,8 +1,7 @@
 // 1. Prepare draws the picture once: every client must get the same bytes.
 // 2. For each client count a round begins: every client is a thread with a connection of its own.
 // 3. All begin together. Frames count if they end after the warm-up and before the end of the
-// round,
-//    so that those under way at either end are counted evenly.
+//    round, so that those under way at either end are counted evenly.
 // 4. A refused client retries after the server's delay; refusals and retries are counted.
 
 #include "bench/clients_bench.h"

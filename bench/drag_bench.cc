@@ -1,8 +1,7 @@
 // 1. Two threads share a stream. This one sends states at their rate, and rotates the camera each
-// time.
+//    time.
 // 2. The reader acknowledges each frame after the pretended decoding. It looks up when the state
-// that
-//    the frame answers was sent: that is the frame's latency.
+//    that the frame answers was sent: that is the frame's latency.
 // 3. After the last state this thread waits for its exact frame, and compares it with
 //    RenderIsosurface.
 //
