@@ -51,7 +51,7 @@ def _google_rpc() -> tuple[Any, Any]:
 
 
 _Status, _RetryInfo = _google_rpc()
-# The codes of errors that say that the same call may work later.
+# Codes of errors that may be temporary: the same call may succeed later.
 _REFUSALS = (grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.UNAVAILABLE)
 
 
