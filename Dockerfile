@@ -19,7 +19,7 @@ COPY . .
 ARG ISOSCOPE_VERSION
 RUN bash scripts/build.sh && strip build/release/bin/isoscope*
 
-# What the coordinator and the gateway need: neither geometry nor OpenGL.
+# Packages of the coordinator and the gateway: neither geometry nor OpenGL.
 FROM ${BASE_IMAGE} AS runtime
 COPY scripts/packages.sh /usr/share/isoscope/
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RUNTIME_PACKAGES[@]}"; \
