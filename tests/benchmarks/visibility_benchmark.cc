@@ -98,8 +98,8 @@ void BM_OccludingBlocks(benchmark::State& state) {
 }
 BENCHMARK(BM_OccludingBlocks)->Unit(benchmark::kMillisecond);
 
-// What every agent does for a frame besides walking its rays: the active blocks of the whole table,
-// the set-up of the rays, the listing of the hits.
+// An agent's work for a frame besides walking its rays: the active blocks of the whole table, the
+// set-up of the rays, the listing of the hits.
 void BM_SelectWithoutRays(benchmark::State& state) {
   const view::View view = MakeView();
   const volume::BlockLayout layout = MakeLayout();

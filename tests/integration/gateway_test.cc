@@ -521,7 +521,7 @@ ServerProcess StartGatewayWith(const std::string& coordinator,
   return {.process = *std::move(process), .address = address.substr(0, address.find(' '))};
 }
 
-// What stands behind "?token=" up to the next parameter.
+// Returns the text after "?token=" up to the next parameter.
 std::string TokenIn(const std::string& text) {
   const std::size_t begin = text.find("?token=");
   const std::string token = begin == std::string::npos ? "" : text.substr(begin + 7);
@@ -553,7 +553,7 @@ TEST_F(GatewayTest, TheTokenToAskForComesByFileOrVariableAndTheOldNamesWorkWithA
       {{"ISOSCOPE_GATEWAY_TOKEN=secret"}, {}, false},
       {{}, {"--gateway-token-file", folder_->Sub("token")}, false},
       {{"ISOSCOPE_GATEWAY_TOKEN_FILE=" + folder_->Sub("token")}, {}, false},
-      // What is sent is another thing.
+      // The token to send does not count.
       {{"ISOSCOPE_GATEWAY_TOKEN=secret", "ISOSCOPE_TOKEN=other"}, {}, false},
       {{"ISOSCOPE_TOKEN=secret"}, {}, true},
       {{}, {"--token", "secret"}, true},
@@ -1237,7 +1237,7 @@ TEST(GatewayServerTest, AViewerThatDoesNotReadIsDroppedAndOthersGoOn) {
   }
   ASSERT_TRUE(frame.has_value());
   fakes.flood.AwaitEnd();
-  // What lies in the buffers of the sockets still comes, and then the end without a close.
+  // Data in the buffers of the sockets still arrives, and then the end without a close.
   EXPECT_EQ(stalled.ReadClose().first, 0);
 }
 

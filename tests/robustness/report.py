@@ -13,7 +13,7 @@ MAX_FINDINGS = 200
 
 
 class Report:
-    """What was seen. Thread-safe."""
+    """The observations of a run. Thread-safe."""
 
     def __init__(self):
         self._lock = threading.Lock()
@@ -95,7 +95,7 @@ class Report:
             return ", ".join(f"{code} {count}" for code, count in self._codes.most_common())
 
     def end_of_run(self):
-        """What may have changed while the cluster ended."""
+        """Returns the values that may have changed while the cluster ended."""
         return {"totals": self.totals(), "findings": self.findings}
 
     def _table(self):

@@ -526,7 +526,7 @@ TEST_F(MeshCacheTest, RandomUseFollowsTheRules) {
         ASSERT_TRUE(IsMesh(*stored, mesh));
         const mesh::CompactMesh* const view = stored.get();
         stored.reset();
-        // What a segment takes that is larger than a chunk.
+        // The size of a segment for a mesh larger than a chunk.
         const std::size_t large_bytes = std::max(mesh::CompactSizeBytes(mesh), kChunkBytes);
         const bool is_kept = table->Find(place, round) != nullptr;
         model.DropForgotten(table.get(), round, large_bytes);

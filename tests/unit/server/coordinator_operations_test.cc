@@ -1,5 +1,5 @@
-// What those who run a coordinator rely on: requests that name the contents that they expect,
-// features, pages, reasons of errors, readiness, agents that drain, and the audit log.
+// The interface for operators of a coordinator: requests that name their expected contents,
+// features, pages, reasons of errors, readiness, draining agents, and the audit log.
 
 #include <atomic>
 #include <fstream>

@@ -424,7 +424,7 @@ TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) 
   const auto has_bytes = [&](double bytes) {
     return WaitFor([&] { return Metric("isoscope_export_memory_bytes") == bytes; });
   };
-  // What agents needed is given back, and the rest stays.
+  // The agents' share of the memory is returned, and the rest stays.
   ASSERT_TRUE(has_bytes(CoordinatorMemory::kExportAnswerBytes));
   absl::SleepFor(absl::Milliseconds(50));
   ASSERT_TRUE(has_bytes(CoordinatorMemory::kExportAnswerBytes));

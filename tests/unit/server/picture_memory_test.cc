@@ -60,7 +60,7 @@ image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
   return image;
 }
 
-// What an agent sends in each of the two steps.
+// An agent's messages in each of the two steps.
 struct Played {
   std::vector<volume::BlockId> active;
   std::vector<std::vector<std::string>> occluders;
@@ -272,7 +272,8 @@ TEST_P(PictureMemoryTest, NoAllocationOfAFrameEndsTheCoordinatorOrChangesAPictur
     const bool has_failed = RunOut(nth, mode);
     return has_failed && !HasFailure();
   };
-  // What is made once is made now; the list of callbacks otherwise by the first wait.
+  // One-time allocations happen here; the list of callbacks would otherwise be allocated by the
+  // first wait.
   {
     const base::Cancellation::Callback callback(never_, [] {});
   }

@@ -141,7 +141,7 @@ class Job;
 // may use the job only between joining and leaving it: its owner waits for them. A notice outlives
 // all jobs that it shows, so that anyone may look at it at any time.
 struct Notice {
-  // Of `state`. An owned notice is no other job's; only an open one can be joined.
+  // Bits of `state`. An owned notice belongs to one job; only an open one can be joined.
   static constexpr std::uint64_t kOwned = 1;
   static constexpr std::uint64_t kOpen = 2;
   static constexpr std::uint64_t kGuest = 4;  // times the number of those that have ever joined
