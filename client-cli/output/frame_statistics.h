@@ -15,8 +15,8 @@ struct FrameRecord {
   isoscope::v1::RenderStatistics statistics;
 };
 
-// {"frames": [...]}: a contract with scripts (README, "Statistics"); members may be added, never
-// renamed or moved. Times are milliseconds with three decimals.
+// Returns {"frames": [...]}. Scripts depend on it: members may be added, never renamed or moved.
+// Times are milliseconds with three decimals.
 std::string StatisticsJson(const std::vector<FrameRecord>& frames);
 
 // Returns the missing shards and the share that the picture shows; "" if none is missing.

@@ -396,7 +396,7 @@ export function makeWarp(from, fromAspect, to, toAspect) {
 // ---- messages and the worker ----
 
 /**
- * Parses a message of the gateway: u32 length of JSON, JSON, picture, depths (docs/web.md). Throws
+ * Parses a message of the gateway: u32 length of JSON, JSON, picture, depths (docs/gateway.md). Throws
  * an Error that describes the fault. Self-contained: the worker is made from its source.
  * @param {ArrayBuffer} buffer
  * @returns {{header: any, image: Uint8Array, depths: Uint16Array}}
