@@ -6,8 +6,8 @@
 //                "max_concurrent_frames": 4, "max_streams": 8, "max_exports": 1,
 //                "max_bytes_per_second": 10e6}]}
 //
-// It holds digests, so whoever reads it can't use the tokens. SHA-256 without salt is right for
-// tokens of at least 128 random bits; passwords of people do not belong here.
+// It holds digests, so a reader of the file can't use the tokens. SHA-256 without salt is right for
+// tokens of at least 128 random bits; users' passwords do not belong here.
 
 #ifndef ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_
 #define ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_

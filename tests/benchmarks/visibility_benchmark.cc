@@ -40,8 +40,8 @@ volume::BlockLayout MakeLayout() {
   return *std::move(layout);
 }
 
-// Active blocks: a shell around a sphere that fills the volume's middle, or one in so many
-// anywhere.
+// Returns active blocks: a shell around a sphere that fills the volume's middle, or one block
+// in a given number at random places.
 volume::BlockSet MakeShell(const volume::BlockLayout& layout) {
   volume::BlockSet active(layout.block_count());
   for (std::int64_t id = 0; id < layout.block_count(); ++id) {

@@ -321,7 +321,7 @@ TEST_P(ExactPictureTest, ARegionIsTheCropOfTheWholeCulledAndNotForAnyNumberOfAge
   EXPECT_GT(covered_pixel_count, 3 * kFieldViewCount * 500);
 }
 
-// Above 16384 pixels a side nobody can draw the whole. Regions that overlap must agree instead.
+// Above 16384 pixels a side the whole can't be drawn. Overlapping regions must agree instead.
 TEST_P(ExactPictureTest, OverlappingRegionsOfAViewportThatNobodyCanDrawAgree) {
   const Volume volume = Gyroid();
   Datasets datasets(volume, directories_.get(), renderer_.get());

@@ -260,7 +260,7 @@ class GatewayTest : public ::testing::Test {
   }
 
   [[nodiscard]] static const std::string& address() { return gateway_->address; }
-  // The picture that everybody must get.
+  // The picture that every client must get.
   static std::string ExpectedPng() {
     const absl::StatusOr<v1::RenderIsosurfaceResponse> response =
         testing::Render(cluster_->address(), testing::SmallRequest());
@@ -776,7 +776,7 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
   const std::string token = TokenIn(*line);
   EXPECT_EQ(token.size(), 32U) << *line;
   EXPECT_EQ(Get(host, "/").result_int(), 200U);
-  // Whoever else is on this machine gets nothing.
+  // Other users of this machine get nothing.
   EXPECT_EQ(Get(host, kRender).result_int(), 401U);
   EXPECT_EQ(Get(host, "/v1/capabilities").result_int(), 401U);
   EXPECT_EQ(Viewer(host, "/v1/interact", "http://" + host).status(), 401U);

@@ -70,7 +70,7 @@ class OneCpu {
 
 class ThreadsTest : public ::testing::Test {
  protected:
-  // The dataset, cut into so many shards.
+  // The dataset, partitioned into this many shards.
   std::string Dataset(int shard_count) {
     const std::string directory = directory_.Sub(absl::StrCat("shards-", shard_count));
     if (!io::PathExists(directory)) {

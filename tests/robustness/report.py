@@ -90,7 +90,7 @@ class Report:
             }
 
     def codes(self):
-        """How many answers had which code, for people."""
+        """Returns the number of answers by code, as text."""
         with self._lock:
             return ", ".join(f"{code} {count}" for code, count in self._codes.most_common())
 
@@ -124,7 +124,7 @@ class Report:
 
 
 def to_text(data):
-    """The table for people, of what Report.to_json returns."""
+    """Returns the table of the result of Report.to_json, as text."""
     counts = ("count", "answers", "exact", "partial", "altered", "garbled", "wrong", "hung")
     columns = ("fault", *counts, "other", "slowest", "errors")
     lines = []

@@ -805,7 +805,7 @@ class FailureTest(PageTest):
         self.until('/was lost/.test(isoscope.view.stats().notice)')
         self.assertIn('Agent 10.0.0.7:50061 was lost; it has shards 0, 3. (UNAVAILABLE) Trying again.', self.notice())
         self.gateway.control(fail=None)
-        # By itself: nobody moves.
+        # By itself: without input.
         self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
 
     def test_an_unknown_dataset_of_a_link_is_a_sentence_on_the_view(self):

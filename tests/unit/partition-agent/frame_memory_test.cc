@@ -177,8 +177,8 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
     return agent->Draw(shards_, task_, plan_ ? &*plan_ : nullptr, picture);
   }
 
-  // Two frames of an agent: one in which memory runs out, and the next. Returns false if there were
-  // not so many allocations.
+  // Runs two frames of an agent: one in which the n-th allocation fails, and the next. Returns
+  // false if there were fewer allocations.
   bool RunOut(std::int64_t nth, MemoryFailure::Mode mode, bool is_warm) {
     Agent agent(thread_count_, case_.max_kept_bytes);
     if (is_warm) {

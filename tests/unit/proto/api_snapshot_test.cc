@@ -91,7 +91,7 @@ class Comparison {
   static std::vector<std::string> Run(const FileDescriptorSet& before,
                                       const FileDescriptorSet& after) {
     Comparison comparison;
-    // By name and not by file: moving a message to another file breaks nobody on the wire.
+    // By name and not by file: moving a message to another file changes nothing on the wire.
     FileDescriptorProto all_before;
     FileDescriptorProto all_after;
     for (const FileDescriptorProto& file : before.file()) {

@@ -473,7 +473,7 @@ INSTANTIATE_TEST_SUITE_P(Ends, TakeoverTest,
                                            TakeoverCase{"FallsSilent", true}),
                          [](const auto& of) { return of.param.name; });
 
-// Symptom: an export had no deadline, and one agent that hung held it, and its place, for ever.
+// Symptom: an export had no deadline, and one hung agent held it and its place without end.
 TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent) {
   std::atomic<int> cancelled_count{0};
   first_.on_surface = SendSurface(Triangles());

@@ -219,8 +219,8 @@ class PictureMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>>
            a.position == b.position;
   }
 
-  // Two frames: one in which memory runs out, and the next. Returns false if there were not so many
-  // allocations.
+  // Runs two frames: one in which the n-th allocation fails, and the next. Returns false if there
+  // were fewer allocations.
   bool RunOut(std::int64_t nth, MemoryFailure::Mode mode) {
     images_ = image::FrameImagePool::Make(std::size_t{1} << 20);
     bool has_failed = false;

@@ -363,7 +363,8 @@ INSTANTIATE_TEST_SUITE_P(All, TbbWaitTest, ::testing::Values(Wait::kForLoop, Wai
                            return wait.param == Wait::kForLoop ? "Loop" : "Group";
                          });
 
-// Whoever waits while it holds a lock, or uses its element, meets both in a task of the outer work.
+// A thread that waits while it holds a lock, or uses its element, meets both again in a task of the
+// outer work.
 TEST_P(TbbWaitTest, TheWaitingThreadTakesAnOuterTaskInTheMiddleOfAnother) {
   tbb::task_arena arena(2);
   tbb::enumerable_thread_specific<int> depths;

@@ -1,4 +1,4 @@
-"""Refusals that tell when to come again: google.rpc.RetryInfo in the metadata of an error."""
+"""Refusals with a retry delay: google.rpc.RetryInfo in the metadata of an error."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Retries:
 
 
 def told_delay(error: Any) -> float | None:
-    """Returns the seconds that a refusal tells to wait; None if it tells none."""
+    """Returns the retry delay of a refusal in seconds; None if it has none."""
     if error.code() not in _REFUSALS:
         return None
     for key, value in error.trailing_metadata() or ():

@@ -95,7 +95,7 @@ class CancelledError(IsoscopeError):
 
 
 class DataLossError(IsoscopeError):
-    """A shard is damaged; the message names the place. For whoever runs the server."""
+    """A shard is damaged; the message names the place. For the operator of the server."""
 
     code = "DATA_LOSS"
 

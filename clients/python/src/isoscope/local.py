@@ -231,7 +231,7 @@ class _Server:
         return self._write_private(token), self._write_private(json.dumps({"tokens": [entry]}))
 
     def _write_private(self, text: str) -> str:
-        """Writes a file that nobody else can read, in no moment; returns its path."""
+        """Writes a file that other users can never read, not even for a moment; returns its path."""
         handle, path = tempfile.mkstemp(prefix="token-", dir=self.scratch())
         with open(handle, "w", encoding="ascii") as file:
             file.write(text)

@@ -343,7 +343,7 @@ TEST_F(FrameCoordinatorTest, ImageIsTheSameHoweverFewPixelsMayWait) {
   }
 }
 
-// A frame that ends early leaves pixels that nobody composites. Else its streams would never end.
+// A frame that ends early leaves pixels without compositing them. They must not block its streams.
 TEST_F(FrameCoordinatorTest, AgentsThatWaitForRoomEndWithAFrameThatFails) {
   max_waiting_bytes_ = 0;
   std::atomic<int> sending = 0;
