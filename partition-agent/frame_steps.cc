@@ -1,3 +1,13 @@
+// A step of a frame, in Draw and AddPixels:
+//
+// 1. The coordinator's block ids are decoded and checked against the number of blocks.
+// 2. ReserveMemory waits for the memory of the step: its image, its reads, and its bands.
+// 3. FramePipeline draws.
+// 4. AddPixels puts the image into the mailbox, or encodes it as bands. Full messages of bands are
+//    sent at once; the last bands go into the answer.
+//
+// Invariant: the reservation lives until the bands are queued, or the coordinator has the image.
+
 #include "partition-agent/frame_steps.h"
 
 #include <cstddef>

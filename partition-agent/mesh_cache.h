@@ -102,7 +102,7 @@ class MeshCache {
   };
 
   // Returns true if this round and the last one each asked for isovalues that the round before it
-  // did not, and at least one of them for an isovalue that no recent round did. So users who take
+  // did not ask for. At least one of these must be new to all recent rounds. So users who take
   // turns, each at one isovalue, do not count as a slider.
   [[nodiscard]] bool is_slider_moving() const {
     return is_slider_moving_.load(std::memory_order_relaxed);

@@ -1,3 +1,12 @@
+// Where the dataset of a session comes from:
+//
+//   --server       ServiceClient on a channel to it; nothing is opened here
+//   DIR            the dataset directory, as it is
+//   volume file    an entry of the cache, made by PartitionVolume unless it is there and intact
+//
+// For the last two an EmbeddedCluster serves the directory. The lock on a cache entry outlives it,
+// so no other process removes the files of an open session.
+
 #include "client-cli/session/session.h"
 
 #include <ostream>

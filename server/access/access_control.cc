@@ -1,3 +1,13 @@
+// Tokens, grants and their users:
+//
+// 1. Identify reloads the file if it has changed, and finds the grant of the caller's token.
+// 2. A Caller counts its frames, streams, exports and bytes in the grant, which all its copies
+//    share.
+// 3. Load keeps the grants of unchanged tokens, so their counts stay. It withdraws the other ones.
+// 4. The watcher looks at the file between calls, and ends the users of withdrawn grants.
+//
+// No lock is held while users are ended: that may call back into AccessControl.
+
 #include "server/access/access_control.h"
 
 #include <algorithm>

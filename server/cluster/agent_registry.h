@@ -1,8 +1,8 @@
 // The members of the cluster: its agents. The registry resolves their addresses, has them asked,
 // and keeps their answers and the datasets that they make together.
 //
-// It asks every agent at start, then at every poll interval, and at once when a frame needs a
-// dataset that is not complete, or follows the loss of an agent.
+// It asks every agent at start, then at every poll interval. It asks at once when a frame needs an
+// incomplete dataset, or follows the loss of an agent.
 //
 // The findings are an immutable snapshot: each probe makes a new one. A frame holds the snapshot
 // that it began with, and copies nothing of it.

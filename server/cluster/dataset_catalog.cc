@@ -1,3 +1,13 @@
+// DatasetsOf goes through the agents' shards and builds a state for each name:
+//
+//   Draft     one name: its contents, by identity (id, number of shards, checksums)
+//   Content   one content: its served shards, and its crews
+//   Crew      the agents of one picture revision, with the shards that they own
+//
+// Then Complete chooses: the content of most agents, the best crew of it, and the replica sets of
+// the crew. The error of an incomplete dataset names what is missing: shards, agreement or a
+// revision.
+
 #include "server/cluster/dataset_catalog.h"
 
 #include <algorithm>

@@ -1,3 +1,13 @@
+// Example: a set of 6 shards with agents a, b and c, of which c failed a moment ago.
+//
+//   share     6 shards / 2 agents without trouble = 3 shards an agent
+//   shard 0   ranks b, a, then c (in trouble): b takes it
+//   ...       as soon as b has 3 shards, the next ones go to a
+//   result    two parts: b with 3 shards and replicas a, c; a with 3 shards and replicas b, c
+//
+// If b then has more than 1.25 of its share of all parts under way, the least busy agent goes
+// first.
+
 #include "server/cluster/replica_board.h"
 
 #include <algorithm>

@@ -12,9 +12,12 @@
 // stream between two of them. OnDone is the last call. GrpcAgentLink cancels and waits for it
 // before it destroys the stream.
 //
-// The status for the listener is the first of these that applies: UNAVAILABLE for a message that
-// was damaged on its way, INTERNAL for a malformed one, INTERNAL for a stream that ended with OK
-// before the frame was done, CallStatus of gRPC's status.
+// The status for the listener is the first of these that applies:
+//
+//   UNAVAILABLE    a message was damaged on its way
+//   INTERNAL       a message is malformed
+//   INTERNAL       the stream ended with OK before the frame was done
+//   CallStatus     gRPC's status
 //
 // A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
 // one and checks each. It reads the next message only on demand. Blocks come in ascending order, so

@@ -1,8 +1,9 @@
 // The rules, in the order in which Next applies them:
 //
-// 1. Cancel. A frame in work is cancelled if less than half of its expected time has passed, and
-//    its state was replaced, or it is a moving frame of a view at rest. Never two in a row, so that
-//    a steady drag still shows frames; and no quick moving frames (kWorthCancelling).
+// 1. Cancel. A frame in work is cancelled if its state was replaced, or if it is a moving frame of
+//    a view at rest. But only while less than half of its expected time has passed, and never two
+//    in a row, so that a steady drag still shows frames. Quick moving frames stay
+//    (kWorthCancelling).
 // 2. Pause. After an error nothing begins for a while (kErrorPause).
 // 3. Exact. A view at rest gets its exact frame, once, when nothing is in work. It waits while an
 //    earlier exact frame waits for the network, or two were sent and not shown (kExactCredits).
