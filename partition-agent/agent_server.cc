@@ -55,7 +55,7 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
   return present;
 }
 
-// INVALID_ARGUMENT if a shard comes twice, or if two datasets share a name.
+// INVALID_ARGUMENT if a shard is given twice, or if two datasets share a name.
 absl::Status CheckConsistent(const Shards& shards) {
   std::map<std::string, const store::ShardReader*> by_name;
   std::map<std::pair<std::string, int>, const store::ShardReader*> by_index;

@@ -14,8 +14,8 @@ namespace isoscope::gateway {
 // One line, without its end. Fields with their default value are left out.
 std::string ToJson(const google::protobuf::Message& message);
 
-// INVALID_ARGUMENT, with the name of the message: no JSON, a field that there is not, or a value of
-// another type.
+// INVALID_ARGUMENT, with the name of the message: no JSON, an unknown field, or a value of another
+// type.
 absl::Status FromJson(absl::string_view json, google::protobuf::Message* message);
 
 }  // namespace isoscope::gateway

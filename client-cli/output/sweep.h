@@ -29,14 +29,14 @@ struct IsovalueRange {
   double step = 0;
   int count = 1;
 
-  // Value i, with 15 significant digits: 0:1:0.1 has 0.3, as it would be typed.
+  // Returns value i, with 15 significant digits: 0:1:0.1 has 0.3, as a user would type it.
   // REQUIRES: 0 <= i < count.
   [[nodiscard]] double At(int i) const;
 };
 
-// "V", or "START:STOP:STEP" with a step other than 0 that leads from START to STOP. STOP is the
-// last value if the step divides the way, else the last value lies before it.
-// INVALID_ARGUMENT quotes the text and says what is allowed.
+// Parses "V", or "START:STOP:STEP" with a step other than 0 in the direction of STOP. If the step
+// divides the range, STOP is the last value, else the last value lies before it. INVALID_ARGUMENT
+// quotes the text and gives the allowed form.
 absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text);
 
 struct SweepFlags {
@@ -47,19 +47,19 @@ struct SweepFlags {
 
   [[nodiscard]] bool is_isovalue_sweep() const { return isovalues && isovalues->count > 1; }
   [[nodiscard]] int frame_count() const;
-  // Of an animation.
+  // The rate of an animation.
   [[nodiscard]] double fps() const { return frames_per_second.value_or(12); }
 };
 
-// Registers the flags. Takes over --isovalue, which AddRequestFlags has registered: its first value
-// goes to `request`, so that the checks of a request hold. Both must outlive the parsing.
+// Registers the flags. Replaces --isovalue, which AddRequestFlags has registered. Its first value
+// goes to `request`, so that the checks of a request apply. Both must outlive the parsing.
 void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* request);
 
 // UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
 // of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
 absl::Status CheckUsage(const SweepFlags& flags, const std::string& output);
 
-// The flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.
+// Returns the flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.
 client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,
                                     int i);
 view::Camera CameraOfFrame(const SweepFlags& flags, const view::Camera& camera, int i);
@@ -67,8 +67,8 @@ view::Camera CameraOfFrame(const SweepFlags& flags, const view::Camera& camera, 
 // "frame 12 of 72   4 s left": `done_count` frames took `elapsed`.
 std::string FormatFrameProgress(int done_count, int frame_count, absl::Duration elapsed);
 
-// Tells on a terminal how far a sweep of frames is, once it has taken a second. Says nothing
-// elsewhere. Thread-compatible.
+// Shows the progress of a sweep on a terminal, once it has taken a second. No output otherwise.
+// Thread-compatible.
 class FrameProgress {
  public:
   // `err` must outlive it.

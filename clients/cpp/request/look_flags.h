@@ -1,4 +1,4 @@
-// Lights, and what the colours of surfaces show: flags of `render`.
+// Flags of `render` for lights, and for the quantities that colours show.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_
@@ -18,10 +18,11 @@
 
 namespace isoscope::client {
 
-// "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0). Its space is the view's.
+// Parses "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0), in the view's
+// space.
 absl::StatusOr<frame::Light> ParseLight(absl::string_view text);
 
-// "x|y|z[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps its
+// Parses "x|y|z[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface with a plain
 // colour. MIN,MAX may be empty before opacities.
 struct ColorByValue {
   std::optional<frame::ColorBy> color_by;
@@ -30,13 +31,13 @@ struct ColorByValue {
 };
 absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text);
 
-// "" or "MAP[:MIN,MAX]": caps that show their surface, or the samples.
+// Parses "" or "MAP[:MIN,MAX]": caps with the surface's colour, or with the samples.
 absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text);
 
 struct LookFlags {
   std::vector<frame::Light> lights = {};
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
-  // One for all surfaces, or one for each.
+  // One value for all surfaces, or one for each.
   std::vector<ColorByValue> color_by = {};
 };
 
@@ -46,11 +47,11 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags);
 // UsageError.
 absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count);
 
-// Adds the flags to a request. One that has an isovalue gets a surface of it instead if that is to
-// be coloured. REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.
+// Adds the flags to a request. If its single isovalue is to be coloured, it becomes a surface.
+// REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.
 void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
 
-// The name of a map, as --color-by takes it: "cool-warm".
+// Returns the name of a map for --color-by: "cool-warm".
 std::string NameOf(frame::ColorMap map);
 
 }  // namespace isoscope::client
