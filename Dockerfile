@@ -19,7 +19,7 @@ COPY . .
 ARG ISOSCOPE_VERSION
 RUN bash scripts/build.sh && strip build/release/bin/isoscope*
 
-# What the coordinator and the gateway need: neither geometry nor OpenGL.
+# Packages of the coordinator and the gateway: neither geometry nor OpenGL.
 FROM ${BASE_IMAGE} AS runtime
 COPY scripts/packages.sh /usr/share/isoscope/
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RUNTIME_PACKAGES[@]}"; \
@@ -49,9 +49,9 @@ HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
 USER isoscope
 ENTRYPOINT ["isoscope-coordinator"]
 
-# In a container the loopback address reaches nobody. So the programs need certificates (ISOSCOPE_TLS_*),
-# or ISOSCOPE_INSECURE=true in a private network; and the gateway asks for a token, which its log has unless
-# ISOSCOPE_GATEWAY_TOKEN gives one.
+# In a container the loopback address is unreachable from outside. So the programs need certificates (ISOSCOPE_TLS_*),
+# or ISOSCOPE_INSECURE=true in a private network. The gateway requires a token: that of ISOSCOPE_GATEWAY_TOKEN, or one
+# from its log.
 FROM runtime AS gateway
 COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
 ARG ISOSCOPE_VERSION

@@ -1,17 +1,17 @@
-// 1. One whole frame warms the page cache. Then a new cluster renders a cold frame, and a few more
-//    whose median is the time of a following one: a frame is cancelled at a random share of its
+// 1. One whole frame warms the page cache. Then a new cluster renders a cold frame, and a few more;
+//    their median is the time of a following one. A frame is cancelled at a random share of its
 //    kind's time.
-// 2. The cluster is started anew before every frames_per_start-th frame, which so is cold.
-// 3. A thread asks for a frame. This thread sleeps to the moment, cancels, and looks at the agents
-//    every 50 us until none has a frame in work, and for 5 ms more: the frame may still have been
-//    on its way to one of them. The answer's time is taken by the thread that asked.
+// 2. The cluster is restarted before every frames_per_start-th frame, which is therefore cold.
+// 3. A thread requests a frame. This thread sleeps until the moment and cancels. Then it checks the
+//    agents every 50 us until none has a frame in work, and for 5 ms more: the frame may still be
+//    on its way to one of them. The requesting thread takes the time of the answer.
 //
-// A frame that was complete before its moment does not count; another takes its place, up to ten
-// for each that is wanted.
+// A frame that was complete before its moment does not count; another replaces it, up to ten
+// attempts for each cancelled frame.
 //
-// Example: cold frames of 200 ms, following ones of 40 ms: a following frame with the random number
-// 0.25 is cancelled 10 ms after its request. The seed decides the moments; the machine decides
-// which frames were complete.
+// Example: cold frames take 200 ms, following ones 40 ms. A following frame with the random number
+// 0.25 is cancelled 10 ms after its request. The seed determines the moments; the machine
+// determines which frames were complete.
 
 #include "bench/cancel_bench.h"
 
@@ -47,13 +47,13 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr absl::Duration kPollInterval = absl::Microseconds(50);
-// A cancelled frame may still be on its way from the coordinator to an agent: agents count as idle
-// when none has had a frame for this long.
+// A cancelled frame may still be on its way from the coordinator to an agent. So agents count as
+// idle when none has had a frame for this long.
 constexpr absl::Duration kQuiet = absl::Milliseconds(5);
 constexpr absl::Duration kMaxCancelWait = absl::Minutes(1);
-constexpr int kFollowingFrameCount = 3;  // whose median is the time of a following frame
-// Frames that are complete before their moment don't count: more are asked for than are to be
-// cancelled, up to this many times as many.
+constexpr int kFollowingFrameCount = 3;  // the time of a following frame is their median
+// Frames that are complete before their moment don't count. At most this many are requested for
+// each frame to cancel.
 constexpr int kMaxAttemptsPerCancel = 10;
 
 class CancelBench {
@@ -119,13 +119,13 @@ class CancelBench {
     return absl::OkStatus();
   }
 
-  // In [0, 1), the same from the same seed everywhere.
+  // Returns a number in [0, 1), the same for the same seed everywhere.
   double RandomShare() {
     constexpr int kMantissaBits = 53;
     return std::ldexp(static_cast<double>(random_() >> (64 - kMantissaBits)), -kMantissaBits);
   }
 
-  // Asks for a frame, cancels it and waits until the agents are idle.
+  // Requests a frame, cancels it and waits until the agents are idle.
   absl::Status CancelOne(bool is_cold) {
     CancelledFrame frame{.is_cold = is_cold};
     const double expected_ms = is_cold ? result_.cold_ms : result_.following_ms;
@@ -159,7 +159,7 @@ class CancelBench {
     return absl::OkStatus();
   }
 
-  // When the agents were first found idle and remained so; `since` if they were all the time.
+  // Returns when the agents became idle for good; `since` if they were idle all the time.
   [[nodiscard]] absl::StatusOr<absl::Time> WaitUntilIdle(absl::Time since) const {
     absl::Time idle_at = since;
     bool was_busy = false;
@@ -188,7 +188,7 @@ class CancelBench {
   CancelBenchResult result_;
 };
 
-// One figure of the frames that `is_wanted` accepts.
+// Returns one figure of the frames that `is_wanted` accepts.
 std::vector<double> Select(const std::vector<CancelledFrame>& frames,
                            double CancelledFrame::*figure,
                            const std::function<bool(const CancelledFrame&)>& is_wanted) {

@@ -1,9 +1,9 @@
-// How long a cluster works on after its client has cancelled a frame.
+// Measures how long a cluster works on a frame after its client has cancelled it.
 //
-// A cluster in this process renders frames, each of which is cancelled at a random moment of the
-// time it would take. An agent is idle once it has no frame in work. The first frame of a started
-// cluster is cold: its agents have neither samples nor meshes. After some frames the cluster is
-// started anew, so that a fixed share of the cancelled frames is cold.
+// A cluster in this process renders frames. Each is cancelled at a random moment of its expected
+// time. An agent is idle once it has no frame in work. The first frame of a started cluster is
+// cold: its agents have neither samples nor meshes. The cluster is restarted regularly, so that a
+// fixed share of the cancelled frames is cold.
 
 #ifndef ISOSCOPE_BENCH_CANCEL_BENCH_H_
 #define ISOSCOPE_BENCH_CANCEL_BENCH_H_
@@ -26,11 +26,11 @@ struct CancelBenchPlan {
   client::RequestFlags request;
   double orbit_degrees = 7;  // from each frame to the next
   int cancel_count = 500;
-  int frames_per_start = 5;  // cancelled frames before the cluster is started anew
+  int frames_per_start = 5;  // cancelled frames between restarts of the cluster
   std::uint64_t seed = 1;    // of the moments
 };
 
-// Of one frame. Both times count from the cancel.
+// One cancelled frame. Its last two times count from the cancel.
 struct CancelledFrame {
   bool is_cold = false;
   double moment_ms = 0;  // of the cancel, from the request
@@ -40,11 +40,11 @@ struct CancelledFrame {
 
 struct CancelBenchResult {
   Drawers drawers;
-  // Of frames that are not cancelled.
+  // Times of frames that are not cancelled.
   double cold_ms = 0;
   double following_ms = 0;
   std::vector<CancelledFrame> frames;
-  // Frames that were complete before the moment; not in `frames`.
+  // Frames that were complete before their moment; not in `frames`.
   int complete_count = 0;
 };
 

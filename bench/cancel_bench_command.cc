@@ -60,7 +60,7 @@ absl::Status CheckUsage(const CancelBenchFlags& flags) {
   return cli::SourceFiles(flags.source, *flags.input).status();
 }
 
-// The dataset folder: the input itself, or one made of it in `folder`.
+// Returns the dataset folder: the input itself, or one made from it in `folder`.
 absl::StatusOr<std::string> PrepareDataset(const CancelBenchFlags& flags,
                                            const io::TemporaryFolder& folder,
                                            const cli::Context& context) {

@@ -94,7 +94,7 @@ absl::StatusOr<pid_t> Spawn(const std::vector<std::string>& argv,
   std::vector<char*> arguments;
   arguments.reserve(argv.size() + 1);
   for (const std::string& argument : argv) {
-    arguments.push_back(const_cast<char*>(argument.c_str()));  // not changed, says POSIX
+    arguments.push_back(const_cast<char*>(argument.c_str()));  // POSIX: not changed
   }
   arguments.push_back(nullptr);
   pid_t pid = -1;
@@ -124,7 +124,7 @@ void ReadAll(const Pipe& out, const Pipe& err, ChildResult* result) {
       if (count > 0) {
         texts[i]->append(buffer.data(), static_cast<std::size_t>(count));
       } else if (count == 0 || errno != EINTR) {
-        polled[i].fd = -1;  // poll passes over it
+        polled[i].fd = -1;  // poll skips it
       }
     }
   }
@@ -142,7 +142,7 @@ absl::StatusOr<ChildResult> RunChild(const std::vector<std::string>& argv,
   err.CloseWriteEnd();
   ChildResult result;
   {
-    // The process is not reaped before the scope ends: the number stays its own.
+    // The process is not reaped before the scope ends, so its number is not reused.
     const base::Cancellation::Callback on_interrupt(interrupt->cancellation(),
                                                     [pid] { kill(-pid, SIGTERM); });
     ReadAll(out, err, &result);

@@ -1,4 +1,4 @@
-// Other programs run to their end, with what they print kept.
+// Runs other programs to their end, and captures their output.
 
 #ifndef ISOSCOPE_BENCH_CHILD_PROCESS_H_
 #define ISOSCOPE_BENCH_CHILD_PROCESS_H_
@@ -13,7 +13,7 @@
 namespace isoscope::bench {
 
 struct ChildResult {
-  // 128 + the signal that ended it, if one did.
+  // The exit code; 128 + the number of the signal that ended the process, if one did.
   int exit_code = 0;
   std::string out;
   std::string err;
@@ -27,7 +27,7 @@ absl::StatusOr<ChildResult> RunChild(const std::vector<std::string>& argv,
                                      const std::string& working_directory,
                                      cli::Interrupt* interrupt);
 
-// The last line of `text` that is not empty: the last words of a program that failed.
+// Returns the last line of `text` that is not empty: the error of a program that failed.
 std::string LastLine(const std::string& text);
 
 }  // namespace isoscope::bench

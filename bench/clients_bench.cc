@@ -1,6 +1,8 @@
-// Every client is a thread with a connection of its own. All begin together; after the warm-up
-// frames count by the time of their end, so that those under way at either end of the round are
-// shared out evenly.
+// 1. Prepare draws the picture once: every client must get the same bytes.
+// 2. For each client count a round begins: every client is a thread with a connection of its own.
+// 3. All begin together. Frames count if they end after the warm-up and before the end of the
+//    round, so that those under way at either end are counted evenly.
+// 4. A refused client retries after the server's delay; refusals and retries are counted.
 
 #include "bench/clients_bench.h"
 
@@ -34,7 +36,7 @@ namespace v1 = isoscope::v1;
 
 constexpr absl::Duration kMaxClientsWait = absl::Minutes(2);
 
-// What one client met. Written by its thread alone, and read when that has ended.
+// The record of one client. Its thread alone writes it; it is read after that has ended.
 struct ClientLog {
   std::unique_ptr<client::ServiceClient> client;
   std::vector<double> times_ms;  // of the frames that count
@@ -65,7 +67,7 @@ class ClientsBench {
                                                    address, context_.interrupt, token_);
   }
 
-  // Makes the request, and draws the picture that all must get.
+  // Makes the request, and draws the picture that all clients must get.
   absl::Status Prepare() {
     const cli::ConnectionFlags& connection = plan_.session.connection;
     ISOSCOPE_ASSIGN_OR_RETURN(token_, cli::ReadToken(connection, *plan_.session.server));
@@ -117,7 +119,7 @@ class ClientsBench {
         if (log->failed_count++ == 0) {
           log->first_error = response.status().ToString();
         }
-        absl::SleepFor(absl::Milliseconds(100));  // an error that comes at once fills no log
+        absl::SleepFor(absl::Milliseconds(100));  // limits the rate of immediate errors
         continue;
       }
       log->wrong_count += response->png() == expected_ ? 0 : 1;

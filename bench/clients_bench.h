@@ -1,6 +1,6 @@
-// Many clients that ask one server for the same picture again and again, each on a connection of
-// its own, and come again as they are told when they are refused: what all of them get, and how
-// long each waits.
+// Measures many clients of one server that repeatedly request the same picture. Each has its own
+// connection, and retries after the server's delay when it is refused. The result has the
+// throughput of all, and the times of each.
 
 #ifndef ISOSCOPE_BENCH_CLIENTS_BENCH_H_
 #define ISOSCOPE_BENCH_CLIENTS_BENCH_H_
@@ -27,7 +27,7 @@ struct ClientsBenchPlan {
   absl::Duration warm_up = absl::Seconds(2);     // before it, not counted
 };
 
-// A round with so many clients. A frame's time is that from its first try to its answer.
+// A round with one number of clients. A frame's time is that from its first attempt to its answer.
 struct ClientsRound {
   int client_count = 0;
   std::int64_t frame_count = 0;
@@ -36,10 +36,10 @@ struct ClientsRound {
   double p95_ms = 0;
   double p99_ms = 0;
   double max_ms = 0;
-  // Frames that the luckiest client got, and the unluckiest.
+  // Most and fewest frames of a client.
   std::int64_t most_frames = 0;
   std::int64_t least_frames = 0;
-  std::int64_t refusal_count = 0;  // with warm-up, as all that follow
+  std::int64_t refusal_count = 0;  // includes the warm-up, as all that follow
   std::int64_t retry_count = 0;
   std::int64_t wrong_count = 0;   // pictures with other bytes than the first one
   std::int64_t failed_count = 0;  // frames that ended with an error

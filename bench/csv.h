@@ -1,4 +1,4 @@
-// Tables as files that every other program reads.
+// Tables as CSV files.
 
 #ifndef ISOSCOPE_BENCH_CSV_H_
 #define ISOSCOPE_BENCH_CSV_H_
@@ -22,7 +22,7 @@ class CsvTable {
   std::vector<std::vector<std::string>> rows_;
 };
 
-// Nine significant digits, a point before decimals whatever the locale.
+// Returns nine significant digits, with a decimal point whatever the locale.
 std::string CsvNumber(double value);
 
 }  // namespace isoscope::bench

@@ -1,7 +1,11 @@
-// Two threads share a stream. This one sends states at their rate, the camera a step further each
-// time, and then waits for the exact frame of the last one. The reader acknowledges each frame
-// after the pretended decoding, and notes when the state that the frame answers was sent. The
-// frames of the first second do not count: meshes are extracted, and the server finds its sizes.
+// 1. Two threads share a stream. This one sends states at their rate, and rotates the camera each
+//    time.
+// 2. The reader acknowledges each frame after the pretended decoding. It looks up when the state
+//    that the frame answers was sent: that is the frame's latency.
+// 3. After the last state this thread waits for its exact frame, and compares it with
+//    RenderIsosurface.
+//
+// Frames of the first second do not count: meshes are extracted, and the server adapts its sizes.
 
 #include "bench/drag_bench.h"
 

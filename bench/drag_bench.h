@@ -1,5 +1,5 @@
-// How many frames a dragged view shows: a client of the Interact stream that does nothing but
-// acknowledge, of a server or of coordinator and agents in this process.
+// Measures the frames of a dragged view: a client of the Interact stream that only acknowledges.
+// The server is remote, or coordinator and agents run in this process.
 
 #ifndef ISOSCOPE_BENCH_DRAG_BENCH_H_
 #define ISOSCOPE_BENCH_DRAG_BENCH_H_
@@ -22,18 +22,18 @@ struct DragBenchPlan {
   cli::SessionFlags session;
   client::RequestFlags request;
   absl::Duration duration = absl::Seconds(10);
-  double states_per_second = 60;  // as a mouse sends them
+  double states_per_second = 60;  // a typical mouse rate
   double degrees_per_second = 60;
   double target_frames_per_second = 0;  // of ViewState
-  absl::Duration decode;                // that the client pretends to need for a frame
+  absl::Duration decode;                // pretended decoding time of a frame
 };
 
 struct DragBenchResult {
   Drawers drawers;
   double drag_seconds = 0;
-  std::int64_t frame_count = 0;      // moving frames that arrived while dragging
-  std::vector<double> latencies_ms;  // from a state to its frame, of each of them
-  std::vector<double> heights_px;    // of each of them
+  std::int64_t frame_count = 0;      // moving frames that arrived during the drag
+  std::vector<double> latencies_ms;  // from a state to its frame
+  std::vector<double> heights_px;    // of each frame
   std::vector<double> frame_bytes;   // picture and depth grid
   double exact_ms = 0;               // from the last state to the exact frame
   bool exact_is_that_of_render = false;

@@ -1,14 +1,14 @@
-// The order in time, of 2 runs of cases A and B beside a peer:
+// The order of execution, for 2 runs of cases A and B beside a peer:
 //
 //   A once, B once                  not counted: brings the files into the page cache
 //   peer, A: 6 frames, B: 6 frames  run 1, each in a process of its own
 //   peer, A: 6 frames, B: 6 frames  run 2
 //
-// So what slows the machine down for a while slows all of them. A process is `isoscope render
-// --stats -` of `isoscope`; its pictures go to /dev/null.
+// So a temporary slowdown of the machine affects all of them. A process is `isoscope render --stats
+// -`; its pictures go to /dev/null.
 //
 // `first` is the median over runs of frame 0, the cold one; `following` is that of each run's
-// median over the other frames. Each figure is a median by itself, so the steps need not add up to
+// median over the other frames. Each figure is a separate median, so the steps need not add up to
 // the wall time.
 
 #include "bench/frame_bench.h"
@@ -32,7 +32,7 @@ namespace {
 
 using AnyJson = nlohmann::json;
 
-// Reads numbers by name and remembers the first that is missing.
+// Reads numbers by name and records the first that is missing.
 class NumberReader {
  public:
   double Get(const AnyJson& object, const char* key) {
@@ -69,7 +69,7 @@ FrameFigures FrameFromJson(const AnyJson& frame, NumberReader* reader) {
   return figures;
 }
 
-// Of one figure, which `get` reads, over all frames.
+// Returns the median over all frames of the figure that `get` reads.
 double MedianOf(const std::vector<FrameFigures>& frames,
                 const std::function<double(const FrameFigures&)>& get) {
   std::vector<double> values;
@@ -86,7 +86,7 @@ const BenchDataset& DatasetOf(const FrameBenchPlan& plan, const FrameCase& of) {
       [&](const BenchDataset& dataset) { return dataset.shard_count == of.shard_count; });
 }
 
-// `isoscope render` in a process of its own, pictures thrown away.
+// Runs `isoscope render` in a separate process, and discards its pictures.
 absl::StatusOr<std::vector<FrameFigures>> RenderFrames(const FrameBenchPlan& plan,
                                                        const FrameCase& of, int frame_count,
                                                        cli::Interrupt* interrupt) {

@@ -1,6 +1,6 @@
-// Whole frames as a client sees them. Each bench run, one repetition of a case (`--runs`), is a
-// fresh process of this program, so that its first frame is a cold one. This file measures;
-// frame_bench_report prints.
+// Measures whole frames from a client's view. Each bench run, one repetition of a case (`--runs`),
+// is a fresh process, so that its first frame is cold. This file measures; frame_bench_report
+// prints.
 
 #ifndef ISOSCOPE_BENCH_FRAME_BENCH_H_
 #define ISOSCOPE_BENCH_FRAME_BENCH_H_
@@ -24,7 +24,7 @@ namespace isoscope::bench {
 inline constexpr std::array<const char*, 5> kFrameSteps = {
     "occluder_selection", "occluder_rendering", "visibility_culling", "composite", "encode"};
 
-// Of one frame, or medians over some: of `--stats`, under its names.
+// Figures of one frame, or medians over several: those of `--stats`, with the same names.
 struct FrameFigures {
   double wall_ms = 0;
   double active_block_count = 0;
@@ -37,10 +37,10 @@ struct FrameFigures {
   std::vector<double> busy_ms;  // by agent
 };
 
-// Reads the JSON that `render --stats` wrote; INTERNAL says which member is missing.
+// Reads the JSON of `render --stats`; INTERNAL names a missing member.
 absl::StatusOr<std::vector<FrameFigures>> FramesFromJson(absl::string_view text);
 
-// The median of each figure by itself. REQUIRES: at least one; all of as many agents.
+// Returns the median of each figure. REQUIRES: at least one frame; equal numbers of agents.
 FrameFigures MedianOf(const std::vector<FrameFigures>& frames);
 
 // A dataset folder on disk.
@@ -88,13 +88,13 @@ struct FrameBenchResult {
   std::vector<FrameCase> cases;  // by isovalue, renderer, culling, then as the datasets
   std::vector<PeerCase> peers;   // by isovalue; empty without one
 
-  // Null without a peer.
+  // Returns null without a peer.
   [[nodiscard]] const PeerCase* PeerAt(double isovalue) const;
 };
 
-// Runs all cases `run_count` times, in turns with each other and with the peer, after one frame of
-// each that is not counted (it brings the files into the page cache). CANCELLED on an interrupt;
-// INTERNAL, with its last words, if a process fails.
+// Runs all cases `run_count` times, interleaved with each other and with the peer. One frame of
+// each comes before and is not counted (it brings the files into the page cache). CANCELLED on an
+// interrupt; INTERNAL, with its last line of output, if a process fails.
 absl::StatusOr<FrameBenchResult> RunFrameBench(const FrameBenchPlan& plan,
                                                const cli::Context& context);
 

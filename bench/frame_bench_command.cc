@@ -1,9 +1,9 @@
 // isoscope-bench frame INPUT | DIR --isovalue V...
 //
-// Flags become a FrameBenchPlan: a volume is partitioned once for each number of shards, into a
-// folder that goes away at the end; a dataset folder is taken as it is, and then flags that cut
-// volumes are wrong usage. The peer gets the samples as a raw file, and of the camera only what is
-// not the default.
+// Flags become a FrameBenchPlan. A volume is partitioned once for each number of shards, into a
+// temporary folder. A dataset folder is used as it is, and then flags for partitioning are wrong
+// usage. The peer gets the samples as a raw file, and only those camera flags that differ from the
+// default.
 
 #include <algorithm>
 #include <cstdint>
@@ -70,7 +70,7 @@ struct FrameBenchFlags {
   }
 };
 
-// The name itself: it is passed on to the process that renders.
+// Returns the name itself: it is passed to the rendering process.
 absl::StatusOr<std::string> ParseCullingName(absl::string_view text) {
   return client::ParseChoice<std::string>(text,
                                           {{"depth", "depth"}, {"mask", "mask"}, {"none", "none"}});
@@ -95,8 +95,8 @@ absl::Status CheckUsage(const FrameBenchFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
-// UsageError for flags that make no sense for a dataset folder: it is partitioned already, and has
-// no samples to hand on to a peer.
+// UsageError for flags that do not apply to a dataset folder: it is partitioned already, and has no
+// samples for a peer.
 absl::Status CheckFolderUsage(const FrameBenchFlags& flags) {
   const char* given = !flags.shard_counts.empty() ? "--shards"
                       : flags.block_cells         ? "--block-cells"
@@ -168,7 +168,7 @@ absl::StatusOr<PeerCall> PreparePeer(const FrameBenchFlags& flags, const FrameBe
   return call;
 }
 
-// `isoscope`, which is timed, from the folder that this program is in.
+// Returns the path of `isoscope`, the measured program, from the folder of this program.
 absl::StatusOr<std::string> RenderingProgram() {
   std::error_code error;
   const std::filesystem::path own = std::filesystem::read_symlink("/proc/self/exe", error);

@@ -25,7 +25,7 @@ std::string FormatWhole(double value) {
 std::string FormatKilobytes(double bytes) { return FormatWhole(bytes / 1e3); }
 std::string FormatRatio(double ratio) { return absl::StrFormat("%.2f", ratio); }
 
-// The same case with the fewest agents.
+// Returns the same case with the fewest agents.
 const FrameCase& FewestAgents(const FrameBenchResult& result, const FrameCase& of) {
   const FrameCase* fewest = &of;
   for (const FrameCase& other : result.cases) {
@@ -44,7 +44,7 @@ double NetworkGrowth(const FrameBenchResult& result, const FrameCase& of) {
 
 double Over(double a, double b) { return b > 0 ? a / b : 0; }
 
-// The cells that tell one case from the others.
+// Returns the cells that identify a case.
 std::vector<std::string> NamesOf(absl::string_view volume, const FrameCase& of) {
   return {absl::StrCat(volume), absl::StrFormat("%g", of.isovalue), absl::StrCat(of.shard_count),
           of.culling, of.renderer};

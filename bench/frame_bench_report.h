@@ -12,9 +12,9 @@
 
 namespace isoscope::bench {
 
-// Two tables. Frames, a row for each case: our times, the peer's and their ratio to ours,
-// triangles, network bytes and their ratio to those of the fewest agents, busy time of the agents.
-// Steps: those of the first and of the following frames.
+// Returns two tables. Frames has a row for each case: our times, the peer's and their ratio to
+// ours, triangles, network bytes and their ratio to those of the fewest agents, busy time of the
+// agents. Steps has the steps of the first and of the following frames.
 std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult& result);
 
 // {"machine", "date", "volume", "width", "height", "frames", "runs", "orbit", "azimuth",

@@ -3,13 +3,13 @@
 //   coordinator  asks agent 0 | asks agent 1 |  reduces  | orders 0 | orders 1 | ...
 //   agents            works        works                   works      works
 //
-// server::RunFrame is the coordinator, IsolatedLink an agent: it does each step before the call
-// that asks for it returns, and its answer waits in the coordinator's queue. What is left of the
-// frame's wall time without the agents' busy times is the coordinator's own work, other_ms.
+// server::RunFrame is the coordinator, IsolatedLink an agent: it computes each step inside the call
+// that requests it, and its answer waits in the coordinator's queue. The frame's wall time minus
+// the agents' busy times is the coordinator's own work, other_ms.
 //
-// Agents that take turns at each step find the processor's caches full of the others' data. So each
-// agent's share is then repeated without a break, with the coordinator's messages (AgentOrders) and
-// an empty block cache, and busy_ms is that of the repetition.
+// Agents that alternate at each step find the processor's caches full of the others' data. So each
+// agent's share is repeated without interruption, with the same messages of the coordinator
+// (AgentOrders) and an empty block cache. busy_ms is the time of the repetition.
 
 #include "bench/isolated_cluster.h"
 
@@ -52,11 +52,11 @@ void SortUnique(std::vector<volume::BlockId>* blocks) {
   blocks->erase(std::unique(blocks->begin(), blocks->end()), blocks->end());
 }
 
-// An agent that does each step on the thread that asks for it, before that call returns. Its answer
+// An agent that computes each step on the requesting thread, before that call returns. Its answer
 // waits in the coordinator's queue until all others have been asked.
 class IsolatedLink final : public server::AgentLink {
  public:
-  // The hits of its rays are added to `ray_hits`.
+  // Adds the hits of its rays to `ray_hits`.
   IsolatedLink(const agent::FrameTask& task, std::vector<volume::BlockId>* ray_hits,
                AgentOrders* orders, agent::BlockCache* cache, server::AgentListener* listener)
       : task_(task),
@@ -179,7 +179,7 @@ IsolatedFrame FrameOf(server::FrameResult result, std::vector<volume::BlockId> r
   return frame;
 }
 
-// Both steps of a frame, or the only one, without anybody else in between.
+// Times both steps of a frame, or the only one, without interruption by other agents.
 absl::StatusOr<absl::Duration> TimeAlone(agent::FramePipeline* pipeline, frame::Culling culling,
                                          const AgentOrders& orders) {
   if (culling == frame::Culling::kNone) {
@@ -249,8 +249,8 @@ absl::StatusOr<std::unique_ptr<IsolatedCluster>> IsolatedCluster::Open(
   return cluster;
 }
 
-// In the whole frame agents take turns at each step, so that each finds the processor's caches full
-// of the others' data. Their times are taken from their parts once more, each without a break.
+// In the whole frame agents alternate at each step, so that each finds the processor's caches full
+// of the others' data. So each agent's part is timed once more, without interruption.
 absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& spec,
                                                       const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
@@ -278,7 +278,7 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
     return link;
   };
   const absl::Time start = absl::Now();
-  // All of it inside of the arena, so that no step finds a second thread.
+  // Runs inside the arena, so that no step finds a second thread.
   server::FrameOutcome outcome =
       arena_.execute([&] { return server::RunFrame(setup, begin, cancellation); });
   const absl::Duration wall = absl::Now() - start;
@@ -322,7 +322,7 @@ absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
                                  {.renderer = renderer_, .arena = &arena_, .cache = &cache},
                                  &cancellation));
   return arena_.execute([&]() -> absl::StatusOr<BlocksPicture> {
-    // It finds the active blocks, which drawing needs; the rays' hits do not matter here.
+    // Finds the active blocks, which drawing needs; the hits of the rays are not used.
     ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
     BlocksPicture picture;
     ISOSCOPE_ASSIGN_OR_RETURN(picture.image, pipeline->RenderOccluders(blocks));

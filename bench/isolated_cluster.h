@@ -1,6 +1,6 @@
 // A coordinator and its agents in this process. The agents work one after the other, each alone on
-// one thread: each takes as long as it would on a machine of its own, however few cores this one
-// has. Pipeline, reduces and encodings are those of a real cluster, without gRPC.
+// one thread. So each takes as long as on its own machine, whatever the number of cores here.
+// Pipeline, reduces and encodings are those of a real cluster, without gRPC.
 
 #ifndef ISOSCOPE_BENCH_ISOLATED_CLUSTER_H_
 #define ISOSCOPE_BENCH_ISOLATED_CLUSTER_H_
@@ -41,7 +41,7 @@ struct IsolatedFrame {
   std::vector<volume::BlockId> ray_hits;
   std::vector<volume::BlockId> occluding;  // with ray_hits
   std::vector<volume::BlockId> drawn;      // with occluding
-  // All that is not an agent's busy time: decoding pixels, reduces, the test of blocks.
+  // All time outside of the agents: decoding pixels, reduces, the test of blocks.
   double other_ms = 0;
 
   [[nodiscard]] std::int64_t active_block_count() const;
@@ -50,7 +50,7 @@ struct IsolatedFrame {
   [[nodiscard]] std::vector<double> busy_ms() const;  // by shard
 };
 
-// Some blocks, drawn.
+// A picture of some blocks.
 struct BlocksPicture {
   image::FrameImage image;
   std::int64_t triangle_count = 0;
@@ -67,7 +67,7 @@ class IsolatedCluster {
   [[nodiscard]] const store::Manifest& manifest() const {
     return shards_.front()->reader->manifest();
   }
-  // Of its pictures.
+  // The order of the fragments in its pictures.
   [[nodiscard]] image::FragmentOrder fragment_order() const {
     return {.block_count = static_cast<std::uint32_t>(layout().block_count()),
             .ties = frame::TieRuleOf(renderer_->picture_revision().back_end)};
@@ -76,22 +76,22 @@ class IsolatedCluster {
     return shards_.front()->reader->layout();
   }
 
-  // All blocks of the volume that are active, ascending.
+  // Returns all active blocks of the volume, ascending.
   [[nodiscard]] std::vector<volume::BlockId> ActiveBlocks(double isovalue) const {
     return shards_.front()->reader->ranges().ActiveBlocks(isovalue).Ids();
   }
 
-  // One frame with no block and no mesh cached, the files in the page cache. agent_index and
-  // agent_count of `request` are set here. Errors as server::RunFrame.
+  // Renders one frame with empty block and mesh caches, and the files in the page cache. Sets
+  // agent_index and agent_count of the request. Errors as server::RunFrame.
   absl::StatusOr<IsolatedFrame> Render(const frame::FrameSpec& spec,
                                        const base::Cancellation& cancellation);
 
-  // Draws `blocks`, ascending and active at the request's isovalue, and no other.
+  // Draws exactly `blocks`, which are ascending and active at the request's isovalue.
   absl::StatusOr<BlocksPicture> DrawBlocks(const frame::FrameSpec& spec,
                                            const std::vector<volume::BlockId>& blocks,
                                            const base::Cancellation& cancellation);
 
-  // The triangles of each block that has any.
+  // Returns the triangles of each block that has any.
   absl::StatusOr<std::vector<std::int64_t>> TriangleCounts(double isovalue,
                                                            const base::Cancellation& cancellation);
 
@@ -104,7 +104,7 @@ class IsolatedCluster {
   static constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
 
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
-  // By shard, for meshes: agents have taken it from the kernel before their first frame.
+  // By shard, for meshes: real agents have allocated it before their first frame.
   std::vector<std::shared_ptr<base::MemoryPool>> mesh_memory_;
   const std::shared_ptr<image::FrameImagePool> images_ =
       image::FrameImagePool::Make(kUnusedImageBytes);

@@ -17,7 +17,7 @@
 namespace isoscope::bench {
 namespace {
 
-// The text after `separator` in the first line of a file that begins with `key`, or "".
+// Returns the text after `separator` in the first line of a file that begins with `key`, or "".
 std::string ValueInFile(const char* path, absl::string_view key, char separator) {
   std::ifstream file(path);
   for (std::string line; std::getline(file, line);) {

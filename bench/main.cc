@@ -4,7 +4,7 @@
 #include "client-cli/terminal/terminal_program.h"
 
 #ifdef __SANITIZE_ADDRESS__
-// Fontconfig keeps what it has found until the process ends.
+// Fontconfig keeps its results until the process ends.
 // NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
 extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
 #endif

@@ -1,5 +1,5 @@
-// The frame around every measurement: the machine and the date, the scene that its frames show, who
-// draws them, and the report as JSON and as text.
+// The common parts of all measurements: the machine and the date, the scene of the frames, the
+// agents that draw them, and the report as JSON and as text.
 
 #ifndef ISOSCOPE_BENCH_MEASUREMENT_H_
 #define ISOSCOPE_BENCH_MEASUREMENT_H_
@@ -24,35 +24,35 @@
 
 namespace isoscope::bench {
 
-// Where the default camera stands in measurements, in degrees.
+// The default camera of measurements, in degrees.
 inline constexpr double kDefaultAzimuth = 30;
 inline constexpr double kDefaultElevation = 20;
 
-// Where, when and on what was measured.
+// The circumstances of a measurement.
 struct Occasion {
   Machine machine = {};
   std::string date = {};    // of Timestamp
   std::string volume = {};  // its file, folder or dataset, by name
 };
 
-// Who draws the frames.
+// The agents that draw the frames.
 struct Drawers {
   int agent_count = 0;
   std::string renderer;  // of the first agent
 };
 
-// A dataset, the camera before it, and the flags that say how it is drawn.
+// A dataset, its camera, and the flags of its frames.
 struct Scene {
   client::RequestFlags flags;
   std::string dataset;
   view::Camera camera;
 
-  // The frame whose camera is turned `turn_count` times by `degrees` about up.
+  // Returns the frame whose camera is rotated `turn_count` times by `degrees` about up.
   [[nodiscard]] isoscope::v1::RenderIsosurfaceRequest Frame(double degrees = 0,
                                                             int turn_count = 0) const;
 };
 
-// Asks for the dataset of that name, "" for the only one. Errors of GetDataset and of the camera.
+// Requests the dataset of that name, "" for the only one. Errors of GetDataset and of the camera.
 absl::StatusOr<Scene> FindScene(const client::RequestFlags& flags, const std::string& dataset,
                                 client::ServiceClient* client);
 
@@ -66,7 +66,7 @@ struct Stage {
 absl::StatusOr<Stage> OpenStage(const cli::SessionFlags& session, const client::RequestFlags& flags,
                                 const cli::Context& context);
 
-// {"machine", "date"}, which begin the JSON of every measurement.
+// Returns {"machine", "date"}, the first members of every measurement's JSON.
 nlohmann::ordered_json JsonHead(const Occasion& occasion);
 // Appends {"width", "height"}.
 void AddSize(const client::RequestFlags& flags, nlohmann::ordered_json* json);
@@ -74,18 +74,18 @@ void AddSize(const client::RequestFlags& flags, nlohmann::ordered_json* json);
 void AddFrame(const client::RequestFlags& flags, const Drawers& drawers,
               nlohmann::ordered_json* json);
 
-// "1024 x 768 pixels, 1 agent" and "s" if there are several.
+// Returns "1024 x 768 pixels, 1 agent", with "s" for several.
 std::string DescribeFrame(const client::RequestFlags& flags, const Drawers& drawers);
 
-// The name of a session's volume, as JSON has it: of its file or folder, else of the dataset.
+// Returns the name of a session's volume in JSON: its file or folder, else the dataset.
 std::string VolumeOf(const cli::SessionFlags& session);
 
 struct Report {
   std::string json;
   std::string text;
 };
-// Measures and writes the report: the JSON to `json_path` if there is one, which is known to be
-// writable before anything is measured, and the text, below a line of machine and date.
+// Measures and writes the report. The JSON goes to `json_path`, if there is one, after a check
+// before the measurement that it is writable. The text follows a line of machine and date.
 absl::Status RunMeasurement(
     const std::optional<std::string>& json_path, absl::string_view volume,
     const cli::Context& context,

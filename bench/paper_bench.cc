@@ -7,13 +7,13 @@
 //   figure 7   one agent and P agents in turn, by P
 //   figure 1   all agents, nothing culled, by distribution, P and isovalue; and theorem 2.2
 //
-// Every time is the least of run_count: whatever disturbs an agent only adds. Frames that are
-// compared with each other take turns within a run.
+// Every time is the least of run_count, because disturbances only add time. Frames that are
+// compared with each other alternate within a run.
 //
 // Theorem 2.2, with c = 1: if W > alpha w P ln P, alpha = 2 / (ln 4 - 1), then no agent has more
 // than 2 W / P triangles with a probability of at least 1 - P (e/4)^(W / (w P)). Example: W =
-// 1,000,000 triangles, w = 200 of the largest block, P = 8: the premise is 17,225 triangles, so the
-// theorem speaks: no agent has more than 250,000.
+// 1,000,000 triangles, w = 200 of the largest block, P = 8. The premise is 17,225 triangles, so the
+// theorem applies: no agent has more than 250,000.
 
 #include "bench/paper_bench.h"
 
@@ -40,9 +40,9 @@ namespace {
 
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 constexpr image::Rgba8 kWhite{255, 255, 255, 255};
-// The paper's colour for what is not extracted.
+// The paper's colour for blocks that are not extracted.
 constexpr image::Rgba8 kRed{214, 39, 40, 255};
-// Theorem 2.2 is stated with constants to choose; these are the weakest claim that says something.
+// Theorem 2.2 has free constants; these give the weakest useful claim.
 constexpr double kTheoremC = 1;
 
 // The whole evaluation, once.
@@ -76,7 +76,7 @@ class Bench {
     return IsolatedCluster::Open(directory, renderer_);
   }
 
-  // The volume in one shard: for all but figures 1 and 7.
+  // Makes the dataset with one shard: for all but figures 1 and 7.
   absl::Status OpenWhole() {
     ISOSCOPE_ASSIGN_OR_RETURN(whole_, Open(store::Distribution::kRandom, 1));
     result_.manifest = whole_->manifest();
@@ -96,7 +96,7 @@ class Bench {
     return absl::OkStatus();
   }
 
-  // The view of all figures.
+  // Returns the view of all figures.
   [[nodiscard]] frame::FrameSpec MakeSpec(double isovalue, frame::Culling culling) const {
     frame::FrameSpec spec;
     spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
@@ -106,14 +106,13 @@ class Bench {
     return spec;
   }
 
-  // A frame whose times are the least over the runs.
+  // Returns a frame whose times are the least over the runs.
   absl::StatusOr<IsolatedFrame> Measure(IsolatedCluster* cluster, const frame::FrameSpec& spec) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<IsolatedFrame> least, MeasureInTurn({{cluster, spec}}));
     return std::move(least.front());
   }
 
-  // Frames to compare with each other take turns: whatever slows the machine down for a while slows
-  // all of them.
+  // Frames to compare alternate, so that a temporary slowdown of the machine affects all of them.
   struct FrameToMeasure {
     IsolatedCluster* cluster;
     frame::FrameSpec spec;
@@ -192,7 +191,7 @@ class Bench {
     return count;
   }
 
-  // The blocks that own a pixel, ascending.
+  // Returns the blocks that own a pixel, ascending.
   static std::vector<volume::BlockId> OwnersOfPixels(const image::FrameImage& image) {
     std::vector<volume::BlockId> owners;
     for (const std::uint64_t key : image.keys) {
@@ -260,7 +259,7 @@ class Bench {
     return absl::OkStatus();
   }
 
-  // Figure 9: what the front view extracts, seen from the side; the rest of the surface in red.
+  // Figure 9: the blocks of the front view from the side; the rest of the surface in red.
   absl::Status DrawSideViews() {
     const double isovalue = result_.speedup_isovalue;
     progress_(absl::StrFormat("figure 9: isovalue %g", isovalue));
@@ -292,7 +291,7 @@ class Bench {
     return absl::OkStatus();
   }
 
-  // False, with a note, if the volume has fewer blocks than that.
+  // Returns false, with a note, if the volume has fewer blocks.
   bool HasBlocksFor(int agent_count) {
     const std::int64_t block_count = whole_->layout().block_count();
     if (agent_count <= block_count) {
@@ -384,7 +383,7 @@ class Bench {
       result_.bounds.push_back(
           MakeBoundRow(distribution, isovalue, frame.agents, block_triangles_[isovalue]));
     }
-    // Curve by curve.
+    // Order by curve.
     std::stable_sort(rows.begin(), rows.end(),
                      [](const BalanceRow& a, const BalanceRow& b) { return a.agent < b.agent; });
     result_.balance.insert(result_.balance.end(), rows.begin(), rows.end());

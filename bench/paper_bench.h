@@ -1,6 +1,6 @@
 // The measurements behind the paper's figures 1, 6, 7, 8 and 9 (references.bib:
-// zhang-random-distribution), on any volume. This file measures:
-// paper_bench_report makes tables of the figures, paper_bench_plots pictures.
+// zhang-random-distribution), on any volume. This file measures; paper_bench_report makes tables,
+// and paper_bench_plots makes pictures of the figures.
 
 #ifndef ISOSCOPE_BENCH_PAPER_BENCH_H_
 #define ISOSCOPE_BENCH_PAPER_BENCH_H_
@@ -27,13 +27,14 @@ struct PaperBenchPlan {
   // In field units, ascending; empty: `level_count` ones, evenly spread inside the range of values.
   std::vector<double> isovalues;
   int level_count = 16;
-  // Of figures 7, 8 and 9: 7 and 9 show the first one; empty: the middle one of the levels.
+  // Isovalues of figures 7, 8 and 9; 7 and 9 use the first one. Empty: the middle one of the
+  // levels.
   std::vector<double> picture_isovalues;
   std::vector<int> balance_agent_counts{2, 4, 8, 16, 32, 64};               // of figure 1
   std::vector<int> speedup_agent_counts{2, 4, 8, 16};                       // of figure 7
   store::Distribution speedup_distribution = store::Distribution::kRandom;  // of figure 7
   int side_px = 1024;
-  // Of each measurement; each time is the least of them: what disturbs an agent only adds.
+  // Repetitions of each measurement; the least time counts, because disturbances only add time.
   int run_count = 3;
   client::CameraFlags camera{.azimuth_degrees = 30, .elevation_degrees = 20};
   double side_view_degrees = 90;  // how far figure 9 turns to the side
@@ -50,19 +51,19 @@ struct BalanceRow {
   double busy_ms = 0;
 };
 
-// Theorem 2.2 at one isovalue, beside what was observed. Work is counted in triangles, as in the
-// paper: W in all, w of the block that has most.
+// Theorem 2.2 at one isovalue, with the observed values. Work is counted in triangles, as in the
+// paper: W in all, w of the largest block.
 struct BoundRow {
   store::Distribution distribution = store::Distribution::kRandom;
   int agent_count = 0;
   double isovalue = 0;
   std::int64_t total_triangle_count = 0;      // W
   std::int64_t max_block_triangle_count = 0;  // w
-  // W must exceed alpha * w * P * ln r for the theorem to speak; with c = 1, r = P.
+  // The theorem applies if W exceeds alpha * w * P * ln r; with c = 1, r = P.
   double premise_triangle_count = 0;
   bool does_premise_hold = false;
   double bound_triangle_count = 0;  // 2 W / P
-  // 1 - P (e/4)^(W / (w P)): what the proof has before it is simplified; at least 0.
+  // 1 - P (e/4)^(W / (w P)), from the proof before its simplification; at least 0.
   double probability_bound = 0;
   std::int64_t max_triangle_count = 0;  // of one agent, observed
   double max_over_mean_blocks = 0;
@@ -81,7 +82,7 @@ struct SweepRow {
   double other_ms = 0;
 };
 
-// Figure 7: one agent of so many, with culling by depth.
+// Figure 7: one of several agents, with culling by depth.
 struct AgentTimeRow {
   int agent_count = 0;
   int agent = 0;
@@ -93,8 +94,8 @@ struct SpeedupRow {
   double max_busy_ms = 0;
   double sum_busy_ms = 0;
   double other_ms = 0;
-  double alone_busy_ms = 0;  // of one agent, measured in turn with these
-  double agent_speedup = 0;  // that over the longest of these
+  double alone_busy_ms = 0;  // of one agent, measured alternately with these
+  double agent_speedup = 0;  // alone_busy_ms over the longest of these
   double frame_speedup = 0;  // the same with other_ms on both sides
 };
 
@@ -105,10 +106,10 @@ struct PaperPicture {
 };
 struct StageRow {
   double isovalue = 0;
-  // "ray hits", "with neighbours", "final", "whole"; then "own a pixel": the blocks that could not
-  // have been left out
+  // "ray hits", "with neighbours", "final", "whole"; then "own a pixel": the blocks that are
+  // necessary for the picture
   std::string stage;
-  std::string picture_name;  // empty: looks as another
+  std::string picture_name;  // empty: same picture as another
   std::int64_t block_count = 0;
   std::int64_t triangle_count = 0;
   double triangle_share = 0;  // of the whole isosurface's
@@ -135,27 +136,26 @@ struct PaperBenchResult {
   std::vector<StageRow> stages;      // by isovalue, five each
   std::vector<SideViewRow> side_views;
   std::vector<PaperPicture> pictures;
-  std::vector<std::string> notes;  // what was left out, and why
+  std::vector<std::string> notes;  // omitted measurements, with reasons
 };
 
-// Makes a dataset of the volume with so many shards and returns its folder. That of one shard, the
-// first that is asked for, stays to the end, any other until the next call.
+// Partitions the volume into the given number of shards and returns its folder. That of one shard,
+// the first one, stays to the end, any other until the next call.
 using PartitionInto = absl::FunctionRef<absl::StatusOr<std::string>(store::Distribution, int)>;
-// Called with a line on each measurement before it begins.
+// Called with a description of each measurement before it begins.
 using PaperProgress = absl::FunctionRef<void(const std::string&)>;
 
-// Measures everything; agents one at a time (IsolatedCluster). Minutes. CANCELLED; errors of
-// `partition` and of frames. INVALID_ARGUMENT if no sample is a number, or the
-// camera can't see.
+// Measures everything, one agent at a time (IsolatedCluster). Takes minutes. CANCELLED; errors of
+// `partition` and of frames. INVALID_ARGUMENT if no sample is a number, or the camera is invalid.
 absl::StatusOr<PaperBenchResult> RunPaperBench(const PaperBenchPlan& plan, PartitionInto partition,
                                                render::Renderer* renderer, PaperProgress progress,
                                                const base::Cancellation& cancellation);
 
-// `count` levels inside (min, max), evenly spread.
+// Returns `count` levels inside (min, max), evenly spread.
 std::vector<double> EvenLevels(const volume::ScalarSpan& range, int count);
 
-// The row of one isovalue; `agents` is one frame without culling, block_triangles what each block
-// with surface has.
+// Returns the row of one isovalue. `agents` is one frame without culling; block_triangles has the
+// triangles of each block with surface.
 BoundRow MakeBoundRow(store::Distribution distribution, double isovalue,
                       const std::vector<IsolatedAgent>& agents,
                       const std::vector<std::int64_t>& block_triangles);

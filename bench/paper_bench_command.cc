@@ -1,9 +1,9 @@
 // isoscope-bench paper INPUT --output DIR
 //
 // Tables, plots, pictures and report.md are written to a folder beside the output, which is renamed
-// when all is there. Datasets lie in a temporary folder: that of one shard stays to the end, any
-// other goes when the next is made, so the disk holds two. report.md names the command line that
-// repeats the evaluation, with every default written out.
+// when it is complete. Datasets lie in a temporary folder. That of one shard stays to the end, any
+// other until the next is made, so the disk holds two. report.md has the command line that repeats
+// the evaluation, with every default written out.
 
 #include <algorithm>
 #include <cstdint>
@@ -95,7 +95,7 @@ absl::Status CheckUsage(const PaperBenchFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
-// " --azimuth 30": the flags that are given, as they are typed.
+// Returns " --azimuth 30": the given flags, as a user types them.
 std::string DescribeFlags(const client::CameraFlags& flags) {
   std::string text;
   const auto add_vector = [&](const char* name, const std::optional<math::Vec3d>& value) {
@@ -149,7 +149,7 @@ PaperBenchPlan PlanOf(const PaperBenchFlags& flags) {
   return plan;
 }
 
-// The command line that repeats the evaluation.
+// Returns the command line that repeats the evaluation.
 std::string CommandOf(const PaperBenchFlags& flags, const PaperBenchPlan& plan,
                       const PaperBenchResult& result) {
   const auto append_number = [](std::string* out, double value) {
@@ -171,7 +171,7 @@ std::string CommandOf(const PaperBenchFlags& flags, const PaperBenchPlan& plan,
                                                       : "cpu");
 }
 
-// The datasets that the measurements ask for, in a temporary folder.
+// The datasets of the measurements, in a temporary folder.
 class Datasets {
  public:
   Datasets(const PaperBenchFlags& flags, const io::TemporaryFolder& folder,
@@ -201,7 +201,7 @@ class Datasets {
   const PaperBenchFlags& flags_;
   const io::TemporaryFolder& folder_;
   const cli::Context& context_;
-  std::string last_;  // to be removed when the next one is made
+  std::string last_;  // removed when the next one is made
 };
 
 absl::Status WriteFiles(const std::string& folder, const std::vector<OutputFile>& files) {
@@ -211,7 +211,8 @@ absl::Status WriteFiles(const std::string& folder, const std::vector<OutputFile>
   return absl::OkStatus();
 }
 
-// All that was measured, in `folder`, with plots if there is gnuplot: else facts->missing_plots.
+// Writes all results into `folder`, with plots if gnuplot is available; else sets
+// facts->missing_plots.
 absl::Status WriteResults(const std::string& folder, const PaperBenchResult& result,
                           const cli::Context& context, PaperReportFacts* facts) {
   ISOSCOPE_RETURN_IF_ERROR(WriteFiles(folder, PaperTables(result)));
@@ -247,7 +248,7 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
     return absl::AlreadyExistsError(
         absl::StrCat("'", output, "' exists; --output names a new folder"));
   }
-  // Appears whole or not at all.
+  // Appears complete or not at all.
   const std::string partial = io::PartialName(output);
   ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial));
   ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(partial));

@@ -13,12 +13,12 @@
 
 namespace isoscope::bench {
 
-// The scripts of bench/plots, which are part of the program. Each reads its data from the CSV files
-// beside it and writes its figures there, as SVG and as PNG.
+// Returns the scripts of bench/plots, which are embedded. Each reads its data from the CSV files in
+// its folder and writes its figures there, as SVG and as PNG.
 std::vector<OutputFile> PaperPlotScripts();
 
-// Runs gnuplot on the scripts, which lie in `folder`. NOT_FOUND, with the package to install: there
-// is no gnuplot. INTERNAL: it failed; with its last words. CANCELLED.
+// Runs gnuplot on the scripts in `folder`. NOT_FOUND, with the package to install: gnuplot is
+// missing. INTERNAL: it failed; with its last line of output. CANCELLED.
 absl::Status DrawPlots(const std::string& folder, const std::vector<OutputFile>& scripts,
                        cli::Interrupt* interrupt);
 

@@ -1,6 +1,8 @@
-// Two outputs of the same rows: one CSV file for each table, which the plots read;
-// and report.md, a section for each figure, with what a reader compares first: the middle and the
-// worst of ratios, shares in per cent.
+// Two outputs from the same rows:
+//
+// 1. PaperTables: one CSV file for each table, with every measured row. The plots read them.
+// 2. PaperReport: report.md, with a section for each figure. It has the values that readers compare
+//    first: median and worst of the ratios, shares in per cent.
 
 #include "bench/paper_bench_report.h"
 
@@ -118,7 +120,7 @@ std::string MarkdownHeader(const std::vector<std::string>& cells) {
 std::string Ratio(double value) { return absl::StrFormat("%.2f", value); }
 std::string Level(double value) { return absl::StrFormat("%g", value); }
 
-// The imbalances at all isovalues, of one distribution and count of agents.
+// The imbalances at all isovalues, for one distribution and number of agents.
 struct Balances {
   std::vector<double> blocks;
   std::vector<double> triangles;
@@ -126,7 +128,7 @@ struct Balances {
   std::vector<double> triangles_with_premise;
 };
 
-// "1.02, 1.18": the middle and the largest; "-" of none.
+// Returns "1.02, 1.18": the median and the largest; "-" for none.
 std::string MiddleAndWorst(const std::vector<double>& values) {
   return values.empty() ? "-"
                         : absl::StrFormat("%.2f, %.2f", Median(values),

@@ -1,4 +1,4 @@
-// The results of `bench paper` as CSV files and as one page for people.
+// The results of `bench paper` as CSV files and as a report.
 
 #ifndef ISOSCOPE_BENCH_PAPER_BENCH_REPORT_H_
 #define ISOSCOPE_BENCH_PAPER_BENCH_REPORT_H_
@@ -22,7 +22,7 @@ struct OutputFile {
 // figure8.csv, figure9.csv: every measured figure, one row each.
 std::vector<OutputFile> PaperTables(const PaperBenchResult& result);
 
-// The facts on the page beside the figures.
+// Facts for the report, besides the figures.
 struct PaperReportFacts {
   Machine machine;
   std::string timestamp;
@@ -30,7 +30,7 @@ struct PaperReportFacts {
   std::string renderer;
   int run_count = 0;
   int side_px = 0;
-  // Empty: plots were drawn; else why not, in one line.
+  // Empty: plots were drawn; else the reason for missing plots, in one line.
   std::string missing_plots = {};
 };
 

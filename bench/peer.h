@@ -34,7 +34,7 @@ struct PeerCall {
   std::int64_t frame_count = 0;
   double orbit_degrees = 0;
   std::int64_t side_px = 0;
-  std::vector<std::string> more = {};  // passed on as they are
+  std::vector<std::string> more = {};  // passed on unchanged
 };
 
 // Writes all samples of `source` to `path`: x fastest, little-endian, no header. In slabs, with
@@ -42,13 +42,14 @@ struct PeerCall {
 absl::Status WriteRawSamples(source::VolumeSource& source, const std::string& path,
                              const cli::Context& context);
 
-// Inside a virtual display: "xvfb-run ... /usr/bin/python3 SCRIPT RAW --dims ... --isovalue V".
+// Returns "xvfb-run ... /usr/bin/python3 SCRIPT RAW --dims ... --isovalue V", for a virtual
+// display.
 std::vector<std::string> PeerArguments(const PeerCall& call, double isovalue);
 
-// From the one JSON object that the script prints; INTERNAL says what is missing.
+// Parses the single JSON object that the script prints; INTERNAL names a missing member.
 absl::StatusOr<PeerFigures> PeerFiguresFromJson(absl::string_view text);
 
-// Runs it once. NOT_FOUND: no xvfb-run. FAILED_PRECONDITION: it failed; with its last words.
+// Runs the peer once. NOT_FOUND: no xvfb-run. FAILED_PRECONDITION: it failed; with its last line.
 absl::StatusOr<PeerFigures> RunPeer(const PeerCall& call, double isovalue,
                                     cli::Interrupt* interrupt);
 

@@ -1,4 +1,4 @@
-// `isoscope-bench`: the commands that measure.
+// `isoscope-bench`: the commands for measurements.
 
 #ifndef ISOSCOPE_BENCH_PROGRAM_H_
 #define ISOSCOPE_BENCH_PROGRAM_H_

@@ -1,7 +1,6 @@
-// The slider stands at each isovalue for one frame. The first two isovalues do not count: images,
-// plans and buffers are made with them. New memory is what the resident set has grown by during a
-// frame, kernel time what all threads of the process spent there: the first touch of a page is paid
-// in both.
+// The slider stays at each isovalue for one frame. The first two isovalues do not count: they
+// allocate images, plans and buffers. New memory is the growth of the resident set during a frame.
+// Kernel time is that of all threads of the process. The first touch of a page costs both.
 
 #include "bench/slider_bench.h"
 

@@ -1,5 +1,6 @@
-// What a new isovalue costs at the same view: a slider that a person moves, and moves once more
-// over the same values. Of a server, or of coordinator and agents in this process.
+// Measures the cost of a new isovalue at the same view: a slider moves through some isovalues, and
+// once more through the same ones. The server is remote, or coordinator and agents run in this
+// process.
 
 #ifndef ISOSCOPE_BENCH_SLIDER_BENCH_H_
 #define ISOSCOPE_BENCH_SLIDER_BENCH_H_
@@ -22,7 +23,7 @@ struct SliderBenchPlan {
   client::RequestFlags request;  // its isovalue is the first
   double last_isovalue = 0;
   int step_count = 20;   // isovalues, the first and the last among them; at least 4
-  absl::Duration pause;  // between frames, as a person's hand makes them
+  absl::Duration pause;  // between frames, as in manual use
 };
 
 // One frame of the slider, as the client sees it.
@@ -30,7 +31,7 @@ struct SliderFrame {
   double isovalue = 0;
   double ms = 0;
   double kernel_ms = 0;  // of all threads of this process
-  double grown_mib = 0;  // by which the resident set of this process has grown
+  double grown_mib = 0;  // growth of the resident set of this process
 };
 
 struct SliderBenchResult {
@@ -38,7 +39,7 @@ struct SliderBenchResult {
   bool is_in_process = false;       // else kernel_ms and grown_mib are those of a client
   std::vector<SliderFrame> first;   // each isovalue for the first time, without the first two
   std::vector<SliderFrame> second;  // the same once more, in the same order
-  bool is_repeatable = false;       // both times gave the same bytes
+  bool is_repeatable = false;       // both passes gave the same bytes
 };
 
 // Renders every isovalue twice. Errors of Session::Open and of RenderIsosurface; CANCELLED on an

@@ -1,4 +1,5 @@
-# The C++ client as a package that others find: one archive, its headers, and isoscopeConfig.cmake. Component `client`.
+# The C++ client as a package for other projects: one archive, its headers, and isoscopeConfig.cmake. Component
+# `client`.
 include(CMakePackageConfigHelpers)
 include(GNUInstallDirs)
 
@@ -59,13 +60,13 @@ foreach(library IN LISTS client_libraries)
     list(APPEND client_objects "$<TARGET_OBJECTS:${library}>")
   endif()
 endforeach()
-# Headers alone, that no public header includes; and what only the objects of servers need, which no client links.
+# Header-only libraries that no public header includes, and libraries of the servers' objects, which no client links.
 list(REMOVE_ITEM client_needs CLI11::CLI11 nlohmann_json::nlohmann_json PkgConfig::PROMETHEUS)
-# What isoscopeConfig.cmake calls the libraries that pkg-config finds, beside those of the same name of a project.
+# Names of the pkg-config libraries in isoscopeConfig.cmake, distinct from a project's own names.
 list(TRANSFORM client_needs REPLACE "^PkgConfig::(.*)"
   "$<BUILD_INTERFACE:PkgConfig::\\1>;$<INSTALL_INTERFACE:PkgConfig::isoscope_\\1>")
 
-# With the version of the commit, as programs.
+# With the version of the commit, as in the programs.
 list(TRANSFORM client_objects REPLACE "(.*TARGET_OBJECTS:isoscope_base.*)" "$<FILTER:\\1,EXCLUDE,/version\\\\.cc>")
 add_library(isoscope_client STATIC ${client_objects} $<TARGET_OBJECTS:isoscope_program_version>)
 add_library(isoscope::client ALIAS isoscope_client)
@@ -75,7 +76,7 @@ target_compile_features(isoscope_client INTERFACE cxx_std_20)
 target_compile_options(isoscope_client INTERFACE -ffp-contract=off)
 set_property(TARGET isoscope_client PROPERTY INTERFACE_LINK_LIBRARIES "${client_needs}")
 
-# Public are the rooms of the client, but for headers that show gRPC or JSON to those that have a use for them.
+# Public headers are those of the client's rooms, without headers that expose gRPC or JSON.
 file(GLOB client_headers CONFIGURE_DEPENDS RELATIVE "${PROJECT_SOURCE_DIR}" "${PROJECT_SOURCE_DIR}/clients/cpp/*/*.h")
 list(REMOVE_ITEM client_headers clients/cpp/connection/coordinator_channel.h clients/cpp/request/json_text.h)
 isoscope_include_closure(client_headers ${client_headers} core/base/status_macros.h)

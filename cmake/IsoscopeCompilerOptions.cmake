@@ -10,7 +10,7 @@ if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
 endif()
 
-# Debug builds are for those who edit, and clang's for tools: one source, one unit.
+# Debug builds are for editing, and clang's for tools: one source a unit.
 set(batch_size 6)
 if(CMAKE_BUILD_TYPE STREQUAL Debug OR CMAKE_CXX_COMPILER_ID MATCHES Clang)
   set(batch_size 1)
@@ -47,25 +47,25 @@ add_library(isoscope::sanitizers ALIAS isoscope_sanitizers)
 if(ISOSCOPE_SANITIZE)
   target_compile_options(isoscope_sanitizers INTERFACE
     -fsanitize=${ISOSCOPE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer
-    # Lines are all that a report names; -O2 -g takes twice as long to compile.
+    # Reports need only line numbers; -O2 -g takes twice as long to compile.
     -O1 -g1)
   target_link_options(isoscope_sanitizers INTERFACE -fsanitize=${ISOSCOPE_SANITIZE})
-  # The kernels are one source for all instruction sets: some of them show what sanitizers can find,
-  # and compile in a fraction of the time.
+  # The kernels are one source for all instruction sets. Some of the sets reveal all that sanitizers can find, and
+  # compile in a fraction of the time.
   target_compile_definitions(isoscope_sanitizers INTERFACE
     "HWY_DISABLED_TARGETS=(HWY_SSSE3|HWY_SSE4|HWY_AVX3)")
 elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "^(aarch64|arm64)$")
-  # Its vectors have no size at compile time: they can't be members, as kernels have them. NEON it is.
+  # Vectors of SVE have no size at compile time, so they can't be members, as kernels need. NEON is used instead.
   target_compile_definitions(isoscope_sanitizers INTERFACE
     "HWY_DISABLED_TARGETS=(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)")
 endif()
 
 if(ISOSCOPE_SANITIZE MATCHES thread AND CMAKE_CXX_COMPILER_ID STREQUAL GNU)
-  # With -fsanitize=thread, GCC 12 takes what an empty std::optional holds for uninitialised.
+  # With -fsanitize=thread, GCC 12 regards the content of an empty std::optional as uninitialised.
   target_compile_options(isoscope_sanitizers INTERFACE -Wno-maybe-uninitialized)
 endif()
 
-# What the tests' own files leave out besides.
+# Sanitizer options that the tests' own files omit as well.
 add_library(isoscope_test_sanitizers INTERFACE)
 add_library(isoscope::test_sanitizers ALIAS isoscope_test_sanitizers)
 target_link_libraries(isoscope_test_sanitizers INTERFACE isoscope::sanitizers)
@@ -74,10 +74,9 @@ if(ISOSCOPE_SANITIZE)
   target_compile_options(isoscope_test_sanitizers INTERFACE -O0)
 endif()
 if(ISOSCOPE_SANITIZE MATCHES undefined)
-  # AddressSanitizer finds nearly all that these find: null, freed and foreign objects trap or are
-  # reported when they are used. Without these and the one below, six files of all kinds took 0.79 of
-  # the time to compile.
+  # AddressSanitizer finds nearly all errors of these checks: null, freed and foreign objects trap or are reported when
+  # they are used. Without these and the one below, six files of all kinds took 0.79 of the time to compile.
   target_compile_options(isoscope_sanitizers INTERFACE -fno-sanitize=null,object-size,vptr)
-  # Bytes of files, where alignment goes wrong, are read by the product.
+  # The product reads the bytes of files, where alignment errors occur.
   target_compile_options(isoscope_test_sanitizers INTERFACE -fno-sanitize=alignment)
 endif()

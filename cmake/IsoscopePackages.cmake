@@ -1,11 +1,11 @@
-# Debian packages by CPack. scripts/package.sh runs it, and says what changes with every package
+# Debian packages by CPack. scripts/package.sh runs it, and sets the values that change with every package
 # (cmake/PackageOptions.cmake).
 #
 #   isoscope         component `programs`, with units, their user and folders
 #   isoscope-dev     component `client`: find_package(isoscope)
 #   python3-isoscope component `python`, which scripts/package.sh makes of the wheel
 #
-# What only a package has is left out of a plain `cmake --install`.
+# A plain `cmake --install` omits files that only a package has.
 set(package_folder "${PROJECT_BINARY_DIR}/package")
 
 # Units with the paths of a package.

@@ -8,9 +8,9 @@
 namespace isoscope::agent {
 namespace {
 
-// Steps of a frame that run on the executor. Refused frames never get there, so the steps of each
-// frame fit: a step has sent its answer, and the next one may be scheduled, before its task has
-// ended.
+// Steps of one frame on the executor at a time. A step sends its answer, and the next one may be
+// scheduled, before the task of the first has ended. Refused frames never get there, so the steps
+// of each admitted frame fit.
 constexpr std::size_t kStepCount = 3;
 
 std::shared_ptr<base::Executor> FrameExecutorOf(const AgentServerOptions& options, int max_frames) {

@@ -29,16 +29,16 @@ struct AgentContext {
 
   AgentContext(const AgentServerOptions& server_options, ShardSet served);
 
-  // `trace`: of a frame that has one.
+  // `trace`: the recorder of a frame that has one.
   [[nodiscard]] AgentResources Resources(base::TraceRecorder* trace);
-  // Returns the numbers that others keep, without those of the certificate.
+  // Returns the present values that other objects keep, without those of the certificate.
   [[nodiscard]] AgentGauges Gauges() const;
 
   const AgentServerOptions options;
   const ShardSet shards;
   const std::unique_ptr<render::Renderer> cpu_renderer;  // null if options.renderer is one
   const int max_frames;
-  std::atomic<int> frame_count{0};  // whose call has not ended yet
+  std::atomic<int> frame_count{0};  // calls that have not ended yet
   AgentMetrics metrics;
   // These come last, because their threads use the members above.
   base::ExecutorShare frame_executor;

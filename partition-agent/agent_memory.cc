@@ -13,8 +13,8 @@
 namespace isoscope::agent {
 namespace {
 
-// For a pixel, 12 bytes are for the image (key and colour), 8 for the fragment while a pass draws,
-// and 12 for bands while they are encoded and wait for the network.
+// Bytes of a pixel: 12 for the image (key and colour), 8 for the fragment while a pass draws, and
+// 12 for bands while they are encoded and wait for the network.
 constexpr std::size_t kStepBytesPerPixel = 12 + 8 + 12;
 // For a translucent fragment of a pixel, 12 bytes are for key and colour, and 12 for its bands.
 constexpr std::size_t kLayerBytesPerPixel = 12 + 12;

@@ -28,7 +28,7 @@ class AgentMemory {
   static std::size_t DefaultLimitBytes();
   static constexpr std::size_t kMinLimitBytes = std::size_t{96} << 20;
 
-  // Of steps that each draw with all threads, so many have room whatever they draw.
+  // This many steps that each draw with all threads have room, whatever they draw.
   static constexpr int kDefaultStepCount = 2;
 
   // step_count: steps that run at a time. With more than the default each may take less for meshes
@@ -36,9 +36,9 @@ class AgentMemory {
   // REQUIRES: limit_bytes >= kMinLimitBytes. The cache keeps nothing before Settle.
   explicit AgentMemory(std::size_t limit_bytes, int step_count = kDefaultStepCount);
 
-  // Gives the cache the memory that neither the process holds nor frames need, and begins to touch
-  // it ahead of frames, while there are none. Call it once all shards are open. FAILED_PRECONDITION
-  // if none is left; the message has the necessary limit.
+  // Gives the cache the memory that neither the process holds nor frames need. Begins to touch it
+  // while no frames are in work. Call it once all shards are open. FAILED_PRECONDITION if no memory
+  // is left; the message has the necessary limit.
   absl::Status Settle();
 
   // Limits of a renderer: unused images and buffers, unused layers, and meshes whose pixels are not
@@ -66,7 +66,7 @@ class AgentMemory {
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(
       const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers = 0);
 
-  // Returns how many steps of this kind have room at a time.
+  // Returns the number of steps of this kind that have room at a time.
   [[nodiscard]] std::size_t RoomFor(const view::Viewport& viewport, int max_layers) const;
 
   [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }

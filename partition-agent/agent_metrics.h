@@ -1,5 +1,5 @@
-// All metrics of an agent. docs/operations.md has them in a table, which a test compares with what
-// Collect gives.
+// All metrics of an agent. docs/operations.md lists them in a table; a test compares it with the
+// output of Collect.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_METRICS_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_METRICS_H_
@@ -25,7 +25,7 @@ enum class AgentMethod {
   kGetGradients,
 };
 
-// Numbers that others keep, as they are when they are asked for.
+// Present values that other objects keep.
 struct AgentGauges {
   int frames = 0;      // begun and not ended
   int max_frames = 0;  // more are refused
@@ -38,7 +38,7 @@ struct AgentGauges {
   std::int64_t certificate_failures = 0;  // could not be read
 };
 
-// Looks into a cache, by result.
+// Lookups in a cache, by result.
 struct CacheLookups {
   base::Counter hits;
   base::Counter misses;
@@ -55,7 +55,7 @@ struct AgentMetrics {
   base::Counter done_frames;
   base::Counter failed_frames;
   base::Counter cancelled_frames;
-  base::Counter busy;  // a duration: work on frames that ended well
+  base::Counter busy;  // a duration: work on frames that succeeded
   base::DurationHistogram queue_wait;
   base::DurationHistogram memory_wait;
   base::DurationHistogram select_occluders;
@@ -66,12 +66,12 @@ struct AgentMetrics {
   base::Counter drawn_blocks;
   base::Counter reads;       // disk runs of blocks
   base::Counter read_bytes;  // of blocks and index pages, for frames
-  base::Counter read_wait;   // a duration: steps that could do nothing but wait for reads
+  base::Counter read_wait;   // a duration: steps that only waited for reads
   CacheLookups mesh_lookups;
   CacheLookups sample_lookups;
   CacheLookups active_lookups;  // lists of active blocks
 
-  // Returns all of the above and `gauges`, with the metrics of the process.
+  // Returns the values above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const AgentGauges& gauges) const;
 
  private:

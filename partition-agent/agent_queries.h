@@ -1,6 +1,6 @@
-// Answers questions about an agent's shards: which they are, histograms, active blocks, gradients.
-// No gRPC. Errors: INVALID_ARGUMENT if the request is malformed; those of ShardSet::Find; those of
-// the function that does the work.
+// Answers questions about an agent's shards: their descriptions, histograms, active blocks,
+// gradients. No gRPC. Errors: INVALID_ARGUMENT if the request is malformed; those of
+// ShardSet::Find; those of the function that computes the answer.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_
@@ -21,7 +21,7 @@ isoscope::internal::v1::DescribeShardsResponse DescribePlain(const ShardSet& sha
 // Adds the shards of series as they are now, after a look for new scalar volumes.
 void AddSeries(const ShardSet& shards, isoscope::internal::v1::DescribeShardsResponse* description);
 
-// Each goes through all blocks of the shards or of the volume, and blocks its thread.
+// Each overload scans all blocks of the shards or of the volume, and blocks its thread.
 absl::Status AnswerQuery(const ShardSet& shards,
                          const isoscope::internal::v1::GetShardHistogramRequest& request,
                          const base::Cancellation& cancellation,

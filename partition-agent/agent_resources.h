@@ -17,15 +17,15 @@
 namespace isoscope::agent {
 
 struct AgentResources {
-  render::Renderer* renderer = nullptr;     // of frames; exports draw nothing
-  render::LayerRenderer* layers = nullptr;  // of frames with translucent surfaces
-  // Of frames that only the CPU draws; null if `renderer` does that.
+  render::Renderer* renderer = nullptr;     // for frames; exports draw nothing
+  render::LayerRenderer* layers = nullptr;  // for frames with translucent surfaces
+  // For frames that only the CPU draws; null if `renderer` does that.
   render::Renderer* cpu_renderer = nullptr;
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;
-  std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way
-  base::TraceRecorder* trace = nullptr;                           // of one frame; null: it has none
-  AgentMetrics* metrics = nullptr;                                // null: nobody counts
+  std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // most bytes under way of a step
+  base::TraceRecorder* trace = nullptr;                           // of one frame; null: no trace
+  AgentMetrics* metrics = nullptr;                                // null: nothing is counted
 };
 
 }  // namespace isoscope::agent

@@ -24,7 +24,7 @@
 namespace isoscope::agent {
 
 struct AgentServerOptions {
-  // Shard directories, or dataset directories: then all shards in them.
+  // Shard directories, or dataset directories, which stand for all their shards.
   std::vector<std::string> directories;
   // "HOST:PORT"; port 0 takes a free one. Empty: no port, in-process channels only.
   std::string listen_address;
@@ -32,17 +32,18 @@ struct AgentServerOptions {
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<tbb::task_arena> arena;
   std::shared_ptr<AgentMemory> memory;
-  // Those of a coordinator of this process, which takes pixels from there; else null.
+  // Mailboxes of a coordinator in this process, which takes pixels from there; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   // The most frames in work at a time. Others wait, or are refused with RESOURCE_EXHAUSTED.
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;
-  // Runs the steps of frames, for all agents of a process: else each would have threads of its own,
-  // and hundreds of agents thousands of threads that wake at once. With room for the steps of
+  // Runs the steps of frames, for all agents of a process. With threads of their own, hundreds of
+  // agents would have thousands of threads that wake at once. Must have room for the steps of
   // max_concurrent_frames + max_queued_frames frames of each agent. Null: the agent makes one.
   std::shared_ptr<base::Executor> frame_executor = nullptr;
-  // Each step of a frame computes on its own thread, not in the arena: for a process of many more
-  // agents than threads. Steps that all want the arena wake its threads more than they work.
+  // Each step of a frame computes on its own thread, not in the arena. This is for a process with
+  // many more agents than threads: steps that all use the arena spend more on waking its threads
+  // than on work.
   bool one_thread_a_step = false;
   // With TLS, only coordinators may call.
   rpc::TransportFlags transport = {};
@@ -61,14 +62,14 @@ class AgentServer {
   // The bound port, or 0 without one.
   [[nodiscard]] virtual int port() const = 0;
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
-  // For people: "head 0,2 of 4; noise 1 of 2".
+  // Text for operators: "head 0,2 of 4; noise 1 of 2".
   [[nodiscard]] virtual std::string shard_summary() const = 0;
   // Frames whose call has not ended yet; 0: no step of any frame runs.
   [[nodiscard]] virtual int frames_in_work() const = 0;
-  // Returns the numbers for monitoring (agent_metrics).
+  // Returns the metrics for monitoring (agent_metrics).
   virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
-  // Tells coordinators, as they ask again, that this agent is about to stop, and sets health to
-  // NOT_SERVING. Calls are served as before, so that those on their way do not fail.
+  // Reports in later answers that this agent stops soon, and sets health to NOT_SERVING. Calls are
+  // served as before, so that those on their way do not fail.
   virtual void AnnounceDrain() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for calls in work, then
   // cancels them. Blocks.

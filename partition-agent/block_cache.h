@@ -1,5 +1,6 @@
-// Meshes, samples and active blocks that an agent keeps between frames, bounded in bytes. A new
-// view extracts no kept mesh again, and an isovalue that comes back reads no kept block again.
+// Meshes, samples and active blocks that an agent keeps between frames, bounded in bytes. A frame
+// from a new view extracts no kept mesh again. A frame at an earlier isovalue reads no kept block
+// again.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
 #define ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
@@ -51,8 +52,9 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
 
   // Takes memory for meshes from the kernel, so that the first frame need not. Blocks.
   void Populate(std::size_t bytes) { pool_->Populate(bytes); }
-  // Takes a large page if less than `ahead_bytes` wait to be used, within the bound. Returns
-  // whether it has: not if the kernel has no memory. Blocks for some milliseconds.
+  // Takes a large page if less than `ahead_bytes` of unused memory is left, within the bound.
+  // Returns true if it has taken one; false if the kernel has no memory. Blocks for some
+  // milliseconds.
   bool PopulateAhead(std::size_t ahead_bytes) {
     const std::size_t waiting = pool_->touched_free_bytes();
     if (waiting >= ahead_bytes || meshes_.size_bytes() + waiting >= meshes_.max_bytes()) {
@@ -66,7 +68,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
     return true;
   }
 
-  // Begins a frame, which `frame_number` tells from others. Returns its round.
+  // Begins a frame; `frame_number` identifies it. Returns its round.
   std::uint64_t BeginRound(std::int64_t frame_number) {
     const std::uint64_t round = meshes_.BeginRound(frame_number);
     slider_bytes_.store(0, std::memory_order_relaxed);
@@ -81,9 +83,9 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   std::shared_ptr<const std::string> FindSamples(const Shard& shard, std::uint32_t ordinal) {
     return samples_.Find({shard.number, ordinal});
   }
-  // Keeps a copy of the samples if the block was read before. A block may be read only once. While
-  // a slider moves, only a few blocks of a frame are kept: fresh memory costs more than to read
-  // them again.
+  // Keeps a copy of the samples if the block was read before: most blocks are read only once. While
+  // a slider moves, only a few blocks of a frame are kept: touching fresh memory costs more than
+  // reading them again.
   void OfferSamples(const Shard& shard, std::uint32_t ordinal, absl::string_view samples) {
     const BlockKey key{shard.number, ordinal};
     const std::size_t bit = absl::Hash<BlockKey>{}(key) % (64 * kSeenWords);
@@ -133,7 +135,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   MeshCache meshes_;
   base::LruCache<BlockKey, std::string> samples_;
   base::LruCache<ActiveKey, std::vector<ActiveBlock>, 1> actives_;
-  // Of samples that a frame keeps while a slider moves.
+  // The most bytes of samples that a frame keeps while a slider moves.
   static constexpr std::size_t kMaxSliderBytes = std::size_t{3} << 19;
   std::atomic<std::size_t> slider_bytes_{0};
   // A bit for each hash of a block that was read. If two blocks share a bit, one of them is kept

@@ -44,7 +44,7 @@ absl::Status BlockReads::ForEach(const AgentResources& resources,
       pauses, watch);
 }
 
-// Visits the blocks of an arrival that were not visited, until a pause is due.
+// Visits the blocks of an arrival that were not visited yet, until a pause is due.
 absl::StatusOr<ArrivalWork> BlockReads::VisitArrival(const io::ReadQueue::Arrival& arrival,
                                                      Visit visit, const Pauses& pauses) {
   const OfShard& of = *(std::upper_bound(shards_.begin(), shards_.end(), arrival.index(),

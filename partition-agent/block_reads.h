@@ -32,7 +32,7 @@ struct BlockToRead {
   }
 };
 
-// The disk runs of some blocks. For one use, by one thread.
+// The disk runs of some blocks. For a single use, by one thread.
 class BlockReads {
  public:
   // shards: outlive it
@@ -42,7 +42,7 @@ class BlockReads {
   [[nodiscard]] std::int64_t read_bytes() const { return read_bytes_; }
 
   // Visits each block once, by its index in `blocks`, on several threads of the arena at once.
-  // Tells resources.metrics and resources.trace. Errors: DATA_LOSS as ShardReader::VisitDiskRun;
+  // Updates resources.metrics and resources.trace. Errors: DATA_LOSS as ShardReader::VisitDiskRun;
   // else as ForEachArrival. Blocks.
   using Visit = absl::FunctionRef<absl::Status(std::size_t, const volume::BlockSamples&)>;
   absl::Status ForEach(const AgentResources& resources, const base::Cancellation& cancellation,

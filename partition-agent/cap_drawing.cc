@@ -1,12 +1,11 @@
-// 1. CapPainter::NeedOf says whether a block has no caps, is inside as a whole, or must be seen
-//    sample by sample.
-// 2. Blocks inside as a whole are painted from their span, and blocks with samples in the cache
-//    from there, in parallel.
-// 3. The others are read in disk runs and painted as they arrive; the cache is offered their
-//    samples.
+// 1. CapPainter::NeedOf classifies a block: it has no caps, is wholly inside, or needs its samples.
+// 2. Blocks wholly inside are painted from their span, and blocks with cached samples from the
+//    cache, in parallel.
+// 3. The others are read in disk runs and painted as they arrive; their samples are offered to the
+//    cache.
 //
-// Each block's fragments go into the image in batches under one lock, by the order of fragments, so
-// that the order of blocks cannot show.
+// Each block's fragments enter the image in batches under one lock, by the order of fragments, so
+// that the result does not depend on the order of blocks.
 
 #include "partition-agent/cap_drawing.h"
 
@@ -35,9 +34,9 @@ namespace {
 using render::CapFragment;
 using render::CapPainter;
 
-// The range of the map, if the request has none.
+// The range of the colour map, if the request has none.
 frame::ColorRange RangeOf(const volume::ScalarSpan& samples) {
-  // So that the range is finite, whatever samples there are.
+  // The range must be finite for any samples.
   constexpr double kLimit = std::numeric_limits<double>::max() / 4;
   frame::ColorRange range{.min = std::clamp(samples.min, -kLimit, kLimit),
                           .max = std::clamp(samples.max, -kLimit, kLimit)};
@@ -67,7 +66,7 @@ class CapSink {
   CapSink(const image::FragmentOrder& order, image::FrameImage* image)
       : order_(order), image_(*image) {}
 
-  // Whether the pixel shows something nearer. It may miss what is being inserted.
+  // Returns true if the pixel shows something nearer. It may miss concurrent insertions.
   [[nodiscard]] bool IsHidden(int x, int y, float depth) {
     std::uint64_t& key = image_.keys[image_.IndexOf(x, y)];
     return image::DepthOf(std::atomic_ref(key).load(std::memory_order_relaxed)) < depth;

@@ -20,10 +20,10 @@
 
 namespace isoscope::agent {
 
-// Adds the caps in the blocks of `shards` to `image`, which the view drew: of two fragments of a
+// Adds the caps in the blocks of `shards` to `image`, which the view drew. Of two fragments of a
 // pixel the first in the order of the frame stays. Reads each block that the cut meets at most
-// once, those that the spans of blocks decide not at all. Returns the bytes read. Blocks; works in
-// the arena. DATA_LOSS if a block is damaged; the error of `cancellation` if it fires.
+// once, and none that its span decides. Returns the bytes read. Blocks; works in the arena.
+// DATA_LOSS if a block is damaged; the error of `cancellation` if it fires.
 //
 // spec:     has caps
 // drawn_by: the back end that drew the image; decides the tie rule and the margin of caps

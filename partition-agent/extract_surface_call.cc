@@ -1,5 +1,5 @@
-// An export's stream. It has one task, on the extraction executor: it extracts batch by batch and
-// sends messages of about 256 KiB.
+// An export's stream. Its single task runs on the extraction executor: it extracts batch by batch
+// and sends messages of about 256 KiB.
 
 #include <cstddef>
 #include <memory>

@@ -11,8 +11,8 @@
 //
 // The caps of clip planes are drawn with the occluders, so that they hide blocks too (cap_drawing).
 //
-// Steps 0 and 1 run side by side: rays need the range table of the whole volume only. The arena
-// casts rays; the frame's thread reads tree pages, outside of the arena, which never waits for a
+// Steps 0 and 1 run concurrently: rays need only the range table of the whole volume. The arena
+// casts rays. The frame's thread reads tree pages outside of the arena, which never waits for a
 // disk. With kNone step 0 is followed by one pass over all blocks.
 
 #include "partition-agent/frame_pipeline.h"
@@ -45,7 +45,7 @@ namespace {
 // One task computes the footprints of this many blocks.
 constexpr std::size_t kFootprintsPerTask = 128;
 
-// Draws what is added: opaque meshes into `pass`, translucent ones into `layer_pass`, which is
+// Draws the added meshes: opaque ones into `pass`, translucent ones into `layer_pass`, which is
 // null if there are none.
 class PassSink final : public MeshSink {
  public:
@@ -90,7 +90,7 @@ FramePipeline::FramePipeline(Shards shards, const FrameTask& task, const view::V
       cancellation_(*cancellation),
       cache_round_(resources.cache->BeginRound(task.frame_number)) {}
 
-// Runs a step. Its parallel loops pass std::bad_alloc on to here.
+// Runs a step. Exceptions (std::bad_alloc) of its parallel loops arrive here.
 template <typename Work>
 std::invoke_result_t<Work> FramePipeline::RunStep(const char* name, Step step, Step next,
                                                   const Work& work) {
@@ -169,7 +169,7 @@ std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
   });
 }
 
-// Step 0, on this thread, which may wait for a disk, while the arena works.
+// Step 0, on this thread, which may wait for a disk while the arena runs `work`.
 absl::Status FramePipeline::FindBlocksWhile(const std::function<void()>& work) {
   tbb::task_group working;
   base::RunIn(resources_.arena, [&] { working.run(work); });
@@ -193,11 +193,11 @@ absl::Status FramePipeline::FindBlocks() {
                             SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
                                                 resources_.cache, cancellation_, &cost));
   if (task_.report_active_blocks) {
-    reported_ = found.Ids();  // whatever is clipped: the coordinator keeps them for other frames
+    reported_ = found.Ids();  // with clipped ones: the coordinator keeps the list
   }
   found.EraseOutside(clipper_);
   blocks_ = std::make_unique<const SurfaceBlocks>(std::move(found));
-  // By surface, whether its fragments show the length of the gradient.
+  // By surface: true if its fragments show the length of the gradient.
   std::vector<bool> with_magnitudes;
   for (const frame::Surface& surface : task_.spec.surfaces) {
     with_magnitudes.push_back(task_.spec.sends_map_steps && surface.shows_gradient());
@@ -294,8 +294,8 @@ absl::StatusOr<image::FrameImage> FramePipeline::Draw(const std::vector<ChosenMe
   return pass->Finish(cancellation_);
 }
 
-// Draws, and adds the caps if they belong to this step: that of frames with the given culling.
-// Caps occlude what is behind them. The 1-bit mask knows no depth, so there they come last.
+// Draws, and adds the caps if they belong to this step, the step of frames with the given culling.
+// Caps occlude the blocks behind them. The 1-bit mask has no depth, so with it they come last.
 absl::StatusOr<image::FrameImage> FramePipeline::DrawWithCaps(const std::vector<ChosenMesh>& chosen,
                                                               std::size_t block_count,
                                                               frame::Culling of_culling) {

@@ -36,19 +36,19 @@ namespace isoscope::agent {
 // The result of step 1.
 struct RaySelection {
   std::vector<volume::BlockId> hits;    // blocks of any agent, ascending
-  std::vector<volume::BlockId> active;  // the agent's own active blocks, ascending; if asked for
+  std::vector<volume::BlockId> active;  // own active blocks, ascending; if asked for
 };
 
 // Call the steps in order, each once, from one thread at a time. They block. A step out of order
 // ends the process. Call no step after an error. The cancellation must outlive the pipeline.
-// RESOURCE_EXHAUSTED if memory runs out in a step: the frame is lost, others go on.
+// RESOURCE_EXHAUSTED if memory runs out in a step: the frame fails, others continue.
 //
 //   kDepth, kMask: SelectOccluders, RenderOccluders, RenderVisible
 //   kNone:         RenderAll
 class FramePipeline {
  public:
-  // All shards are of one dataset. INVALID_ARGUMENT if the camera is not set, or camera or viewport
-  // do not validate, or surfaces times blocks are too many (frame::CheckOwners).
+  // All shards belong to one dataset. INVALID_ARGUMENT if the camera is not set, if camera or
+  // viewport do not validate, or if surfaces times blocks are too many (frame::CheckOwners).
   static absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
       Shards shards, const FrameTask& task, const AgentResources& resources,
       const base::Cancellation* cancellation);
@@ -58,26 +58,25 @@ class FramePipeline {
   // Step 2: draws `blocks`, ascending: the agent's own occluding blocks. INVALID_ARGUMENT if one of
   // them is not an active block of the agent.
   absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks);
-  // Step 3: draws `blocks`, ascending: the agent's own other blocks that the occluders do not hide.
-  // If a surface is translucent, occluding blocks belong to them too: step 2 draws opaque surfaces
-  // alone.
-  // `open_pixels`: visibility::EncodeOpenPixels of those they could win; empty: all.
-  // INVALID_ARGUMENT as above; DATA_LOSS if open_pixels is damaged or does not fit the blocks.
+  // Step 3: draws `blocks`, ascending: the agent's own blocks that the occluders do not hide,
+  // without those of step 2. If a surface is translucent, they include the occluding blocks: step 2
+  // draws opaque surfaces alone. `open_pixels`: visibility::EncodeOpenPixels of the pixels that
+  // each block could win; empty: all. INVALID_ARGUMENT as above; DATA_LOSS if open_pixels is
+  // damaged or does not fit the blocks.
   absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
                                                   absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
   // Encodes the image of a step and its layers as bands (composite::EncodePixels, EncodeLayers).
-  // Call it after that step. Throws std::bad_alloc if memory runs out; so may Make.
+  // Call it after that step. It throws std::bad_alloc if memory runs out, and so may Make.
   std::vector<std::string> Encode(const image::FrameImage& image);
-  // Returns the translucent fragments that the last step drew; without them nothing is left to
-  // Encode.
+  // Returns the translucent fragments that the last step drew. Afterwards Encode has none.
   image::LayerStack TakeLayers() { return std::exchange(layers_, {}); }
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
  private:
-  // The call that may come next. kFirst: SelectOccluders or RenderAll.
+  // The next step that may be called. kFirst: SelectOccluders or RenderAll.
   enum class Step { kFirst, kRenderOccluders, kRenderVisible, kNone };
 
   FramePipeline(Shards shards, const FrameTask& task, const view::View& view,

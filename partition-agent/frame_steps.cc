@@ -1,3 +1,13 @@
+// A step of a frame, in Draw and AddPixels:
+//
+// 1. The coordinator's block ids are decoded and checked against the number of blocks.
+// 2. ReserveMemory waits for the memory of the step: its image, its reads, and its bands.
+// 3. FramePipeline draws.
+// 4. AddPixels puts the image into the mailbox, or encodes it as bands. Full messages of bands are
+//    sent at once; the last bands go into the answer.
+//
+// Invariant: the reservation lives until the bands are queued, or the coordinator has the image.
+
 #include "partition-agent/frame_steps.h"
 
 #include <cstddef>
@@ -40,7 +50,7 @@ absl::Status CheckMapSteps(const frame::FrameSpec& spec) {
 }
 
 absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
-  // This looks into the request, too: a field that this agent does not know may decide pixels.
+  // This checks the request, too: a field that this agent does not know may decide pixels.
   ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
   FrameTask task;
   task.frame_number = begin.frame_number();
@@ -116,7 +126,8 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::RenderAll() {
       Draw(&agent_.metrics.render_visible, [&] { return pipeline_->RenderAll(); }));
 }
 
-// Enters `scope` if this step shall use one thread: others then use the rest, if they have room.
+// Enters `scope` if this step shall use one thread. Then other steps use the rest, if they have
+// room.
 void FrameSteps::EnterOneThread(std::optional<base::OneThreadScope>* scope) const {
   if (agent_.options.one_thread_a_step &&
       agent_.options.memory->RoomFor(DrawnViewport(), DrawnLayers()) >=
@@ -125,7 +136,7 @@ void FrameSteps::EnterOneThread(std::optional<base::OneThreadScope>* scope) cons
   }
 }
 
-// Returns the picture that a step draws. OpenGL draws a region into a picture of the whole.
+// Returns the viewport that a step draws. OpenGL draws a region into a picture of the whole.
 view::Viewport FrameSteps::DrawnViewport() const {
   const bool draws_whole =
       frame::DrawnBy(task_.spec, agent_.options.renderer->picture_revision().back_end) ==
@@ -165,8 +176,8 @@ absl::Status FrameSteps::AddPixels(image::FrameImage image,
                                    base::MemoryBudget::Reservation reserved, Response* last) {
   if (mailbox_ > 0) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    // It keeps its whole reservation: with more images under way each is colder. Of 256 agents a
-    // frame took half as long again.
+    // It keeps its whole reservation: with more images under way each is colder in the caches. A
+    // frame of 256 agents took half as long again without this.
     const bool is_open = agent_.options.mailboxes->Put(
         mailbox_,
         {.image = std::move(image),

@@ -1,4 +1,4 @@
-// The steps of one frame on an agent: the coordinator's messages in, the agent's answers out. It
+// The steps of one frame on an agent: messages of the coordinator in, answers of the agent out. It
 // checks the messages, reserves memory, and encodes pixels; FramePipeline computes. No gRPC.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
@@ -27,9 +27,9 @@
 namespace isoscope::agent {
 
 // One frame. For one thread at a time; the steps come in the order of FramePipeline's. Each returns
-// the message that ends it, with as many bands as fit. Messages of bands go to `send` before.
-// Errors: INVALID_ARGUMENT if a message is malformed; of `send`; as FramePipeline's and
-// AgentMemory::ReserveStep's. May throw std::bad_alloc. Blocks.
+// the message that ends it, with as many bands as fit. Earlier bands go to `send`. Errors:
+// INVALID_ARGUMENT if a message is malformed; the error of `send`; errors of FramePipeline and
+// AgentMemory::ReserveStep. May throw std::bad_alloc. Blocks.
 class FrameSteps {
  public:
   using Response = isoscope::internal::v1::RenderFrameResponse;
@@ -40,9 +40,9 @@ class FrameSteps {
              Send send)
       : agent_(*agent), cancellation_(*cancellation), trace_(*trace), send_(std::move(send)) {}
 
-  // Takes on the frame's task.
+  // Adopts the frame's task.
   absl::Status Begin(const isoscope::internal::v1::BeginFrame& begin);
-  // Whether one step, RenderAll, is the whole frame.
+  // Returns true if one step, RenderAll, is the whole frame.
   [[nodiscard]] bool draws_all() const { return task_.spec.culling == frame::Culling::kNone; }
 
   absl::StatusOr<Response> SelectOccluders();
@@ -51,7 +51,7 @@ class FrameSteps {
   absl::StatusOr<Response> RenderAll();
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return pipeline_->statistics(); }
-  // Frees its layers, which serve the next frame.
+  // Frees the frame's layers for the next frame.
   void Release() { pipeline_.reset(); }
 
  private:

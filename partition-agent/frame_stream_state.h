@@ -11,8 +11,8 @@
 //   any but kEnded        End             stops the step, ends with the error  kEnded
 //
 // A message in any other phase is INVALID_ARGUMENT. So is the end of the coordinator's messages
-// before kRenderingRest; after that it means nothing. Once the frame has ended, events of a step
-// that still runs mean nothing.
+// before kRenderingRest; after that it is ignored. Once the frame has ended, events of a step that
+// still runs are ignored.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_FRAME_STREAM_STATE_H_
 #define ISOSCOPE_PARTITION_AGENT_FRAME_STREAM_STATE_H_
@@ -33,19 +33,19 @@ class FrameStreamState {
     kVisibleBlocks,
     kEmptyMessage,
     kMessagesEnd,
-    // Events of the running step: it draws the whole frame (CULLING_NONE); its answer is ready.
+    // Events of the running step: it draws the whole frame (CULLING_NONE), or its answer is ready.
     kDrawsAll,
     kAnswer,
   };
 
-  // Enters the next phase. INVALID_ARGUMENT if the coordinator's message, or the end of them, is
-  // not due: the phase stays.
+  // Enters the next phase. If the coordinator's message, or the end of its messages, is not due,
+  // returns INVALID_ARGUMENT and keeps the phase.
   absl::Status Apply(Event event);
-  // Ends the frame. Returns false if it had ended.
+  // Ends the frame. Returns false if it had ended already.
   bool End() { return std::exchange(phase_, Phase::kEnded) != Phase::kEnded; }
 
  private:
-  // In kExpect... the coordinator's message is due. In the others a step runs, until kEnded.
+  // In kExpect... a message of the coordinator is due. In the others a step runs, until kEnded.
   enum class Phase {
     kExpectBegin,
     kSelecting,

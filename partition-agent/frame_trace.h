@@ -17,11 +17,11 @@
 
 namespace isoscope::agent {
 
-// NoteReceived is called by the thread that receives; the others by the step in work. A step may
-// run while the next message is received.
+// The thread that receives calls NoteReceived; the step in work calls the other functions. A step
+// may run while the next message is received.
 class FrameTrace {
  public:
-  // Begins a trace if this is the frame's first message and asks for one, and notes when it came.
+  // Begins a trace if this is the frame's first message and asks for one, and notes its arrival.
   void NoteReceived(const isoscope::internal::v1::RenderFrameRequest& message)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     if (std::exchange(is_first_, false) && message.has_begin() &&
@@ -42,8 +42,7 @@ class FrameTrace {
     }
   }
 
-  // Tells the times in the last message, and notes that it is sent. Nothing that follows is in
-  // them.
+  // Moves the times into the last message, and notes that it is sent. Later times are not included.
   void MoveTo(isoscope::internal::v1::FrameDone* done) ABSL_LOCKS_EXCLUDED(mutex_) {
     if (recorder_ == nullptr) {
       return;

@@ -12,10 +12,10 @@
 namespace isoscope::agent {
 namespace {
 
-// On Linux, the priority is that of one thread.
+// On Linux, this sets the priority of one thread.
 void LowerPriorityOfThisThread() {
   constexpr int kNice = 10;
-  // Without it the thread still works.
+  // If it fails, the thread still works.
   (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
 }
 
@@ -49,7 +49,7 @@ void IdleToucher::Run() {
       changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
         return has_worked_ || is_stopping_;
       });
-      // Work that comes meanwhile puts it off.
+      // New work delays it.
       while (!is_stopping_ && absl::Now() < last_work_ + options_.idle_after) {
         changed_.AwaitUntil(&mutex_, last_work_ + options_.idle_after,
                             [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_stopping_; });
@@ -63,7 +63,7 @@ void IdleToucher::Run() {
       NoteWork();
     } else if (options_.touch_some()) {
       const base::MutexLock lock(&mutex_);
-      has_worked_ = true;  // there may be more to touch
+      has_worked_ = true;  // more memory may need touching
     }
   }
 }

@@ -18,11 +18,12 @@ namespace isoscope::agent {
 class IdleToucher {
  public:
   struct Options {
-    // Whether there is work now.
+    // Returns true if a frame is in work now.
     std::function<bool()> is_busy;
-    // Touches a part of what is missing, within a few milliseconds. Returns false if nothing is.
+    // Touches a part of the missing memory, within a few milliseconds. Returns false if none is
+    // missing.
     std::function<bool()> touch_some;
-    // Idle is who has had no work for this long.
+    // A process is idle if it had no work for this long.
     absl::Duration idle_after = absl::Milliseconds(50);
   };
 
@@ -32,7 +33,7 @@ class IdleToucher {
   IdleToucher(const IdleToucher&) = delete;
   IdleToucher& operator=(const IdleToucher&) = delete;
 
-  // Notes that there is work now.
+  // Notes the start of work.
   void NoteWork() ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:

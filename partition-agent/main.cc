@@ -88,7 +88,7 @@ absl::Status ListDevices() {
   return absl::OkStatus();
 }
 
-// `started`: gets the server, for AnnounceDrain.
+// `started`: receives the server, for AnnounceDrain.
 absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerFlags& server_flags,
                                           std::weak_ptr<AgentServer>* started) {
   if (flags.list_egl_devices) {
@@ -134,7 +134,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
   };
 }
 
-// Returns how long coordinators may take to notice.
+// Returns the time that coordinators may take to notice.
 absl::Duration AnnounceDrain(const Flags& flags, const std::weak_ptr<AgentServer>& started) {
   const std::shared_ptr<AgentServer> server = started.lock();
   if (server == nullptr || flags.drain_notice_seconds <= 0) {

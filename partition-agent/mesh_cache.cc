@@ -1,22 +1,21 @@
 // The way to a mesh:
 //
-//   MeshCache::tables_   (shard, isovalue, whether with gradient magnitudes) to MeshTable, the last
-//                        used first
+//   MeshCache::tables_   (shard, isovalue, with gradient magnitudes or without) to MeshTable, most
+//                        recently used first
 //   MeshTable::slots_    active index to the mesh and a weak pointer to its segment
 //   MeshSegment          memory that fills up with meshes, from its beginning on
 //
-// * Store copies a mesh into the segment that the writer fills, and enters it into the table. A
-//   writer that has no room left takes another segment. A mesh larger than 1 MiB gets a segment of
-//   its own.
+// * Store copies a mesh into the writer's segment, and enters it into the table. A writer without
+//   room takes another segment. A mesh larger than 1 MiB gets a segment of its own.
 // * Find locks the weak pointer. If the segment is gone, the mesh is not kept. Otherwise the
 //   segment is marked as used in this round, and the returned pointer keeps all of it alive.
 // * Only TakeSegment evicts. It drops the segment with the lowest round until there is room, but
-//   no segment that this round or the last one has used. If there is no room then, the new segment
+//   never one that this round or the last one has used. If there is still no room, the new segment
 //   is not kept: it serves its frame, and its meshes do not enter the table.
-// * A slider moves if two rounds on end asked for other isovalues than the rounds before them. Then
-//   a segment is evicted, too, if the pool has no touched chunk left for a new one. A round that
-//   only comes back to a recent isovalue evicts none: two users at two isovalues take turns, and
-//   each wants his meshes again.
+// * A slider moves if two successive rounds asked for other isovalues than the rounds before them.
+//   Then a segment is also evicted if the pool has no touched chunk left for a new one. A round at
+//   a recent isovalue evicts none: two users at two isovalues take turns, and each needs the meshes
+//   of that isovalue again.
 //
 // A round is a frame. Agents of one process that draw the same frame share its round. Tables may
 // take an eighth of the bytes, segments the rest.
@@ -97,7 +96,7 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
   auto table = std::make_shared<MeshTable>(block_count);
   tables_.push_front({shard_number, bits, has_gradient_magnitudes, table});
   table_bytes_ += table->size_bytes();
-  while (table_bytes_ > max_bytes_ / kTableShare) {  // the new one goes last
+  while (table_bytes_ > max_bytes_ / kTableShare) {  // the new table goes last
     table_bytes_ -= tables_.back().table->size_bytes();
     tables_.pop_back();
   }
@@ -141,8 +140,8 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
         return found;
       }
     }
-    // A segment that this round or the last one has used stays. Frames look at much the same
-    // blocks, so its meshes would be missed next.
+    // A segment that this round or the last one has used stays. Successive frames use mostly the
+    // same blocks, so the next frame needs its meshes.
     const std::size_t max_segment_bytes = max_bytes_ - max_bytes_ / kTableShare;
     while (segment->size_bytes <= max_segment_bytes &&
            segment_bytes_ + segment->size_bytes > max_segment_bytes &&
@@ -161,7 +160,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
       segment->is_kept.store(false, std::memory_order_relaxed);
     }
   }
-  evicted.clear();  // so that their chunks can be taken
+  evicted.clear();  // frees their chunks for the new segment
   absl::Cleanup withdraw = [this, &segment] { Withdraw(segment); };
   segment->memory = segment->size_bytes <= base::MemoryPool::kChunkBytes
                         ? pool_->Take()

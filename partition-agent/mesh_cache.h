@@ -1,9 +1,9 @@
 // Extracted meshes, kept between frames, bounded in bytes.
 //
 // Meshes lie one after the other in segments of memory. The cache evicts whole segments, the least
-// recently used first. So the bound counts the real memory, no mesh needs an allocation, and
-// finding one needs neither a hash nor a list. While a slider moves through isovalues, the cache
-// recycles segments rather than touch fresh memory, which costs more than to extract a mesh again.
+// recently used first. So the bound counts the real memory, no mesh needs an allocation, and a
+// lookup needs neither a hash nor a list. While a slider moves through isovalues, the cache
+// recycles segments: touching fresh memory costs more than extracting a mesh again.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
@@ -26,13 +26,13 @@
 
 namespace isoscope::agent {
 
-// A stretch of memory that fills up with meshes. Written by one thread at a time.
+// A range of memory that fills up with meshes. Written by one thread at a time.
 struct MeshSegment {
   std::shared_ptr<char[]> memory;
   std::size_t size_bytes = 0;
   std::size_t used_bytes = 0;
   std::atomic<std::uint64_t> round{0};  // the last round that used it
-  std::atomic<bool> is_kept{true};      // false: it lives only as long as somebody holds a mesh
+  std::atomic<bool> is_kept{true};      // false: it lives only as long as one of its meshes is held
 };
 
 // The meshes of one shard at one isovalue, with or without gradient magnitudes, by active index in
@@ -82,8 +82,8 @@ class MeshCache {
   std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
                                      std::size_t block_count, bool has_gradient_magnitudes = false);
 
-  // Copies meshes into segments, for one thread at a time. A stored mesh lives as long as somebody
-  // holds it, even if the cache does not keep it.
+  // Copies meshes into segments, for one thread at a time. A stored mesh lives as long as it is
+  // held, even if the cache does not keep it.
   class Writer {
    public:
     Writer(MeshCache* cache, std::uint64_t round) : cache_(cache), round_(round) {}
@@ -101,9 +101,9 @@ class MeshCache {
     std::shared_ptr<MeshSegment> segment_;
   };
 
-  // Returns true if this round and the last one asked for isovalues that the round before each did
-  // not, and one of them for one that no recent round did. Users who take turns, each at an
-  // isovalue of his own, are no slider.
+  // Returns true if this round and the last one each asked for isovalues that the round before it
+  // did not ask for. At least one of these must be new to all recent rounds. So users who take
+  // turns, each at one isovalue, do not count as a slider.
   [[nodiscard]] bool is_slider_moving() const {
     return is_slider_moving_.load(std::memory_order_relaxed);
   }
@@ -124,19 +124,20 @@ class MeshCache {
     std::shared_ptr<MeshTable> table;
   };
   static constexpr std::size_t kTableShare = 8;
-  // The most users who take turns. The more, the more fresh memory a slider takes that turns back.
+  // The most users who take turns. A larger number makes a slider that reverses take more fresh
+  // memory.
   static constexpr std::uint64_t kRecentRounds = 4;
   struct AskedIsovalue {
     std::uint64_t bits = 0;
     std::uint64_t round = 0;  // the last one that asked for it
   };
-  // How the isovalues of a round differ from those before.
+  // Changes of a round's isovalues against the rounds before.
   struct Motion {
     bool has_moved = false;  // one was not asked for in the last round
     bool has_new = false;    // one was not asked for in the last kRecentRounds
   };
-  // Returns true if a slider moves and this round is at a new isovalue. A round that comes back to
-  // one may be another user's.
+  // Returns true if a slider moves and this round is at a new isovalue. A round at a recent
+  // isovalue may be another user's.
   bool MayRecycle() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     return last_motion_.has_moved && motion_.has_new;
   }
@@ -160,7 +161,7 @@ class MeshCache {
   std::vector<std::shared_ptr<MeshSegment>> segments_ ABSL_GUARDED_BY(mutex_);  // all kept ones
   // Those with room. Its capacity is enough for all kept ones.
   std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);
-  std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // the last used first
+  std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // most recently used first
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
   std::vector<AskedIsovalue> asked_ ABSL_GUARDED_BY(mutex_);  // in the last kRecentRounds

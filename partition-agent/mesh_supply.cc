@@ -1,17 +1,17 @@
 // A step's meshes come in two parts, so that no thread of the arena waits for a disk:
 //
-//   1. Tasks of 8 to 128 meshes go through the chosen meshes. A cached mesh is added as it is. If
-//      the samples of its block are cached, it is extracted at once. Part 2 makes the others.
-//   2. The blocks that are left are sorted by ordinal and read as disk runs. A block that arrives
-//      is checked, and extracted for all surfaces that want it, while others are under way.
+//   1. Tasks of 8 to 128 meshes process the chosen meshes. A cached mesh is added as it is. If the
+//      samples of its block are cached, it is extracted at once. Part 2 makes the others.
+//   2. The remaining blocks are sorted by ordinal and read as disk runs. A block that arrives is
+//      checked, and extracted for all surfaces that need it, while others are under way.
 //
 // Each thread collects meshes and adds a few dozen at a time: a call of the sink takes locks, and a
 // few dozen meshes are still in the processor's cache when they are drawn. Extracted meshes are
-// kept where the cache has room.
+// cached if there is room.
 //
-// When the sink is full, every thread ends its loop after the batch in hand. The frame's thread
-// drains the sink outside of the parallel loops, so that nothing waits inside of one, and both
-// parts go on where they stopped: part 1 with the tasks that are left, part 2 within the disk runs.
+// When the sink is full, every thread ends its loop after its present batch. The frame's thread
+// drains the sink outside of the parallel loops, so that no thread waits inside of one. Then both
+// parts resume: part 1 with the remaining tasks, part 2 within the disk runs.
 
 #include "partition-agent/mesh_supply.h"
 
@@ -180,7 +180,7 @@ void MeshSupply::Extract(const volume::BlockSamples& samples, const ChosenMesh& 
   worker->mesh_bytes += worker->meshes.back().mesh->size_bytes();
 }
 
-// Counts what was found and what was not, once for all meshes of a step.
+// Counts hits and misses, once for all meshes of a step.
 void MeshSupply::CountLookups(std::int64_t missing_count) {
   std::int64_t mesh_count = 0;
   std::int64_t sample_count = 0;
@@ -266,7 +266,7 @@ absl::Status MeshSupply::AddRest(MeshSink* sink) {
   }
 }
 
-// Threads extract and add in turn. The wall time is shared out in proportion to their times.
+// Threads extract and add in turn. The wall time is divided in proportion to their times.
 void MeshSupply::AddUpWorkers(absl::Duration wall, SupplyCost* cost) {
   absl::Duration extract_time;
   absl::Duration add_time;

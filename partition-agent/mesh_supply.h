@@ -28,7 +28,7 @@ namespace isoscope::agent {
 struct SupplyCost {
   std::vector<frame::SurfaceStatistics> surfaces;  // by surface index
   std::int64_t read_bytes = 0;
-  // The wall time, shared out by the threads' time in reading and extracting, and in the sink.
+  // The wall time, divided by the threads' time in reading and extracting, and in the sink.
   absl::Duration extract_duration;
   absl::Duration add_duration;
 };
@@ -38,16 +38,16 @@ struct SupplyCost {
 class MeshSupply {
  public:
   // cache_round: the result of BlockCache::BeginRound for the frame.
-  // keeps_gradient_magnitudes: by surface, whether meshes have them; or empty
+  // keeps_gradient_magnitudes: by surface, true if its meshes have them; or empty
   MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
              const AgentResources& resources, const base::Cancellation* cancellation,
              std::vector<bool> keeps_gradient_magnitudes = {});
 
-  // Adds each chosen mesh to `sink` once, some at a time, in any order, on several threads of the
-  // arena at once. Each block is read at most once. A full sink is drained before it takes more
-  // than one batch of each thread: kMaxBatchMeshes meshes, and at most one of them after
-  // kMaxBatchBytes. Returns when all were added, or the first error: of the sink, of the
-  // cancellation (within one block), DATA_LOSS as ShardReader::VisitDiskRun. Blocks.
+  // Adds each chosen mesh to `sink` once, in batches, in any order, on several threads of the arena
+  // at once. Each block is read at most once. A full sink is drained before it takes more than one
+  // batch of each thread: kMaxBatchMeshes meshes, and at most one of them after kMaxBatchBytes.
+  // Returns when all were added, or the first error: the sink's, the cancellation's (within one
+  // block), or DATA_LOSS as ShardReader::VisitDiskRun. Blocks.
   absl::StatusOr<SupplyCost> AddMeshes(const std::vector<ChosenMesh>& chosen, MeshSink* sink);
 
  private:

@@ -1,4 +1,4 @@
-// The meshes that one thread of a MeshSupply collects, and how they reach the sink.
+// The meshes that one thread of a MeshSupply collects, and their way into the sink.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_WORKER_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_WORKER_H_
@@ -24,15 +24,15 @@
 
 namespace isoscope::agent {
 
-// Where the meshes of a supply go.
+// Destination of a supply's meshes.
 class MeshSink {
  public:
   virtual ~MeshSink() = default;
   // Adds meshes, on several threads of the arena at once. Runs no parallel loop.
   virtual absl::Status Add(std::span<const render::MeshToDraw> meshes) = 0;
-  // Returns true if it holds as much as it may. Thread-safe.
+  // Returns true if it holds its maximum. Thread-safe.
   [[nodiscard]] virtual bool is_full() const = 0;
-  // Lets go of what it holds. Called by the thread of the supply, while nothing is added and no
+  // Releases the held meshes. Called by the thread of the supply, while no meshes are added and no
   // lock is held.
   virtual absl::Status Drain() = 0;
 };

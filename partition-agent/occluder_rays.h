@@ -1,4 +1,4 @@
-// Step 1 of a frame: which blocks an agent's share of the rays hits.
+// Step 1 of a frame: the blocks that an agent's share of the rays hits.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_OCCLUDER_RAYS_H_
 #define ISOSCOPE_PARTITION_AGENT_OCCLUDER_RAYS_H_
@@ -18,8 +18,8 @@
 namespace isoscope::agent {
 
 // Returns the blocks of the volume, ascending, that the share hits first: active blocks of opaque
-// surfaces that are not wholly clipped. Needs the range table alone. Works in the arena of the
-// calling thread. The error of `cancellation` if it fires.
+// surfaces that are not wholly clipped. Needs only the range table. Works in the arena of the
+// calling thread. Returns the error of `cancellation` if it fires.
 //
 // trace: may be null
 absl::StatusOr<std::vector<volume::BlockId>> CastRays(

@@ -1,5 +1,5 @@
 // PartitionAgentService over gRPC's callback API. It counts and answers calls; agent_queries,
-// frame_steps and surface_extraction do the work, agent_streams sends it.
+// frame_steps and surface_extraction compute the answers, agent_streams sends them.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
 #define ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
@@ -28,9 +28,9 @@ class PartitionAgentServiceImpl final
 
   // Frames whose call has not ended yet.
   [[nodiscard]] int frames_in_work() const { return agent_.frame_count.load(); }
-  // Tells coordinators from now on that this agent is about to stop. It serves on.
+  // Reports to coordinators from now on that this agent stops soon. It continues to serve.
   void AnnounceDrain() { is_draining_.store(true); }
-  // Returns the numbers for monitoring.
+  // Returns the metrics for monitoring.
   [[nodiscard]] std::vector<base::MetricFamily> CollectMetrics(
       rpc::CertificateWatch* certificate) const;
 

@@ -16,7 +16,7 @@
 namespace isoscope::agent {
 namespace {
 
-// A point, and its place in index space.
+// A point, and its position in index space.
 struct Place {
   std::size_t point_index = 0;
   math::Vec3d position;

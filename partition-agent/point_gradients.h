@@ -1,5 +1,5 @@
-// Tells the gradient of the field at points, and which shards hold the blocks that show them: for
-// picks.
+// Computes the gradient of the field at points, and finds the shards of the blocks that show them:
+// for picks.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_
 #define ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_
@@ -26,8 +26,8 @@ struct PointGradient {
   friend bool operator==(const PointGradient&, const PointGradient&) = default;
 };
 
-// Returns the gradients (volume::GradientAt) at those points whose cells these shards hold, and
-// where they are finite, in the order of the points. Of all shards of a dataset exactly one holds
+// Returns the gradients (volume::GradientAt) at those points whose cells these shards hold and
+// where the gradient is finite, in the order of the points. Exactly one shard of a dataset holds
 // the cell of a point. Reads each block once. O(blocks of the shards + points). Blocks.
 //
 // shards: of one dataset, at least one
@@ -47,8 +47,8 @@ struct PointShard {
 };
 
 // Returns the shards of those blocks that these shards hold, in the order of the points. The block
-// that shows a point need not be that of the point's cell: on a face that is another one.
-// O(blocks of the shards + points).
+// that shows a point need not hold the point's cell: on a face it may be the neighbour. O(blocks of
+// the shards + points).
 //
 // shards:    of one dataset
 // block_ids: of each point; not set: no block

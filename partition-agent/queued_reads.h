@@ -1,4 +1,4 @@
-// Works on reads that have arrived while others are under way.
+// Processes reads that have arrived while others are under way.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_QUEUED_READS_H_
 #define ISOSCOPE_PARTITION_AGENT_QUEUED_READS_H_
@@ -17,7 +17,7 @@
 
 namespace isoscope::agent {
 
-// Who is told of the times. Each may be null.
+// Receivers of the times. Each may be null.
 struct ReadWatch {
   // Copies from the system's memory ("read"), waits for the disk ("wait for reads") and calls of
   // `work` ("extract").
@@ -25,10 +25,10 @@ struct ReadWatch {
   base::Counter* wait = nullptr;  // a duration: waits for the disk
 };
 
-// When all threads interrupt their work; by default never.
+// Conditions under which all threads interrupt their work; by default never.
 struct Pauses {
-  // Returns true if a pause is due: threads then begin no work, and return kPaused from that in
-  // hand as soon as they can. Thread-safe.
+  // Returns true if a pause is due. Then threads begin no work, and return kPaused from their
+  // present work as soon as they can. Thread-safe.
   std::function<bool()> is_due = [] { return false; };
   // Called while no work runs, on the calling thread, outside of the arena. Afterwards no pause is
   // due.
@@ -36,7 +36,7 @@ struct Pauses {
 };
 enum class ArrivalWork {
   kDone,
-  kPaused,  // it is called again with this arrival, after the pause
+  kPaused,  // called again with this arrival after the pause
 };
 
 // Calls `work` for each read of `queue` that arrives, on several threads of the arena at once.

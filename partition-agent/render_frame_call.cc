@@ -1,9 +1,9 @@
-// A frame's stream: FrameStreamState says which message is due, FrameSteps answers it, and this
+// A frame's stream: FrameStreamState decides which message is due, FrameSteps answers it, and this
 // call runs the steps and sends the answers.
 //
-// gRPC calls the reactions (OnReadDone, OnCancel, ...) on its threads; they only check and hand
-// over. A step runs on the frame executor, and a frame has at most one step there. A step enters
-// kExpect... before it sends its answer, because the coordinator may reply at once.
+// gRPC calls the reactions (OnReadDone, OnCancel, ...) on its threads; they only check and
+// schedule. A step runs on the frame executor, and a frame has at most one step there. A step
+// enters kExpect... before it sends its answer, because the coordinator may reply at once.
 
 #include <memory>
 #include <utility>
@@ -193,7 +193,7 @@ class RenderFrameCall final : public FrameReactor {
                                   {"active_blocks", statistics.active_block_count},
                                   {"visible_blocks", statistics.visible_block_count},
                                   {"triangles", statistics.triangle_count}});
-    steps_.Release();  // the next frame may come before this call is gone
+    steps_.Release();  // frees memory for the next frame before this call ends
     return absl::OkStatus();
   }
 

@@ -19,8 +19,8 @@ namespace {
 // needed.
 constexpr std::int64_t kPageCacheBytes = 4 * base::kMiB;
 
-// Checks that the tree is that of the shard's blocks. The trees of two shards can agree in size and
-// head. But a block is in one shard only, so any answer of another shard's tree names blocks that
+// Checks that the tree belongs to the shard's blocks. The trees of two shards can agree in size and
+// head. But a block is in one shard only. So any answer of another shard's tree names blocks that
 // do not have these ordinals, and lacks those that do.
 absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_path) {
   const store::ShardReader& reader = *shard.reader;

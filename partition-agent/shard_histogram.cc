@@ -60,8 +60,8 @@ volume::HistogramBins BinsFromRanges(const store::ShardReader& reader) {
   return volume::BinsOf(manifest.scalar_type, range);
 }
 
-// Adds up costs by group: each block counts for the groups whose centre it is active at. They
-// follow one another, so differences at both ends are enough.
+// Adds up costs by group. Each block counts for the groups whose centre it is active at. These are
+// consecutive, so differences at both ends are enough.
 class CostSums {
  public:
   explicit CostSums(const volume::BinGroups& groups) {

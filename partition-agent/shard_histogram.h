@@ -1,5 +1,5 @@
-// The knowledge of an agent's shards about isovalues: samples by value, and the cost of surfaces by
-// the ranges of their blocks.
+// Statistics of an agent's shards by isovalue: sample counts by value, and the cost of surfaces
+// from the ranges of blocks.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_SHARD_HISTOGRAM_H_
 #define ISOSCOPE_PARTITION_AGENT_SHARD_HISTOGRAM_H_
@@ -23,7 +23,7 @@ namespace isoscope::agent {
 // Returns the part of these shards. O(their blocks + bins); reads the histogram of each.
 //
 // shards: of one dataset, at least one
-// range:  the values to look at; finite, min <= max. Not set: all finite samples
+// range:  the range of values; finite, min <= max. Not set: all finite samples
 //
 // INVALID_ARGUMENT: no sample lies in the range. DATA_LOSS: a histogram is damaged.
 absl::StatusOr<volume::HistogramPart> HistogramOfShards(
@@ -33,7 +33,7 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
 // The blocks of the volume that are active for any of some isovalues, and not wholly clipped.
 struct ActiveBox {
   std::int64_t block_count = 0;
-  math::IndexBox cells;  // of these blocks; empty if there are none
+  math::IndexBox cells;  // box around these blocks; empty if there are none
 };
 // O(blocks of the volume). REQUIRES: isovalues are finite.
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,

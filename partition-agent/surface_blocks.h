@@ -36,7 +36,7 @@ struct ChosenMesh {
 struct IndexCost {
   std::int64_t page_read_count = 0;
   std::int64_t read_bytes = 0;
-  // Lists of active blocks that the cache had, and that it did not.
+  // Lists of active blocks that the cache had, and lists that it lacked.
   std::int64_t kept_list_count = 0;
   std::int64_t queried_list_count = 0;
 };
@@ -60,10 +60,10 @@ class SurfaceBlocks {
     return *active_[shard_index * isovalues_.size() + surface_index];
   }
 
-  // Takes the blocks out that are wholly clipped: those below do not know them any more.
+  // Removes the blocks that are wholly clipped: the functions below no longer return them.
   void EraseOutside(const view::Clipper& clipper);
 
-  // The blocks that any surface meets: how many, and which, ascending.
+  // The number of blocks that any surface meets, and these blocks, ascending.
   [[nodiscard]] std::int64_t block_count() const;
   [[nodiscard]] std::vector<volume::BlockId> Ids() const;
 

@@ -42,7 +42,7 @@ SurfaceExtraction::SurfaceExtraction(SurfaceBlocks blocks, const AgentResources&
 
 absl::StatusOr<std::vector<mesh::BlockMesh>> SurfaceExtraction::NextBatch() {
   std::vector<mesh::BlockMesh> meshes;
-  // All meshes of a batch can be empty: next to NaN, an active block may have no triangle.
+  // All meshes of a batch may be empty: next to NaN, an active block may have no triangle.
   while (meshes.empty() && next_ < chosen_.size()) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(meshes, Extract(ChooseBatch()));

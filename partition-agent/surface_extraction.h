@@ -36,8 +36,8 @@ class SurfaceExtraction {
       Shards shards, double isovalue, const view::ClipRegion& clip, const AgentResources& resources,
       const base::Cancellation* cancellation);
 
-  // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left
-  // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED,
+  // Returns the meshes of the next blocks, with edge keys, ascending; blocks without triangles are
+  // left out. Empty: the end. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED,
   // DEADLINE_EXCEEDED. Blocks.
   absl::StatusOr<std::vector<mesh::BlockMesh>> NextBatch();
 

@@ -15,10 +15,10 @@ namespace isoscope::proto {
 namespace {
 
 constexpr std::size_t kChecksumBytes = 4;
-// Marks a damaged message, as a field that no message has.
+// Marks a damaged message: a field with this number, which no message has.
 constexpr int kDamagedField = 536'870'911;  // the highest number
 
-// Whether the buffer begins with the checksum of the rest.
+// Returns true if the buffer begins with the checksum of the rest.
 bool HasChecksum(grpc::ByteBuffer* buffer) {
   grpc::ProtoBufferReader reader(buffer);
   if (!reader.status().ok()) {

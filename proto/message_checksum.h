@@ -1,11 +1,11 @@
-// The checksum in front of every message of the streams between coordinator and agents. TCP's finds
-// one damaged packet in some 65 000, and gRPC has none of its own.
+// The checksum in front of every message of the streams between coordinator and agents. TCP's
+// checksum misses one damaged packet in some 65 000, and gRPC has none.
 //
 //   on the wire   CRC-32C of the message, 4 bytes, little-endian | the message
 //
 // The generated stubs of these streams include this file (CMakeLists.txt), so that every program
-// writes and checks it. gRPC's unary calls do not know the type of their messages where they
-// serialize them: core/rpc/unary_checksum.h is theirs.
+// writes and checks it. gRPC's unary calls serialize messages without knowing their type, so they
+// use core/rpc/unary_checksum.h.
 
 #ifndef ISOSCOPE_PROTO_MESSAGE_CHECKSUM_H_
 #define ISOSCOPE_PROTO_MESSAGE_CHECKSUM_H_
@@ -26,13 +26,13 @@ namespace isoscope::proto {
 // Puts the checksum of all bytes in front of them. Copies none.
 void PrependChecksum(grpc::ByteBuffer* buffer);
 
-// Parses what follows the checksum. A message that is cut, altered, without a checksum or not to be
-// parsed becomes an empty one that CheckIntact refuses: on an error from here gRPC would end the
-// stream without a word.
+// Parses the bytes after the checksum. A message that is cut, altered, without a checksum or
+// malformed becomes an empty one that CheckIntact refuses. An error from here would make gRPC end
+// the stream without a reason.
 void ParseChecked(grpc::ByteBuffer* buffer, google::protobuf::Message* message);
 
-// UNAVAILABLE if ParseChecked found that the message was damaged on its way. The receiver asks
-// before it looks at the message.
+// UNAVAILABLE if ParseChecked found that the message was damaged on its way. The receiver calls it
+// before it uses the message.
 absl::Status CheckIntact(const google::protobuf::Message& message);
 
 // UNAVAILABLE: a message was damaged.

@@ -1,8 +1,12 @@
 #!/usr/bin/env bash
-# Builds the container images, runs deploy/compose.yaml with a real volume and checks what it
-# promises: the picture is that of an embedded run bit for bit, an agent sees its own shard alone,
-# losing one is an error until it is back, and all end cleanly on SIGTERM. Needs a container engine
-# and compose; says so and ends well where there is none. Not part of scripts/test.sh.
+# Builds the container images, runs deploy/compose.yaml with a real volume and checks its promises:
+#
+# 1. The picture equals that of an embedded run, bit for bit.
+# 2. An agent sees only its own shard, and its container has no more rights than needed.
+# 3. A lost agent makes requests fail until it is back.
+# 4. All containers end cleanly on SIGTERM.
+#
+# Needs a container engine and compose; reports their absence and succeeds without them. Not part of scripts/test.sh.
 set -euo pipefail
 
 usage() {
@@ -113,7 +117,7 @@ eventually() {
 work="$(mktemp -d)"
 project="isoscope-test-$$"
 agents=(agent-0 agent-1 agent-2 agent-3)
-# The gateway is apart: it has a place for temporary files.
+# The gateway is separate: it has a place for temporary files.
 services=(coordinator "${agents[@]}")
 export ISOSCOPE_DATASET="$work/head" ISOSCOPE_PUBLISH="127.0.0.1:$port" ISOSCOPE_RENDERER=cpu
 export ISOSCOPE_GATEWAY_PUBLISH="127.0.0.1:$((port + 1))"
@@ -215,7 +219,7 @@ for i in 0 1 2 3; do
   check_equal "$agent sees the files of its own shard and no other's" \
     "$(in_container "$agent" find /shard -type f -exec sha256sum {} + | sed 's|/shard/||' | sort)" \
     "$(cd "$work/head/shard-0000$i-of-00004" && find . -type f -exec sha256sum {} + | sed 's|\./||' | sort)"
-  # Nothing else of the host than what the engine itself puts there.
+  # Only the host's files that the engine itself mounts.
   check_equal "$agent has one mount" "$(inspect "$agent" '{{range .Mounts}}{{.Destination}} {{.RW}};{{end}}')" \
     "/shard false;"
 done

@@ -99,8 +99,8 @@ run_driver() {
   rm -rf "$seeds" && mkdir -p "$seeds"
   # Temporary files of a driver that crashes stay in its own folder.
   export TMPDIR="$PWD/build/fuzz/scratch/$name"
-  # A library that asks for more than 1 GiB gets none, and must bear it; our own code asks by
-  # operator new, which then is a finding.
+  # A library that requests more than 1 GiB gets null, and must handle it. Our own code requests by operator new, which
+  # then is a finding.
   export ASAN_OPTIONS="detect_stack_use_after_return=0:allocator_may_return_null=1:max_allocation_size_mb=1024:malloc_context_size=12"
   export UBSAN_OPTIONS=print_stacktrace=1
   ISOSCOPE_FUZZ_SEEDS="$seeds" "$program" >"$log" 2>&1 || true

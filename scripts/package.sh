@@ -61,7 +61,7 @@ if [ -z "$build" ]; then
   build="$PWD/build/release"
   bash scripts/build.sh
 else
-  # What the programs say of themselves.
+  # The version that the programs report.
   ISOSCOPE_VERSION="$("$build/bin/isoscope" --version)"
   export ISOSCOPE_VERSION="${ISOSCOPE_VERSION#isoscope }"
 fi
@@ -69,10 +69,10 @@ export ISOSCOPE_PACKAGE_REVISION="$revision"
 export ISOSCOPE_PACKAGE_MAINTAINER="${DEBFULLNAME:-Isoscope maintainers} <${DEBEMAIL:-isoscope@example.org}>"
 SOURCE_DATE_EPOCH="${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || date +%s -r CHANGELOG.md)}"
 export SOURCE_DATE_EPOCH
-# Modes of files do not depend on who packs them.
+# The modes of files must not depend on the packager's umask.
 umask 022
 
-# The files that CMake installs besides: cmake/IsoscopePackages.cmake.
+# Further files that CMake installs: cmake/IsoscopePackages.cmake.
 stage="$build/package"
 rm -rf "$stage"/{python,wheel,isoscope,isoscope-dev,python3-isoscope} "$stage/cpack"
 for package in isoscope isoscope-dev python3-isoscope; do
@@ -92,7 +92,7 @@ cp -R clients/python clients/web "$stage/wheel/clients/"
 /usr/bin/python3 -m pip wheel --quiet --no-deps --no-build-isolation --no-index --wheel-dir "$stage/wheel" \
   "$stage/wheel/clients/python"
 /usr/bin/python3 -m zipfile --extract "$stage"/wheel/isoscope-*.whl "$stage/python"
-# Of pip, not of Debian.
+# This file is for pip, not for Debian.
 rm -f "$stage"/python/isoscope-*.dist-info/RECORD
 
 mkdir -p "$output"

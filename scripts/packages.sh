@@ -7,7 +7,7 @@
 #
 #   bash -c '. scripts/packages.sh && echo "${ISOSCOPE_BUILD_PACKAGES[@]}"'
 
-# What the programs are built from and run with.
+# Packages to build and run the programs.
 ISOSCOPE_BUILD_PACKAGES=(
   build-essential cmake ninja-build ccache pkg-config ca-certificates
   libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
@@ -18,9 +18,9 @@ ISOSCOPE_BUILD_PACKAGES=(
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core prometheus-cpp-dev
 )
 
-# What the programs run with, in the container images: all three; those that draw (isoscope-agent and
-# isoscope); isoscope, which reads volumes and writes pictures. Not named: what these packages or dpkg depend on anyway
-# (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
+# Packages to run the programs in the container images: all three programs; those that draw (isoscope-agent and
+# isoscope); and isoscope, which reads volumes and writes pictures. Omitted are packages that these or dpkg depend on
+# anyway (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
   libprometheus-cpp-pull1.0)
@@ -28,8 +28,8 @@ ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 libwebp7 libwebpmux3 libsixel1
   libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
 
-# What the tests and benchmarks are built from besides; what the unit tests and the guards of the promises run with;
-# what the other tests run with: the Python client, shells, manuals.
+# Packages to build tests and benchmarks; to run the unit tests and the guards of the promises; to run the other tests:
+# the Python client, shells, manuals.
 ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev)
 ISOSCOPE_UNIT_TEST_PACKAGES=(git python3 openssl procps)
 ISOSCOPE_CLIENT_TEST_PACKAGES=(
@@ -37,11 +37,12 @@ ISOSCOPE_CLIENT_TEST_PACKAGES=(
   python3-wheel python3-build python3-venv python3-dask python3-cloudpickle python3-nbconvert python3-ipykernel
   python3-aiohttp zsh fish mandoc man-db)
 
-# What the tests of clients/web need, some 700 MB with all that they depend on; tests whose program is
-# missing are skipped, and say so.
+# Packages of the tests of clients/web, some 700 MB with all dependencies. Tests whose program is missing are skipped
+# with a message.
 ISOSCOPE_BROWSER_PACKAGES=(nodejs node-typescript chromium chromium-driver python3-selenium)
 
-# What the tests compare our files with, some 50 packages, 30 MB to fetch; and clang for locks and libFuzzer.
+# Packages that the tests compare our files with, some 50 packages, 30 MB to download; and clang for locks and
+# libFuzzer.
 ISOSCOPE_REFERENCE_PACKAGES=(python3-vtk9 gnuplot-nox clang-14)
 
 # A real Prometheus and promtool. It is a service: where systemd runs, installing it would start it, so there
@@ -51,21 +52,21 @@ ISOSCOPE_SERVICE_PACKAGES=(prometheus)
 # The MRI heads that the quick start and some tests use.
 ISOSCOPE_DEMO_PACKAGES=(mricron-data)
 
-# What the tests of deploy/ need; those whose program is missing are skipped, and say so. The types of Kubernetes'
+# Packages of the tests of deploy/. Tests whose program is missing are skipped with a message. The types of Kubernetes'
 # objects come from npm: tests/deploy/check_deploy.py.
 ISOSCOPE_DEPLOY_PACKAGES=(python3-yaml shellcheck kubernetes-client docker-compose slurm-wlm slurm-client munge
   lintian mmdebstrap)
 
-# What `isoscope-bench paper` draws its plots with; its tables come without.
+# Packages of the plots of `isoscope-bench paper`; its tables need none.
 ISOSCOPE_PLOT_PACKAGES=(gnuplot-nox)
 
-# What tools/format.sh and tools/check.sh need, and the clang and fuzz presets.
+# Packages of tools/format.sh and tools/check.sh, and of the clang and fuzz presets.
 ISOSCOPE_LINT_PACKAGES=(clang-format-14 clang-tidy-14 clang-14)
 
-# What scripts/package.sh needs besides.
+# Packages that scripts/package.sh needs in addition.
 ISOSCOPE_PACKAGE_PACKAGES=(dpkg-dev python3-pip python3-setuptools python3-wheel)
 
-# Prints those of the packages named that are not installed, one a line.
+# Prints those of the given packages that are not installed, one a line.
 missing_packages() {
   local package
   for package in "$@"; do
@@ -75,7 +76,7 @@ missing_packages() {
   done
 }
 
-# Installs what is missing of the packages named; does nothing, and needs no rights, if all are there.
+# Installs the missing ones of the given packages; needs no rights if all are installed.
 install_packages() {
   if ! command -v dpkg-query >/dev/null; then
     echo "isoscope: this is no Debian system; install by your own means: $*" >&2
@@ -99,8 +100,8 @@ install_packages() {
   fi
   echo "isoscope: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
   "${as_root[@]}" apt-get update -qq </dev/null >&2 || return
-  # Its status has a file of its own, opened behind sudo, which closes all but three: maintainer scripts find the
-  # status file closed.
+  # Its status goes to a file opened after sudo, which closes all but three descriptors; maintainer scripts find that
+  # file closed.
   # shellcheck disable=SC2016  # the inner shell expands
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive bash -c 'exec "$@" 3>&1' apt-get apt-get install -y -qq \
     --no-install-recommends -o Dpkg::Use-Pty=0 -o APT::Status-Fd=3 "${missing[@]}" </dev/null |
@@ -121,8 +122,8 @@ show_apt_progress() {
   done
 }
 
-# show_build_progress: shows ninja's lines of [finished/all, seconds] with the time that is left if the rest is like what
-# is done: in place on a terminal, otherwise a line each ten seconds. Keeps what compilers say.
+# show_build_progress: shows ninja's lines of [finished/all, seconds] with an estimate of the remaining time: in place
+# on a terminal, otherwise a line each ten seconds. Keeps the compilers' output.
 show_build_progress() {
   local line done_count all_count elapsed left text shown=-10
   while IFS= read -r line; do

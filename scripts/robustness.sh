@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Breaks a running cluster by a seeded schedule and judges every answer: the long form of the test
-# that scripts/test.sh runs for a minute. Builds what is missing. docs/lab/robustness.md says more.
+# Injects faults into a running cluster by a seeded schedule and judges every answer: the long form of the test that
+# scripts/test.sh runs for a minute. Builds missing programs. docs/lab/robustness.md has the details.
 set -euo pipefail
 
 usage() {

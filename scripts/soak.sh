@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
-# The long form of tests that scripts/test.sh runs for seconds: pictures of random volumes on both
-# back ends, and agents that are killed under load, while other processes want the processor; or
-# small random frames, very many of them. Builds what is missing. Ends with 1 at the first failure,
-# and says how to repeat it.
+# The long form of tests that scripts/test.sh runs for seconds. Either pictures of random volumes on both back ends, and
+# agents that are killed under load while other processes use the processor; or a very large number of small random
+# frames. Builds missing programs. Ends with 1 at the first failure, with the command to repeat it.
 set -euo pipefail
 
 usage() {
@@ -61,7 +60,7 @@ bash scripts/build.sh --with-tests
 tests=build/release/tests
 
 if "$threads"; then
-  # A small dataset takes longer to write safely to a disk than to draw.
+  # Writing a small dataset safely to a disk takes longer than drawing it.
   if [ -w /dev/shm ]; then
     export TMPDIR=/dev/shm
   fi

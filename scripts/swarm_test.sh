@@ -1,12 +1,11 @@
 #!/usr/bin/env bash
-# Runs deploy/swarm/stack.yaml for real on this machine and checks that it does what it promises: the picture is
-# that of an embedded run bit for bit, health checks pass, two agents serve each shard, an update under
-# load leaves every picture right, and a lost agent is replaced. Says why and exits with 77 where no engine
-# can run it. Not part of scripts/test.sh.
+# Runs deploy/swarm/stack.yaml on this machine and checks its promises. The picture equals that of an embedded run, bit
+# for bit. Health checks pass, and two agents serve each shard. An update under load leaves every picture right, and a
+# lost agent is replaced. Exits with 77 and the reason if no engine can run it. Not part of scripts/test.sh.
 #
-# It uses the engine that answers, if that is a manager of a swarm. Otherwise, as root and with dockerd (Debian:
-# docker.io), it starts an engine of its own: in a temporary folder, and in namespaces of its own for the network
-# and mounts, so that nothing of this machine changes.
+# It uses a running engine that is a manager of a swarm. Otherwise, as root and with dockerd (Debian: docker.io), it
+# starts its own engine, in a temporary folder and in its own namespaces for network and mounts. So this machine stays
+# unchanged.
 set -euo pipefail
 
 usage() {

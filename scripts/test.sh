@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Tests what guards the promises, or all. Works on a bare machine: it installs and builds what it needs.
+# Tests the guards of the promises, or everything. Works on a bare machine: it installs and builds missing parts.
 #
 # Without arguments: the programs, every unit test, and the integration tests labelled `guard`: exact pictures with any
 # number of agents and threads, faults, replicas, bad input.
@@ -7,7 +7,7 @@
 # tests under AddressSanitizer and UndefinedBehaviorSanitizer, and so those that are labelled `both` (other kernels,
 # another malloc, hostile bytes); under ThreadSanitizer those that share data between threads without gRPC; clang
 # checks the lock annotations, and libFuzzer runs for a minute.
-# The last lines say what was skipped, and how it went.
+# The last lines have the skipped tests and the result.
 set -euo pipefail
 
 usage() {
@@ -83,7 +83,7 @@ mkdir -p build
 summary=()
 status=0
 
-# run_stage NAME COMMAND...: notes how it ended, and goes on.
+# run_stage NAME COMMAND...: records the result, and continues.
 run_stage() {
   local name="$1" start="$SECONDS"
   shift
@@ -114,10 +114,10 @@ asan_tests() {
     run_ctest build/asan -L '^(unit|both)$'
 }
 
-# What shares data between threads, and starts none of gRPC's: its library is not built for
-# ThreadSanitizer, which would take whatever gRPC hands from thread to thread for a race. For TBB,
-# the tsan preset has a stand-in (tests/support/tsan_tbb). Locks, also those of the tests, are
-# base::Mutex: abseil's can't be seen either. There are no suppressions.
+# Tests that share data between threads without starting threads of gRPC. Its library is not built for ThreadSanitizer,
+# which would report every object that gRPC passes between threads as a race. For TBB, the tsan preset has a stand-in
+# (tests/support/tsan_tbb). Locks, also those of the tests, are base::Mutex, because abseil's are invisible too. There
+# are no suppressions.
 tsan_programs=(
   access_control active_blocks admission admission_queue agent_registry cancellation executor file first_error
   frame_board frame_coordinator frame_pipeline log lru_cache memory_budget memory_pool mesh_cache mesh_supply metrics

@@ -22,7 +22,7 @@ namespace isoscope::server {
 // Works as rpc::AnswerUnary. Then counts the call, and writes its line of the audit log. `answer`
 // may add to the record.
 //
-// dataset: that was asked for; "": none
+// dataset: name in the request; "": none
 inline grpc::ServerUnaryReactor* AnswerAtOnce(
     FrameRunner* runner, RequestMethod method, grpc::CallbackServerContext* context,
     const google::protobuf::Message& request, const std::string& dataset,

@@ -19,7 +19,8 @@
 namespace isoscope::server {
 namespace {
 
-// Returns the error of an agent that answers: that of one of its datasets that contradicts others.
+// Returns the error of an agent that answers: one of its datasets contradicts those of other
+// agents.
 std::string Complaint(const AgentState& agent,
                       const std::map<std::string, DatasetState>& datasets) {
   std::set<std::string> complaints;
@@ -32,7 +33,7 @@ std::string Complaint(const AgentState& agent,
   return complaints.empty() ? "" : *complaints.begin();
 }
 
-// Without the datasets that the caller may not see; `datasets` has none of them.
+// Leaves out the datasets that the caller may not see; they are not in `datasets`.
 isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
                                   const std::map<std::string, DatasetState>& datasets) {
   isoscope::v1::AgentStatus proto;
@@ -153,7 +154,7 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
         isoscope::v1::FrameInWork& added = *response->add_frames();
         added = ToProto(frame, now);
         if (!caller.name().empty()) {
-          added.clear_client();  // other people's addresses
+          added.clear_client();  // addresses of other users' clients are private
         }
       }
     }

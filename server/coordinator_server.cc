@@ -1,3 +1,11 @@
+// Start builds the parts of a coordinator in the order of their dependencies:
+//
+//   HealthReporter, AgentRegistry, AccessControl, AuditLog, FrameRunner, services, gRPC server
+//
+// Members are destroyed in the reverse order, so each part outlives its users. gRPC creates the
+// health service with the server, and the registry reports its first probe from its own thread. So
+// the reporter is shared, and waits for both.
+
 #include "server/coordinator_server.h"
 
 #include <array>
@@ -30,8 +38,8 @@
 namespace isoscope::server {
 namespace {
 
-// What clients may use of this server beyond the first version; ascending. proto/README.md says
-// what each name means.
+// Features of this server beyond the first version that clients may use; ascending. proto/README.md
+// explains each name.
 constexpr std::array<const char*, 4> kFeatures = {"dataset_id", "draining_agents", "error_info",
                                                   "pages"};
 
@@ -51,8 +59,9 @@ isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOpti
 }
 
 // Reports the health of the server and of its services: ready from the end of the first probe of
-// all agents until the server stops. A dataset that is not complete does not count: it is one of
-// many, and each call tells it. The reporter begins once it has both, in any order. Thread-safe.
+// all agents until the server stops. An incomplete dataset does not change that: it is one of many,
+// and each of its calls reports it. The reporter begins once it has server and probe, in any order.
+// Thread-safe.
 class HealthReporter {
  public:
   void SetReady() {

@@ -33,30 +33,30 @@ struct CoordinatorServerOptions {
   int max_queued_frames = 32;
   // The longest time of a frame. Shorter deadlines of clients hold.
   absl::Duration max_frame_duration = absl::Minutes(5);
-  // The longest time in which an agent sends nothing of a surface to export.
+  // The longest silence of an agent that sends a surface to export.
   absl::Duration max_agent_silence = absl::Minutes(5);
-  // Of an export, and of the client that takes it.
+  // Limits of an export, and of its client's speed.
   ExportLimits export_limits = {};
   // The memory limit (CoordinatorMemory); at least CoordinatorMemory::kMinLimitBytes. 0: the
   // default.
   std::size_t memory_limit_bytes = 0;
-  // The time between two polls of the agents.
+  // The interval between two polls of the agents.
   absl::Duration poll_interval = absl::Seconds(2);
   // The arena of the coordinator's computations; null: an arena of all cores.
   std::shared_ptr<tbb::task_arena> arena;
-  // Those of the agents, if all of them share this process: pixels are then handed over without
+  // Mailboxes of the agents, if all of them share this process: pixels are then passed without
   // encoding. Else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
-  // The web gateway for people, as GetCapabilities tells it; empty: none.
+  // The web gateway's address, as GetCapabilities returns it; empty: none.
   std::string gateway_address = {};
-  // With TLS, agents are dialled with it, too, and callers must show a certificate or a token.
+  // With TLS, agents are dialled with it too, and callers must show a certificate or a token.
   rpc::TransportFlags transport = {};
   // The file of tokens (access_tokens.h); empty: none.
   std::string token_file = {};
-  // Where each call leaves a line (audit_log.h); empty: nowhere.
+  // The file of the audit log (audit_log.h); empty: none.
   std::string audit_log = {};
   bool has_reflection = true;
-  // The coordinator takes memory for frames of this size at start. Not set: as frames come.
+  // The coordinator allocates frames of this size at start. Not set: it allocates on demand.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
@@ -64,7 +64,7 @@ struct CoordinatorServerOptions {
 class CoordinatorServer {
  public:
   // Serves health, reflection, IsosurfaceService, InteractService, DatasetService and
-  // ClusterService; begins to ask the agents at once and returns without waiting for them.
+  // ClusterService. Begins to ask the agents at once, and returns without waiting for them.
   // INVALID_ARGUMENT: no agents, or a malformed target. UNAVAILABLE: the address can't be bound.
   // Errors of the files as rpc::CheckFiles and ParseAccessTokens.
   static absl::StatusOr<std::unique_ptr<CoordinatorServer>> Start(
@@ -75,11 +75,11 @@ class CoordinatorServer {
   [[nodiscard]] virtual int port() const = 0;
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
   // Blocks until every agent has answered at least once and at least one dataset is complete, or
-  // until `deadline`. FAILED_PRECONDITION says what is missing.
+  // until `deadline`. FAILED_PRECONDITION names the missing part.
   virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
-  // Names the web gateway in GetCapabilities, for one that starts later. Thread-safe.
+  // Sets the address of a web gateway that starts later, for GetCapabilities. Thread-safe.
   virtual void SetGatewayAddress(const std::string& address) = 0;
-  // Returns the numbers for monitoring (coordinator_metrics).
+  // Returns the metrics for monitoring (coordinator_metrics).
   virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for frames in work, then
   // cancels them. Blocks.

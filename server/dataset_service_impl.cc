@@ -27,13 +27,13 @@
 namespace isoscope::server {
 namespace {
 
-// Of a call without a deadline.
+// The limit of a call without a deadline.
 constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
 
 }  // namespace
 
-// A histogram, which stands in a line of callers as frames do. It owns itself until gRPC is done
-// with it.
+// A histogram call, which queues for its turn as frames do. It owns itself until gRPC is done with
+// it.
 class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor {
  public:
   static HistogramCall* Start(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
@@ -72,7 +72,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
     return turn_.TakePlace(caller_.QueueKey(context.peer()));
   }
 
-  // Gets the reason if the turn did not come.
+  // `turn`: the reason if the turn did not come.
   void Run(const absl::Status& turn, const isoscope::v1::GetHistogramRequest& request,
            isoscope::v1::GetHistogramResponse* response) {
     const absl::Status status = base::OrNoMemory("the answer", [&] {
@@ -80,7 +80,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
                                                    turn_.cancellation(), &record_, response)
                        : turn;
     });
-    turn_.GiveBack();  // before the client gets its answer: its next request finds the place free
+    turn_.GiveBack();  // before the answer, so that the next request finds the place free
     End(status);
   }
 

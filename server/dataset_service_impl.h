@@ -1,5 +1,4 @@
-// DatasetService. It answers with the last state of the registry; for histograms it asks the
-// agents.
+// DatasetService: returns the last state of the registry, and asks the agents for histograms.
 
 #ifndef ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_

@@ -1,10 +1,10 @@
 // An export opens a stream to each agent, for one surface after the other, and lets ExportSurface
-// merge them, on an export thread. Its chunks wait in outgoing_. When 4 MiB wait for a slow client,
+// merge them, on an export thread. Its chunks wait in outgoing_. When 2 MiB wait for a slow client,
 // the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels the streams,
 // which wakes the merge.
 //
-// EndEarly does so, too, and lets the client hear why: an alarm calls it for a client that is too
-// slow (pace_alarm), or the watch of a token that is withdrawn.
+// EndEarly cancels them too, and sends the client the reason. An alarm calls it for a client that
+// is too slow (pace_alarm), and the watch of a token that is withdrawn.
 
 #include <atomic>
 #include <cstddef>
@@ -46,9 +46,9 @@ namespace v1 = isoscope::v1;
 
 // If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 2 * base::kMiB;
-// In which a client must take a chunk of a mesh.
+// A client must take a chunk of a mesh within this time.
 constexpr absl::Duration kMaxChunkDuration = absl::Minutes(1);
-// In which a client whose token was withdrawn must take what is on its way.
+// A client whose token was withdrawn must take the chunk on its way within this time.
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 
 std::int64_t BytesOf(const v1::ExportIsosurfaceResponse& message) {
@@ -56,7 +56,8 @@ std::int64_t BytesOf(const v1::ExportIsosurfaceResponse& message) {
                                    message.triangles().size());
 }
 
-// Who asks for what. OnCancel may end the call while the export finds its dataset. Thread-safe.
+// The audit record of the call. OnCancel may end the call while the export finds its dataset.
+// Thread-safe.
 class AuditNote {
  public:
   explicit AuditNote(AuditRecord record) : record_(std::move(record)) {}
@@ -138,7 +139,7 @@ class IsosurfaceServiceImpl::ExportCall final
   void OnDone() override {
     timeout_.Stop();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
-    const base::MutexLock lock(&end_mutex_);  // the service may go after this
+    const base::MutexLock lock(&end_mutex_);  // the service may be destroyed after this
     pace_.Stop();
   }
 
@@ -147,7 +148,7 @@ class IsosurfaceServiceImpl::ExportCall final
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, options_.access->Identify(rpc::PeerOf(context)));
     audit_.SetCaller(caller_.name());
     ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
-    // First what the caller may: above it, it must not take a place that another could have.
+    // The caller's limits come first: above them, it must not take a place that another could have.
     CoordinatorMetrics* const metrics = options_.runner->metrics();
     ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller_.CheckBytes()));
     absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kExport);
@@ -163,13 +164,13 @@ class IsosurfaceServiceImpl::ExportCall final
     return absl::OkStatus();
   }
 
-  // Gets the reason if the turn of the export did not come.
+  // `turn`: the reason if the turn of the export did not come.
   void Run(const absl::Status& turn) ABSL_LOCKS_EXCLUDED(end_mutex_) {
     const absl::Time start = absl::Now();
     if (turn.ok()) {
       pace_.Start(options_.export_limits, [self = shared_from_this()] { self->JudgePace(); });
     } else if (absl::IsResourceExhausted(turn)) {
-      caller_.ReturnFrame();  // it made room for another
+      caller_.ReturnFrame();  // the export was evicted for another client
     }
     absl::Status status = turn.ok() ? Export() : turn;
     {
@@ -272,7 +273,7 @@ class IsosurfaceServiceImpl::ExportCall final
     message.set_normals(std::move(chunk.normals));
     message.set_triangles(std::move(chunk.triangles));
     message.set_surface_index(surface_index);
-    unsent_.Add(BytesOf(message));  // what is never written goes with the call
+    unsent_.Add(BytesOf(message));  // if it is never written, the call subtracts it
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
@@ -288,13 +289,13 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
   void End(const absl::Status& status) {
-    slot_.reset();  // before the client hears of the end, and asks for another
+    slot_.reset();  // before the client receives the end, and may start another export
     options_.runner->EndRequest(RequestMethod::kExportIsosurface, audit_.Get(), identity_, status,
                                 absl::Now() - arrival_);
     Finish(rpc::ToGrpcStatus(status));
   }
 
-  // Ends the export after the chunk that is on its way, and says why.
+  // Ends the export after the chunk that is on its way, with a reason for the client.
   void EndEarly(CutReason reason, const absl::Status& status)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(end_mutex_) {
     if (pace_.is_stopped() || !end_.ok()) {
@@ -302,7 +303,7 @@ class IsosurfaceServiceImpl::ExportCall final
     }
     end_ = status;
     options_.runner->metrics()->CountCut(reason);
-    outgoing_.Finish(status);  // first: what stops would say less
+    outgoing_.Finish(status);  // first: the errors of the stopped streams say less
     turn_.Cancel();
   }
 
@@ -346,7 +347,7 @@ class IsosurfaceServiceImpl::ExportCall final
   PaceAlarm pace_;
   rpc::WriteQueue<v1::ExportIsosurfaceResponse> outgoing_;
   std::atomic<std::size_t> sent_bytes_{0};
-  base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; the first taken
+  base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; always locked first
   absl::Status end_ ABSL_GUARDED_BY(end_mutex_);  // why it was ended early
   AuditNote audit_;
   std::shared_ptr<ExportCall> self_;  // reset by OnDone

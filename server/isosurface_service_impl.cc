@@ -30,10 +30,11 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// In which a client must take a part of an answer. A whole answer may take as long as a frame.
+// A client must take a part of an answer within this time. A whole answer may take as long as a
+// frame.
 constexpr absl::Duration kMaxPartDuration = absl::Minutes(1);
 
-// A call of which `Job` makes the answer, and `Reactor` sends it.
+// A call whose answer `Job` makes and `Reactor` sends.
 template <typename Reactor, typename Job>
 class FrameCall : public Reactor {
  public:
@@ -91,13 +92,13 @@ class FrameCall : public Reactor {
     return absl::OkStatus();
   }
 
-  // On a frame thread.
+  // Runs on a frame thread.
   void Work() {
     const absl::Status status = job_->Run(&response_);
     const std::size_t answer_bytes = status.ok() ? response_.ByteSizeLong() : 0;
     unsent_.Set(static_cast<std::int64_t>(answer_bytes));
     Send(status);
-    // The answer is on its way: its images and the rest of its memory go.
+    // The answer is on its way: release its images and the rest of its memory.
     job_.reset();
     ticket_->KeepMemoryOfAnswer(answer_bytes);
   }

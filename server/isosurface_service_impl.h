@@ -1,5 +1,5 @@
-// IsosurfaceService over gRPC's callback API. Reactions validate and hand over: to picture_job and
-// pick_job with a frame_ticket. Exports stand in export_call.cc.
+// IsosurfaceService over gRPC's callback API. Reactions validate the request, then start a
+// frame_ticket with a picture_job or a pick_job. export_call.cc has exports.
 
 #ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
@@ -20,7 +20,7 @@ struct IsosurfaceServiceOptions {
   FrameRunner* runner = nullptr;
   AccessControl* access = nullptr;  // outlives the service, too
   absl::Duration max_frame_duration = absl::Minutes(5);
-  // An export ends if an agent sends nothing for so long.
+  // An export ends if an agent sends nothing for this long.
   absl::Duration max_agent_silence = absl::Minutes(5);
   ExportLimits export_limits = {};
 };

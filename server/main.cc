@@ -50,7 +50,7 @@ constexpr char kExamples[] =
   isoscope-coordinator --probe                 whether the one on this machine serves
 )";
 
-// An error for an address that no browser opens.
+// Returns an error for an address that no browser opens.
 absl::Status CheckGatewayAddress(absl::string_view address) {
   const bool is_web_address =
       absl::StartsWith(address, "http://") || absl::StartsWith(address, "https://");

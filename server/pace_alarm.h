@@ -78,7 +78,7 @@ class PaceAlarm {
   }
 
   base::Mutex mutex_;
-  std::optional<ExportPace> pace_ ABSL_GUARDED_BY(mutex_);  // none: it has not begun
+  std::optional<ExportPace> pace_ ABSL_GUARDED_BY(mutex_);  // none: before Start
   std::function<void()> ring_ ABSL_GUARDED_BY(mutex_);
   std::size_t in_flight_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);

@@ -21,7 +21,7 @@ absl::StatusOr<Page> Page::Make(absl::string_view list, std::int32_t size,
     absl::string_view name;
     const bool is_text = absl::WebSafeBase64Unescape(token, &text);
     name = text;
-    // A token has one spelling, and the name after its list.
+    // A token has exactly one encoding, and the prefix of its list.
     if (!is_text || absl::WebSafeBase64Escape(text) != token ||
         !absl::ConsumePrefix(&name, absl::StrCat(list, ":")) || name.empty()) {
       constexpr std::size_t kMaxShownBytes = 64;

@@ -18,12 +18,12 @@ namespace isoscope::server {
 class Page {
  public:
   // size: 0: all. token: "" for the first page, else next_token() of the page before. `list`: one
-  // word that differs between lists, so that no list takes the token of another one.
-  // INVALID_ARGUMENT: a negative size, or a token that no page gave.
+  // word that differs between lists, so that a token is valid for its own list only.
+  // INVALID_ARGUMENT: a negative size, or a token of another list.
   static absl::StatusOr<Page> Make(absl::string_view list, std::int32_t size,
                                    absl::string_view token);
 
-  // Whether this name is on the page.
+  // Returns true if this name is on the page.
   bool Offer(absl::string_view name);
   // The token of the next page; "" if no name was left over.
   [[nodiscard]] std::string next_token() const;

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What a reviewer would check besides the tests: format, floors, and clang-tidy on changed files.
+# Runs a reviewer's checks besides the tests: format, floors, and clang-tidy on changed files.
 #
 #   tools/check.sh [--all | BASE]   files changed since BASE (default: main), or all of them
 set -euo pipefail

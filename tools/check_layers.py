@@ -49,7 +49,7 @@ ROOMS = {room: floor for floor, rooms in enumerate(reversed(FLOORS)) for room in
 
 SERVICES = {"partition-agent", "server", "web-gateway"}
 
-# Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
+# Rooms that may include gRPC's headers and the generated service stubs (*.grpc.pb.h).
 GRPC_ROOMS = {
     "proto",
     "core/rpc",
@@ -62,7 +62,7 @@ GRPC_ROOMS = {
     "client-cli/session",
     "web-gateway",
 }
-# Who may name protobuf's headers and generated messages (*.pb.h) besides.
+# Rooms that may also include protobuf's headers and generated messages (*.pb.h).
 PROTO_ROOMS = GRPC_ROOMS | {
     "clients/cpp/request",
     "clients/cpp/example",
@@ -72,7 +72,7 @@ PROTO_ROOMS = GRPC_ROOMS | {
     "bench",
 }
 
-# Who may name CLI11's headers.
+# The only file that may include CLI11's headers.
 CLI11_FILE = "core/cli/flag_set.cc"
 
 UNTESTED_HEADERS = {
@@ -133,7 +133,7 @@ UNTESTED_HEADERS = {
     "core/volume/block_samples.h": "plain data",
 }
 
-# Rooms whose computations may decide a bit of a picture, and who may call libm there all the same.
+# Rooms whose computations may affect the bits of a picture, and their files that may call libm all the same.
 BIT_ROOMS = ("core/", "server/", "partition-agent/")
 LIBM_FILES = {
     "core/source/volume_generator.cc": "test volumes: samples are made once, then stored",
@@ -163,7 +163,7 @@ def room_of(path):
 
 
 def check_include(file, included):
-    """What is wrong with `file` including `included`, or None."""
+    """Returns the fault of `file` including `included`, or None."""
     of_file, of_included = room_of(file), room_of(included)
     if included.endswith(".grpc.pb.h") or included.startswith(("grpc/", "grpcpp/")):
         if of_file not in GRPC_ROOMS:
@@ -188,7 +188,7 @@ def check_include(file, included):
 
 
 def draw():
-    """The floors as text, the highest first. A floor within a program is a part of the program's own."""
+    """Returns the floors as text, the highest first. A floor within a program belongs to the program alone."""
     lines = []
     for floor, rooms in zip(range(len(FLOORS) - 1, -1, -1), FLOORS):
         lines.append(f"{floor:4}  " + "   ".join(rooms))
@@ -196,7 +196,7 @@ def draw():
 
 
 def check_libm(file, line):
-    """What is wrong with `line` of `file` calling libm, or None."""
+    """Returns the fault of `line` of `file` calling libm, or None."""
     if not file.startswith(BIT_ROOMS) or file in LIBM_FILES:
         return None
     match = LIBM_CALL.search(COMMENT.sub("", line))
@@ -206,7 +206,7 @@ def check_libm(file, line):
 
 
 def check(root):
-    """All complaints about the tree below `root`."""
+    """Returns all faults of the tree below `root`."""
     complaints = []
     for room in ROOMS:
         for path in sorted((root / room).glob("*")):

@@ -25,7 +25,7 @@ LOCKS = re.compile(r"ABSL_(PT_)?(GUARDED_BY|EXCLUSIVE|SHARED|LOCKS|ACQUI|UNLOCK|
 PRODUCT = ("core", "clients", "server", "partition-agent", "web-gateway", "client-cli", "bench")
 # Debian's ITK refuses every compiler but GCC.
 LEFT_OUT = {"core/source/itk_header.cc"}
-# What GCC is told and clang does not know, and what only writes files.
+# GCC options that clang does not know, and options that only write files.
 DROPPED = re.compile(r"-f(?:no-)?(?:sanitize.*|pch-preprocess)|-o|-c|-W.*|-M.*")
 FLAGS = ["-fsyntax-only", "-Wno-everything", "-Wthread-safety", "-Werror=thread-safety"]
 

@@ -13,7 +13,7 @@ BLUE, ORANGE, GREEN, RED = '#2b6cb0', '#c05621', '#2f855a', '#c53030'
 
 
 class Figure:
-    """An SVG of a width and a height, on white, with y downwards."""
+    """An SVG of a given width and height, on white, with y downwards."""
 
     def __init__(self, width, height, title):
         self.lines = [
@@ -81,7 +81,7 @@ def block():
 
 
 def column():
-    """The proof: depths over one pixel."""
+    """Draws the proof: depths over one pixel."""
     figure = Figure(720, 230, 'Why culling loses no fragment: depths over one pixel')
     figure.text(20, 78, 'eye')
     figure.arrow(48, 74, 690, 74)
@@ -102,7 +102,7 @@ def column():
 
 
 def mask():
-    """Seen from above: one bit a pixel hides a block in front of what covers its pixels."""
+    """Draws the view from above: one bit a pixel hides a block in front of the block that covers its pixels."""
     figure = Figure(720, 290, 'A block in front, which one bit a pixel hides')
     figure.text(14, 154, 'eye')
     for end in (44, 98, 202, 256):

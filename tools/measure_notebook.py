@@ -25,7 +25,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 
 def milliseconds(cell):
-  """From the kernel's word that it works on the cell to its result."""
+  """Returns the time from the kernel's begin of the cell to its result."""
   times = cell.metadata['execution']
   begin, end = (datetime.datetime.fromisoformat(times[name].replace('Z', '+00:00'))
                 for name in ('iopub.execute_input', 'shell.execute_reply'))

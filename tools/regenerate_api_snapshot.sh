@@ -4,7 +4,7 @@
 #
 #   tools/regenerate_api_snapshot.sh
 #
-# Run the test before: what it calls incompatible breaks clients, and must be undone or `reserved`.
+# Run the test before: a change that it calls incompatible breaks clients, and must be undone or `reserved`.
 # Then commit the snapshot with the protos.
 set -eu
 cd "$(dirname "$0")/.."

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Draws the golden pictures anew, for a change that is meant to change them.
+# Draws the golden pictures again, for a change that is meant to change them.
 #
 #   tools/regenerate_golden.sh [BUILD_DIR]      default: build/release
 #
@@ -9,7 +9,7 @@ set -eu
 cd "$(dirname "$0")/.."
 build="${1:-build/release}"
 cmake --build "$build" --target golden_test
-# It fails by intent: it compares nothing. The second run does.
+# It fails on purpose, because it compares nothing. The second run compares.
 ISOSCOPE_REGENERATE_GOLDEN=1 "$build/tests/golden_test" --gtest_brief=1 >/dev/null || true
 "$build/tests/golden_test" --gtest_brief=1
 git status --short -- tests/golden

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the pictures of docs/gallery.md again, by the commands that stand there.
+# Makes the pictures of docs/gallery.md again, with the commands on that page.
 set -euo pipefail
 
 usage() {
@@ -33,7 +33,7 @@ ln -s "$volumes"/* "$work/"
 mkdir "$work/bin"
 ln -s "$program" "$work/bin/isoscope"
 cd "$work"
-# A command ends with its line; a backslash goes on.
+# A command ends with its line; a backslash continues it.
 sed -e ':next' -e '/\\$/{N;s/\\\n *//;b next' -e '}' "$repository/docs/gallery.md" |
   sed -n 's/^    *\(isoscope .*\|draw_shards.py .*\)$/\1/p' |
   while IFS= read -r command; do

@@ -12,7 +12,7 @@ import asyncio
 import socket
 
 PIECE_BYTES = 4096
-# The sockets beside the link must not hold more than the link does: the kernel would keep megabytes.
+# The sockets at both ends must hold less than the link does; by default the kernel would buffer megabytes.
 SOCKET_BYTES = 16 * 1024
 
 
@@ -80,7 +80,7 @@ class Link:
 
 async def pump(reader, writer, direction):
   """Passes bytes on, until the reader ends."""
-  on_the_way = asyncio.Queue()  # what fits the queue and the delay, no more
+  on_the_way = asyncio.Queue()  # bounded by the queue and the delay
 
   async def put():
     while True:

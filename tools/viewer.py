@@ -125,7 +125,7 @@ class Viewer:
         return whole
 
   async def read(self):
-    """Returns the next frame, and says that it was shown. Raises RuntimeError with the server's sentence of one that failed."""
+    """Returns the next frame, and acknowledges it. Raises RuntimeError with the server's message if it failed."""
     message = await self.read_message()
     json_size = struct.unpack('<I', message[:4])[0]
     header = json.loads(message[4:4 + json_size])

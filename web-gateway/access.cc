@@ -36,7 +36,7 @@ absl::string_view HostOf(absl::string_view host_and_port) {
   return host_and_port.substr(0, host_and_port.find(':'));
 }
 
-// The part behind "://"; empty if the text has no scheme of the web.
+// Returns the part behind "://"; empty if the text has no http or https scheme.
 absl::string_view AuthorityOf(absl::string_view origin) {
   for (const absl::string_view scheme :
        {absl::string_view("http://"), absl::string_view("https://")}) {
@@ -47,7 +47,7 @@ absl::string_view AuthorityOf(absl::string_view origin) {
   return {};
 }
 
-// Whether `text` is an address of that family, whole.
+// Returns true if the whole `text` is an address of that family.
 bool IsAddress(int family, absl::string_view text) {
   in6_addr address{};
   return !absl::StrContains(text, '\0') &&
@@ -66,13 +66,13 @@ bool IsLocalhost(absl::string_view host) {
   return absl::EqualsIgnoreCase(host, "localhost") || absl::EndsWithIgnoreCase(host, ".localhost");
 }
 
-// Takes as long for each text of the token's length.
+// Compares in constant time for texts of the token's length.
 bool Equals(absl::string_view given, absl::string_view token) {
   return given.size() == token.size() &&
          CRYPTO_memcmp(given.data(), token.data(), token.size()) == 0;
 }
 
-// The token of "Bearer TOKEN"; empty if the header is another one.
+// Returns the token of "Bearer TOKEN"; empty if the header has another form.
 absl::string_view BearerOf(absl::string_view authorization) {
   constexpr absl::string_view kBearer = "Bearer ";
   return absl::StartsWithIgnoreCase(authorization, kBearer)
@@ -168,7 +168,7 @@ bool AccessRules::IsAllowedReferer(absl::string_view referer) const {
 
 absl::Status AccessRules::CheckDataSource(const RequestSource& source) const {
   ISOSCOPE_RETURN_IF_ERROR(CheckSource(source.origin, source.host));
-  // The pages of another port of this machine are "same-site", and may be another user's.
+  // Pages of another port of this machine are "same-site", but may belong to another user.
   if (source.origin.empty() &&
       (source.fetch_site == "cross-site" || source.fetch_site == "same-site") &&
       !IsAllowedReferer(source.referer)) {

@@ -1,12 +1,11 @@
-// Every request about a dataset goes the same way:
+// Every request about a dataset takes the same steps:
 //
-//   1  ListDatasets: the dataset that the address names, by name or by id
-//   2  for a picture: GetClusterStatus, the picture revision of its agents; with the dataset's id
-//   and
-//      the request it makes the ETag, and the work may end here with 304
+//   1  ListDatasets: finds the dataset that the address names, by name or by id
+//   2  for a picture: GetClusterStatus, for the picture revision of its agents; with the id of
+//      the dataset and the request it makes the ETag, and the work may end here with 304
 //   3  the call itself
 //
-// An Exchange is one request on its way. The functions that wait for answers hold it.
+// An Exchange is one request in work. The functions that wait for answers hold it.
 
 #include "web-gateway/api.h"
 
@@ -62,7 +61,7 @@ HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allow
   return response;
 }
 
-// Bytes that depend on the content of the message alone.
+// Returns bytes that depend on the content of the message alone.
 std::string Serialize(const google::protobuf::Message& message) {
   std::string bytes;
   google::protobuf::io::StringOutputStream stream(&bytes);
@@ -73,7 +72,7 @@ std::string Serialize(const google::protobuf::Message& message) {
   return bytes;
 }
 
-// The one thing of a response that its request asks for, and its type.
+// Moves the requested output out of a response: a picture or a plane, with its type.
 absl::Status TakePicture(const v1::RenderIsosurfaceRequest& request,
                          v1::RenderIsosurfaceResponse* response, HttpResponse* answer) {
   answer->content_type = "application/octet-stream";
@@ -168,7 +167,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         "render, pick, mesh.glb")));
   }
 
-  // Answers with the message, or with the error.
+  // Answers with the message, or with an error.
   template <typename Message>
   std::function<void(absl::StatusOr<Message>)> AnswerWithJson() {
     return [self = shared_from_this()](absl::StatusOr<Message> message) {
@@ -180,7 +179,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     };
   }
 
-  // Whether the request has this method; answers 405 if not.
+  // Returns true if the request has this method; else answers 405.
   bool Takes(absl::string_view method) {
     if (request_.method == method) {
       return true;
@@ -189,7 +188,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     return false;
   }
 
-  // Whether the address has no parameters left; answers 400 if it has.
+  // Returns true if the address has no parameters left; else answers 400.
   bool TakesNoParameters() {
     if (request_.target.query.empty()) {
       return true;
@@ -206,7 +205,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
           HttpResponse response;
           response.content_type = "text/plain; charset=utf-8";
           response.headers = {{"Cache-Control", "no-store"}};
-          // A coordinator that asks for the user's token is well, too.
+          // A coordinator that requires the user's token is healthy, too.
           const bool is_well =
               capabilities.ok() ||
               (self->options_.passes_tokens && absl::IsUnauthenticated(capabilities.status()));
@@ -227,7 +226,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       client_->GetClusterStatus(call_, [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
                                            absl::StatusOr<v1::GetClusterStatusResponse> status) {
         if (status.ok()) {
-          status->clear_frames();  // they name other people's addresses
+          status->clear_frames();  // they name addresses of other users
         }
         answer(std::move(status));
       });
@@ -351,7 +350,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
   }
 
-  // Gives a frame of the body the dataset of the address.
+  // Sets the dataset of the address in a frame of the body.
   absl::Status SetDataset(v1::RenderIsosurfaceRequest* frame) {
     if (!frame->dataset().empty() && frame->dataset() != dataset_.name()) {
       return absl::InvalidArgumentError(
@@ -516,12 +515,12 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         [self = shared_from_this()](const absl::Status& exported) { self->EndMesh(exported); });
   }
 
-  // Takes a place among the meshes, and makes the file that this one goes to.
+  // Takes a place among the meshes, and creates the file of this one.
   absl::Status BeginMesh(const MeshQuery& query) {
     ISOSCOPE_ASSIGN_OR_RETURN(mesh_lease_, meshes_->Begin(request_.caller));
     std::error_code error;
     std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
-    // A folder of its own: nobody else can put a file of this name there.
+    // A private folder: no other user can put a file of this name there.
     if (error || mkdtemp(folder.data()) == nullptr) {
       return absl::FailedPreconditionError(
           absl::StrCat("no folder for temporary files can be made (TMPDIR): ",
@@ -541,13 +540,13 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     return absl::OkStatus();
   }
 
-  // Of what has come so far.
+  // Counts the bytes on disk of the mesh so far.
   [[nodiscard]] absl::Status CountMeshBytes() const {
-    constexpr std::int64_t kVectorBytes = 3 * sizeof(float);  // or of three indices
+    constexpr std::int64_t kVectorBytes = 3 * sizeof(float);  // also the size of three indices
     const std::int64_t vertices = kVectorBytes * decoder_->vertex_count();
     const std::int64_t triangles = kVectorBytes * decoder_->triangle_count();
     const std::int64_t bytes = 2 * vertices + triangles;
-    // While the file is put together, normals and then indices are on disk twice.
+    // While the file is assembled, normals and then indices are on disk twice.
     const std::int64_t disk_bytes = bytes + std::max(vertices, triangles);
     if (bytes > kMaxMeshBytes || disk_bytes > options_.max_mesh_bytes) {
       return absl::ResourceExhaustedError(

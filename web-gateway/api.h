@@ -1,5 +1,5 @@
-// The HTTP interface without its transport (docs/gateway.md): takes requests, asks the coordinator,
-// and gives answers.
+// The HTTP interface without its transport (docs/gateway.md): takes requests, calls the
+// coordinator, and returns answers.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_API_H_
 #define ISOSCOPE_WEB_GATEWAY_API_H_
@@ -23,9 +23,9 @@ struct ApiOptions {
   int max_caller_meshes = 2;
   // Disk space of all meshes, until they are sent; a mesh that needs more is answered with 429.
   std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
-  // Whether answers are for one person, so that no shared cache keeps them.
+  // True if answers are for one user, so that no shared cache keeps them.
   bool is_private = false;
-  // Whether users' tokens are the coordinator's.
+  // True if users' tokens are the coordinator's.
   bool passes_tokens = false;
 };
 
@@ -34,15 +34,15 @@ class Api {
  public:
   using Respond = std::function<void(HttpResponse)>;
 
-  // `client` outlives it, and all of its calls have ended before it is destroyed.
-  // The answers that it gave are sent, or dropped, before that.
+  // `client` outlives it, and all calls have ended before it is destroyed. Its answers are sent, or
+  // dropped, before that.
   Api(ApiOptions options, CoordinatorClient* client)
       : options_(options),
         client_(client),
         meshes_(options.max_caller_meshes, options.max_mesh_bytes) {}
 
   // Answers: calls `respond` once, on this thread or on one of gRPC's. When the cancellation fires,
-  // the work stops, and the answer comes soon.
+  // the work stops, and the answer follows soon.
   void Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond);
 
   [[nodiscard]] int pictures_in_work() const { return pictures_in_work_.load(); }

@@ -1,6 +1,12 @@
-// Calls own themselves: each is made on the heap, and deleted by its last reaction. It is deleted
-// before it is taken from the counter, so that nothing of gRPC's is used once the client is gone,
-// and no thread of gRPC's drops the last reference to the channel.
+// Each call owns itself: it lies on the heap, and its last reaction deletes it.
+//
+// 1. The constructor sets deadline, token and identity; Start begins the stub's asynchronous
+//    method.
+// 2. A reaction hands the answer, or each message of a stream, to the caller's function.
+// 3. The last reaction deletes the call, and only then removes it from the counter.
+//
+// Invariant: when the counter is 0, no gRPC object of a call is left. So the client can be
+// destroyed, and no thread of gRPC drops the last reference to the channel.
 
 #include "web-gateway/coordinator_client.h"
 
@@ -19,11 +25,11 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// Of calls that are answered from what the coordinator has in memory.
+// The deadline of calls that the coordinator answers from memory.
 constexpr absl::Duration kQuickDuration = absl::Seconds(5);
 constexpr absl::Duration kHistogramDuration = absl::Seconds(60);
 
-// What every call has: deadline, cancellation, count.
+// The common part of all calls: deadline, cancellation, count.
 class CallBase {
  public:
   CallBase(CoordinatorClient* client, CallOptions call, absl::Duration duration)
@@ -91,7 +97,7 @@ class UnaryCall final : public CallBase {
   Done done_;
 };
 
-// A stream of answers, each given to `visit`.
+// A stream of answers; `visit` gets each of them.
 template <typename Request, typename Message>
 class ReadCall final : public CallBase, public grpc::ClientReadReactor<Message> {
  public:
@@ -140,7 +146,7 @@ class ReadCall final : public CallBase, public grpc::ClientReadReactor<Message> 
   absl::Status visited_ = absl::OkStatus();
 };
 
-// Starts the unary call `method` of the service that `stub` has.
+// Starts the unary call `method` of the stub's service.
 template <typename Request, typename Response, typename Async>
 void CallUnary(CoordinatorClient* client, CallOptions call_options, absl::Duration duration,
                Request request, CoordinatorClient::Done<Response> done, Async* async,

@@ -1,5 +1,5 @@
-// The coordinator's public services as calls that never block: a function is called when the answer
-// is there, on a thread of gRPC. This names messages without their headers, as
+// The coordinator's public services as calls that never block: a function is called with the
+// answer, on a thread of gRPC. This header names messages without including theirs, as
 // clients/cpp/connection/service_client.h does.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
@@ -46,7 +46,7 @@ class CallCounter {
  public:
   void Add();
   void Remove();
-  // Blocks until there are none.
+  // Blocks until gRPC holds no calls.
   void AwaitNone();
 
  private:
@@ -55,18 +55,18 @@ class CallCounter {
   int count_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
-// How a call is made.
+// Options of one call.
 struct CallOptions {
   // The request that the call serves: its identity, and its cancellation. Null: none.
   std::shared_ptr<RequestScope> scope = nullptr;
-  // What the user of the call has shown; empty: the token of the client's own, if it has one.
+  // The token of the call's user; empty: the client's own token, if it has one.
   std::string token = {};
 };
 
 struct CoordinatorClientOptions {
   std::shared_ptr<grpc::Channel> channel;
   std::string address = {};                              // for messages; empty: in this process
-  std::string token = {};                                // of calls without one; empty: none
+  std::string token = {};                                // for calls without a token; empty: none
   absl::Duration max_duration = absl::Minutes(5);        // of a picture, a pick, a mesh
   std::size_t max_picture_bytes = std::size_t{1} << 28;  // of a picture with its planes
 };
@@ -89,10 +89,10 @@ class CoordinatorClient {
                     Done<isoscope::v1::GetHistogramResponse> done);
   void PickSurface(isoscope::v1::PickSurfaceRequest request, CallOptions call,
                    Done<isoscope::v1::PickSurfaceResponse> done);
-  // RenderIsosurfaceStream, put together. RESOURCE_EXHAUSTED above max_picture_bytes.
+  // Calls RenderIsosurfaceStream and joins its parts. RESOURCE_EXHAUSTED above max_picture_bytes.
   void Render(isoscope::v1::RenderIsosurfaceRequest request, CallOptions call,
               Done<isoscope::v1::RenderIsosurfaceResponse> done);
-  // Gives each chunk to `visit`, in order, one at a time; its error ends the call and is the
+  // Passes each chunk to `visit`, in order, one at a time. Its error ends the call and becomes the
   // result.
   void Export(isoscope::v1::ExportIsosurfaceRequest request, CallOptions call,
               std::function<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
@@ -101,7 +101,7 @@ class CoordinatorClient {
   // Waits until all calls have ended.
   void AwaitCalls() { calls_.AwaitNone(); }
 
-  // For calls.
+  // Used by the calls themselves.
   [[nodiscard]] const client::CoordinatorChannel& channel() const { return *channel_; }
   CallCounter* calls() { return &calls_; }
 

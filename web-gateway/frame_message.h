@@ -1,4 +1,4 @@
-// What goes over the WebSocket: InteractRequest as JSON one way, and the other way one binary
+// The messages of the WebSocket. Clients send InteractRequest as JSON. The gateway sends one binary
 // message for each InteractResponse:
 //
 //   u32 little-endian   length of the JSON
@@ -27,10 +27,10 @@ inline constexpr std::size_t kMaxRequestBytes = std::size_t{1} << 18;
 
 std::string EncodeFrame(isoscope::v1::InteractResponse response);
 
-// INVALID_ARGUMENT: no JSON of an InteractRequest, or neither a state nor a frame that was shown.
+// INVALID_ARGUMENT: no JSON of an InteractRequest, or neither a state nor an acknowledged frame.
 absl::StatusOr<isoscope::v1::InteractRequest> DecodeInteractRequest(absl::string_view json);
 
-// The slot of a viewer for the frame that is sent next. Thread-compatible.
+// The queue of a viewer, for one frame: the next to be sent. Thread-compatible.
 class FrameSlot {
  public:
   struct Frame {
@@ -38,9 +38,9 @@ class FrameSlot {
     std::string bytes;
   };
 
-  // Puts a frame in. Returns the number of the one that it replaces, which is never sent.
+  // Stores a frame. Returns the number of the frame that it replaces, which is never sent.
   std::optional<std::int64_t> Offer(Frame frame);
-  // Takes the frame out; nullopt if there is none.
+  // Removes the frame and returns it; nullopt if there is none.
   std::optional<Frame> Take();
 
  private:

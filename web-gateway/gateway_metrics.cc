@@ -37,7 +37,7 @@ std::vector<MetricFamily> GatewayMetrics::Collect(const GatewayGauges& gauges) c
   for (std::size_t i = 0; i < kStatusCount; ++i) {
     const std::int64_t count = by_status_[i].value();
     const int status = kLeastStatus + static_cast<int>(i);
-    // A series that begins with its first event would hide it from `rate`.
+    // A series that begins with its first event would hide that event from `rate`.
     if (count > 0 || status == 200 || status == 429 || status == 503) {
       requests.push_back(Value(static_cast<double>(count), {{"status", absl::StrCat(status)}}));
     }

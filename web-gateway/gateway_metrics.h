@@ -1,5 +1,5 @@
-// All metrics of a gateway. docs/operations.md has them in a table, which a test compares with what
-// Collect gives.
+// All metrics of a gateway. docs/operations.md lists them in a table; a test compares it with the
+// output of Collect.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_GATEWAY_METRICS_H_
 #define ISOSCOPE_WEB_GATEWAY_GATEWAY_METRICS_H_
@@ -16,19 +16,19 @@
 
 namespace isoscope::gateway {
 
-// Numbers that others keep, as they are when they are asked for.
+// Present values that other objects keep.
 struct GatewayGauges {
   int connections = 0;
   int max_connections = 0;
   int pictures = 0;
   int max_pictures = 0;
-  double certificate_days_left = 0;  // of that for browsers
+  double certificate_days_left = 0;  // of the certificate for browsers
   std::int64_t certificate_failures = 0;
 };
 
 // Updated while the gateway works, by atomics alone. Thread-safe.
 struct GatewayMetrics {
-  // status: of HTTP.
+  // status: HTTP status code.
   void CountRequest(int status, absl::Duration duration);
 
   std::atomic<int> viewers{0};    // open WebSockets
@@ -36,7 +36,7 @@ struct GatewayMetrics {
   base::Counter sent_frames;      // to viewers
   base::Counter replaced_frames;  // by newer ones, because the viewer was slow
 
-  // Returns all of the above and `gauges`, with the metrics of the process.
+  // Returns the values above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const GatewayGauges& gauges) const;
 
  private:

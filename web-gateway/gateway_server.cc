@@ -1,6 +1,5 @@
-// Owns the listener and all parts. The order of the end matters: connections
-// first, then calls to the coordinator, whose callbacks still post to the threads, then the
-// threads.
+// Owns the listener and all parts. They end in this order: connections; then calls to the
+// coordinator, whose callbacks still post to the threads; then the threads.
 
 #include "web-gateway/gateway_server.h"
 
@@ -27,7 +26,7 @@
 namespace isoscope::gateway {
 namespace {
 
-// How long connections may take to close once they are told to.
+// The time that connections may take to close after the request to do so.
 constexpr absl::Duration kCloseGrace = absl::Seconds(5);
 
 constexpr absl::string_view kTooManyConnections =
@@ -115,10 +114,10 @@ class GatewayServerImpl final : public GatewayServer {
       return;
     }
     if (connections_.is_closing()) {
-      return;  // as those that came before, which end without an answer
+      return;  // connections that came before also end without an answer
     }
     metrics_.refused.Add();
-    if (!has_tls_) {  // an answer would cost a handshake
+    if (!has_tls_) {  // with TLS an answer would cost a handshake
       stream->Refuse(kTooManyConnections);
     }
   }

@@ -20,28 +20,28 @@ class Channel;
 
 namespace isoscope::gateway {
 
-// Limits of what a client may hold or cost.
+// Limits of a client's resources and costs.
 struct GatewayLimits {
   int max_connections = 256;  // of all kinds; more are answered with 503
   int max_pictures = 16;      // pictures, picks and meshes in work; more are answered with 429
   int max_caller_meshes = 2;  // meshes of a caller, until they are sent; more: 429
   // Disk space of all meshes, until they are sent; a mesh that needs more: 429.
   std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
-  // Of a picture, a pick or a mesh.
+  // The limit of a picture, a pick or a mesh.
   absl::Duration max_picture_duration = absl::Minutes(5);
-  // In which a request must have come whole, from its first byte on.
+  // A request must arrive completely within this time, from its first byte on.
   absl::Duration request_timeout = absl::Seconds(10);
-  // Between two requests of a connection; also the most silence of a WebSocket, whose client
-  // answers pings.
+  // The longest pause between two requests of a connection. Also the longest silence of a
+  // WebSocket, whose client answers pings.
   absl::Duration idle_timeout = absl::Seconds(60);
-  // In which a client must take a piece of an answer, or a frame.
+  // A client must take a piece of an answer, or a frame, within this time.
   absl::Duration write_timeout = absl::Seconds(20);
 };
 
 struct GatewayOptions {
   std::shared_ptr<grpc::Channel> channel;         // to the coordinator
   std::string coordinator_address = {};           // for messages; empty: in this process
-  std::string coordinator_token = {};             // of calls whose user has none; empty: none
+  std::string coordinator_token = {};             // for calls whose user has none; empty: none
   std::string listen_address = "127.0.0.1:8080";  // "HOST:PORT"; port 0 takes a free one
   // The certificate for https and wss, and its key, PEM; empty: http. Read again when they change.
   std::string certificate_file = {};
@@ -55,22 +55,21 @@ struct GatewayOptions {
 class GatewayServer {
  public:
   // INVALID_ARGUMENT: the certificate can't be used. UNAVAILABLE: the address can't be bound. The
-  // coordinator need not be there yet.
+  // coordinator may start later.
   static absl::StatusOr<std::unique_ptr<GatewayServer>> Start(const GatewayOptions& options);
   // Calls Shutdown without grace.
   virtual ~GatewayServer() = default;
 
   [[nodiscard]] virtual int port() const = 0;
-  // Returns the numbers for monitoring (gateway_metrics).
+  // Returns the metrics for monitoring (gateway_metrics).
   virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
-  // Takes no new connections, closes WebSockets with 1001, lets answers in work end for at most
+  // Takes no new connections, closes WebSockets with 1001, lets answers in work finish for at most
   // `grace`, then cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;
 };
 
-// The address of the page for people: "http://HOST:PORT/" (https: with TLS), with this machine's
-// name in place of an address that stands for all of its own, and with "?token=..." if there is
-// one.
+// Returns the page's address for users: "http://HOST:PORT/" (https: with TLS), with "?token=..." if
+// there is a token. This machine's name replaces an address that stands for all of its interfaces.
 std::string PageAddress(const std::string& listen_address, int port, const std::string& token,
                         bool has_tls);
 

@@ -1,4 +1,4 @@
-// Asks a gateway for /healthz: its --probe.
+// Requests /healthz of a gateway: its --probe.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_HEALTH_REQUEST_H_
 #define ISOSCOPE_WEB_GATEWAY_HEALTH_REQUEST_H_
@@ -13,14 +13,14 @@ namespace isoscope::gateway {
 struct HealthRequest {
   std::string address;  // HOST:PORT
   bool has_tls = false;
-  // Who must have signed the certificate, which must be of the address. Empty: any certificate will
-  // do, as for a gateway that asks itself.
+  // The authority of the certificate, which must be for the address. Empty: any certificate is
+  // accepted, as for a gateway that probes itself.
   std::string ca_file = {};
   absl::Duration timeout = absl::Seconds(4);
 };
 
-// OK if the gateway and its coordinator are well. UNAVAILABLE says what the gateway answers, or
-// that nobody does. Blocks.
+// OK if the gateway and its coordinator are healthy. UNAVAILABLE has the gateway's answer, or says
+// that there was none. Blocks.
 absl::Status AskHealth(const HealthRequest& request);
 
 }  // namespace isoscope::gateway

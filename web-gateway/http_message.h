@@ -20,7 +20,7 @@ struct HttpRequest {
   bool is_head = false;
   Target target = {};       // without the token
   std::string token = {};   // for the coordinator; empty: none
-  std::string caller = {};  // whose request it is, by token or address
+  std::string caller = {};  // identity of the caller, by token or address
   std::string if_none_match = {};
   std::string body = {};
 };
@@ -29,33 +29,33 @@ struct HttpResponse {
   int status = 200;
   std::string content_type = {};
   std::string body = {};
-  // A file in place of `body`, alone in its folder. Whoever sends it opens it and calls
+  // A file in place of `body`, alone in its folder. The sender opens it and calls
   // RemoveTemporaryFile.
   std::string file_path = {};
-  // Whether the length of the body is not known, as for the HEAD of what is not made for that.
+  // True if the length of the body is not known, as for the HEAD of an output that is not made for
+  // it.
   bool has_unknown_length = false;
   // Lives until the answer is sent.
   std::shared_ptr<void> hold = nullptr;
   std::vector<std::pair<std::string, std::string>> headers = {};
 };
 
-// INVALID_ARGUMENT 400, UNAUTHENTICATED 401, PERMISSION_DENIED 403, NOT_FOUND 404,
-// FAILED_PRECONDITION 409, RESOURCE_EXHAUSTED 429, CANCELLED 499, UNIMPLEMENTED 501, UNAVAILABLE
-// 503, DEADLINE_EXCEEDED 504; 500 for all others.
+// The HTTP status of an error code: INVALID_ARGUMENT 400, UNAUTHENTICATED 401, PERMISSION_DENIED
+// 403, NOT_FOUND 404, FAILED_PRECONDITION 409, RESOURCE_EXHAUSTED 429, CANCELLED 499, UNIMPLEMENTED
+// 501, UNAVAILABLE 503, DEADLINE_EXCEEDED 504; 500 for all others.
 int HttpStatusOf(absl::StatusCode code);
 
-// The answer for an error: {"code": "INVALID_ARGUMENT", "message": "..."}, never kept by caches. A
-// refusal that tells a time to wait has it as "retry_delay_ms", and in whole seconds, at least 1,
-// as the header Retry-After.
+// Returns the answer for an error: {"code": "INVALID_ARGUMENT", "message": "..."}, not cacheable.
+// The retry delay of a refusal is the member "retry_delay_ms", and, in whole seconds of at least 1,
+// the header Retry-After.
 HttpResponse ErrorResponse(const absl::Status& status);
-// The same with another status of HTTP, such as 405.
+// Returns the same with another HTTP status, such as 405.
 HttpResponse ErrorResponse(const absl::Status& status, int http_status);
 
-// Removes a file and its folder, if nothing else is in it. The file stays for those that have it
-// open.
+// Removes a file, and its folder if that is empty then. Processes that have the file open keep it.
 void RemoveTemporaryFile(const std::string& path);
 
-// An answer with JSON that is made anew for each request.
+// Returns an answer with JSON that is made anew for each request.
 HttpResponse JsonResponse(std::string json);
 
 }  // namespace isoscope::gateway

@@ -2,11 +2,11 @@
 //
 //   state     under way                                  ends by
 //   reading   the next request's header, then its body   the request, an error, a time-out
-//   working   the Api answers; the socket is watched     the answer; a client that leaves cancels
-//   it writing   the answer, piece by piece                 the last piece, a time-out of one piece
+//   working   the Api answers; the socket is watched     the answer, or the client leaves
+//   writing   the answer, piece by piece                 the last piece, a time-out of one piece
 //
-// A WebSocket's request ends the session: the connection goes on as a WebSocket.
-// Everything runs on the connection's strand, but for the Api's answer, which is posted to it.
+// A WebSocket's request ends the session: the connection continues as a WebSocket. All functions
+// run on the connection's strand, except the Api's answer, which is posted to it.
 
 #include "web-gateway/http_session.h"
 
@@ -26,7 +26,7 @@
 namespace isoscope::gateway {
 namespace {
 
-// Rest of a request that was refused, so long.
+// The rest of a refused request is read for this long.
 constexpr absl::Duration kDrainTime = absl::Seconds(1);
 
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
@@ -47,7 +47,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
  private:
-  // The gateway shuts down.
+  // Ends the session when the gateway shuts down.
   void End(bool at_once) {
     is_ending_ = true;
     if (at_once && cancellation_ != nullptr) {
@@ -68,7 +68,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
       if (is_ok) {
         self->Read(self->parts_->limits.request_timeout);
       } else {
-        self->Close();  // somebody who speaks no TLS, or does not know our authority
+        self->Close();  // the client does not use TLS, or does not know our authority
       }
     });
   }
@@ -96,7 +96,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     }
   }
 
-  // A client that has left gets nothing; one that sends what is no HTTP is told so.
+  // A client that has left gets no answer; one that did not send HTTP gets an error.
   void OnReadError(ReadError error, const std::string& message) {
     if (error == ReadError::kEnd) {
       Close();
@@ -128,7 +128,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
                     : base::TraceContext::Random();
   }
 
-  // Checks who asks. Returns the target without its token, and keeps that for the coordinator.
+  // Checks access. Returns the target without its token, and keeps the token for the coordinator.
   absl::StatusOr<Target> Admit() {
     user_token_.clear();
     is_allowed_page_ = false;
@@ -151,13 +151,13 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     return target;
   }
 
-  // "Bearer TOKEN": the header, or what the protocols of a WebSocket say.
+  // Returns "Bearer TOKEN": the header, or the token in the protocols of a WebSocket.
   [[nodiscard]] std::string Authorization() const {
     std::string token = TokenOfProtocols(Field("Sec-WebSocket-Protocol"));
     return token.empty() ? Field("Authorization") : absl::StrCat("Bearer ", token);
   }
 
-  // Whose request it is, where users share the gateway: by token, else by address.
+  // Identifies the caller, for limits by user: by token, else by address.
   std::string Caller() {
     return user_token_.empty() ? absl::StrCat("address ", stream_->RemoteAddress())
                                : absl::StrCat("token ", user_token_);
@@ -311,7 +311,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
                          });
   }
 
-  // Tells the peer that no more comes; the socket closes with this session.
+  // Tells the peer that no more data comes; the socket closes with this session.
   void Close() {
     stream_->End(has_unread_bytes_, kDrainTime,
                  [self = shared_from_this()] { self->lease_ = nullptr; });

@@ -30,8 +30,8 @@ struct GatewayParts {
 void ServeHttp(std::shared_ptr<PeerStream> stream, GatewayParts* parts,
                std::shared_ptr<Connections::Lease> lease);
 
-// Serves a WebSocket of /v1/interact on the strand of `stream`, whose request asks for it and was
-// checked. `token`: the user's, for the coordinator; empty: none.
+// Serves a WebSocket of /v1/interact on the strand of `stream`, whose request was checked and asks
+// for it. `token`: the user's, for the coordinator; empty: none.
 void ServeWebSocket(std::shared_ptr<PeerStream> stream, std::string token,
                     const base::TraceContext& identity, GatewayParts* parts,
                     std::shared_ptr<Connections::Lease> lease);

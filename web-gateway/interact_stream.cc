@@ -1,5 +1,5 @@
 // As with FrameStream of the coordinator, a hold keeps gRPC from ending the stream between two
-// writes, which begin outside reactions; the end of the reads releases it.
+// writes, which begin outside reactions. The end of the reads releases the hold.
 
 #include "web-gateway/interact_stream.h"
 
@@ -69,7 +69,7 @@ std::shared_ptr<InteractStreamImpl> InteractStreamImpl::Open(CoordinatorClient* 
                                                              OnResponse on_response, OnEnd on_end) {
   CallCounter* const calls = client->calls();
   calls->Add();
-  // Whoever drops the last reference: the counter goes last, and with it the channel may go.
+  // If this drops the last reference, the counter goes last, and the channel may go with it.
   std::shared_ptr<InteractStreamImpl> stream(
       new InteractStreamImpl(client, token, identity, std::move(on_response), std::move(on_end)),
       [calls](InteractStreamImpl* ended) {
@@ -149,7 +149,7 @@ void InteractStreamImpl::OnDone(const grpc::Status& status) {
     end = error_.ok() ? client_->channel().NameAddress(rpc::ToAbslStatus(status)) : error_;
   }
   std::exchange(on_end_, nullptr)(end);
-  on_response_ = nullptr;  // what it holds may hold this stream
+  on_response_ = nullptr;  // its captures may hold this stream
   const std::shared_ptr<InteractStreamImpl> last_use = std::move(self_);
 }
 

@@ -20,8 +20,8 @@ class InteractResponse;
 
 namespace isoscope::gateway {
 
-// Thread-safe. A state that was not sent yet is replaced by a newer one; frames that were shown are
-// all reported, before the state.
+// Thread-safe. A newer state replaces one that was not sent yet. All acknowledged frames are
+// reported, before the state.
 class InteractStream {
  public:
   // Called by threads of gRPC, one at a time and in order; it must not block.
@@ -32,15 +32,15 @@ class InteractStream {
   // The most reports that wait to be sent; more end the stream with INVALID_ARGUMENT.
   static constexpr std::size_t kMaxWaitingReports = 256;
 
-  // Opens the stream at once, in the name of the viewer's request. `client` outlives it and all of
-  // its calls. `token`: the user's, or empty.
+  // Opens the stream at once, with the identity of the viewer's request. `client` outlives it and
+  // all of its calls. `token`: the user's, or empty.
   static std::shared_ptr<InteractStream> Open(CoordinatorClient* client, const std::string& token,
                                               const base::TraceContext& identity,
                                               OnResponse on_response, OnEnd on_end);
 
   // Queues a message. Does nothing once the stream has ended.
   virtual void Send(isoscope::v1::InteractRequest request) = 0;
-  // Ends it soon; OnEnd is still called.
+  // Ends the stream soon; OnEnd is still called.
   virtual void Cancel() = 0;
 
  protected:

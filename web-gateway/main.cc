@@ -1,4 +1,11 @@
 // isoscope-gateway: the page and the HTTP interface in front of a coordinator.
+//
+// 1. Flags are checked: addresses, the certificate for browsers, tokens, origins, limits.
+// 2. A channel to the coordinator is made; the coordinator may start later.
+// 3. GatewayServer starts, then the metrics server. The log has the page's address.
+// 4. SIGTERM shuts the gateway down with grace.
+//
+// --probe does none of this: it asks a running gateway for /healthz, for container health checks.
 
 #include <cstdint>
 #include <cstdlib>
@@ -56,7 +63,7 @@ constexpr char kExamples[] =
   isoscope-gateway --allow-origin https://hub.example.org      pages of a notebook hub may ask, too
 )";
 
-// Who must show a token, and which one the coordinator gets.
+// Adds the flags for the users' tokens, and for the token of the coordinator.
 void AddTokenFlags(cli::FlagSet* set, Flags* flags) {
   const cli::Flag gateway_token =
       set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
@@ -136,7 +143,7 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
       .Environment("ISOSCOPE_MAX_PICTURE_SECONDS");
 }
 
-// The certificate for browsers and its key; empty: plain HTTP.
+// Returns the certificate for browsers and its key; empty: plain HTTP.
 std::pair<std::string, std::string> HttpsFiles(const Flags& flags,
                                                const rpc::ServerFlags& server_flags) {
   if (flags.serves_http) {
@@ -147,17 +154,17 @@ std::pair<std::string, std::string> HttpsFiles(const Flags& flags,
              : std::pair(flags.https_certificate_file, flags.https_key_file);
 }
 
-// $ISOSCOPE_TOKEN, which is the token to send.
+// Returns $ISOSCOPE_TOKEN, the token to send.
 std::string TokenVariable() {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets the environment
   const char* const variable = getenv("ISOSCOPE_TOKEN");
   return std::string(absl::StripAsciiWhitespace(variable == nullptr ? "" : variable));
 }
 
-// Those that the operator has given; empty: none.
+// The operator's tokens; empty: none.
 struct Tokens {
-  std::string asked = {};  // of users
-  std::string sent = {};   // to the coordinator, for users that show none
+  std::string asked = {};  // that users must show
+  std::string sent = {};   // to the coordinator, for users without one
 };
 
 absl::StatusOr<Tokens> ReadTokens(const Flags& flags) {
@@ -179,7 +186,7 @@ absl::StatusOr<Tokens> ReadTokens(const Flags& flags) {
     return tokens;
   }
   if (tokens.asked.empty() && !flags.has_no_token) {
-    // Until this version the variable was the token to ask for.
+    // Before this version the variable was the token that users must show.
     base::LogWarning("old_option",
                      {{"option", "ISOSCOPE_TOKEN"},
                       {"note",
@@ -257,7 +264,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                             }));
   base::LogInfo("gateway_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
-                 // A token that the operator has given stays out of the log.
+                 // A token from the operator stays out of the log.
                  {"page", PageAddress(server_flags.listen_address, server->port(),
                                       tokens.asked.empty() ? options.access.token : "",
                                       !options.certificate_file.empty())},

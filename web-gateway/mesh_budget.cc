@@ -29,7 +29,7 @@ absl::Status MeshBudget::Lease::SetBytes(std::int64_t bytes) {
 absl::StatusOr<std::shared_ptr<MeshBudget::Lease>> MeshBudget::Begin(const std::string& caller) {
   {
     const base::MutexLock lock(&mutex_);
-    int& count = counts_[caller];  // of a caller that is refused it is above 0
+    int& count = counts_[caller];  // above 0 if the caller is refused
     if (count >= max_per_caller_) {
       return Refuse(absl::StrCat(count,
                                  " meshes of this caller are in work, which is the "

@@ -1,5 +1,5 @@
-// Bounds the meshes that the gateway writes to disk: how many a caller has in work, and the bytes
-// of all.
+// Bounds the meshes that the gateway writes to disk: the number in work of each caller, and the
+// bytes of all.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_MESH_BUDGET_H_
 #define ISOSCOPE_WEB_GATEWAY_MESH_BUDGET_H_
@@ -21,8 +21,8 @@ namespace isoscope::gateway {
 // Thread-safe. Outlives its leases.
 class MeshBudget {
  public:
-  // A mesh in work, from its request until its answer is sent. The destructor gives back what it
-  // takes. Thread-compatible.
+  // A mesh in work, from its request until its answer is sent. The destructor returns its share.
+  // Thread-compatible.
   class Lease {
    public:
     Lease(MeshBudget* budget, std::string caller) : budget_(budget), caller_(std::move(caller)) {}
@@ -30,8 +30,8 @@ class MeshBudget {
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
 
-    // Says how much the mesh takes on disk now. RESOURCE_EXHAUSTED, with the time to wait, if all
-    // meshes would take more than there is; then it counts as before.
+    // Sets the mesh's present size on disk. RESOURCE_EXHAUSTED with a retry delay if all meshes
+    // together would exceed the limit; then its size stays as before.
     absl::Status SetBytes(std::int64_t bytes);
 
    private:
@@ -43,11 +43,11 @@ class MeshBudget {
   MeshBudget(int max_per_caller, std::int64_t max_bytes)
       : max_per_caller_(max_per_caller), max_bytes_(max_bytes) {}
 
-  // Begins a mesh. RESOURCE_EXHAUSTED, with the time to wait, if the caller has as many as it may.
+  // Begins a mesh. RESOURCE_EXHAUSTED with a retry delay if the caller is at its limit.
   absl::StatusOr<std::shared_ptr<Lease>> Begin(const std::string& caller);
 
  private:
-  // Whether `more` bytes were taken.
+  // Takes `more` bytes; returns false if they exceed the limit.
   bool TryTake(std::int64_t more) ABSL_LOCKS_EXCLUDED(mutex_);
   void End(const std::string& caller, std::int64_t bytes) ABSL_LOCKS_EXCLUDED(mutex_);
 

@@ -5,9 +5,9 @@
 //   PeerListenerImpl  the socket that takes connections, and their threads
 //
 // Asio and Beast are templates over streams and handlers, and each pair is compiled anew. So there
-// is one stream, Transport, and its operations take handlers of one type, IoDone: what a WebSocket
-// makes of them is put behind that type. Requests are parsed, and answers written, by two loops
-// here, as Beast's own do it.
+// is one stream, Transport, and its operations take handlers of one type, IoDone; the WebSocket's
+// own handlers are wrapped in that type. Two loops here parse requests and write answers, as
+// Beast's own do.
 
 #include "web-gateway/peer_stream.h"
 
@@ -57,11 +57,11 @@ namespace websocket = beast::websocket;
 using asio::ip::tcp;
 using boost::system::error_code;
 
-// Between two looks at a TLS client that has sent something while its answer is in work.
+// The interval of checks of a TLS client that has sent data while its answer is in work.
 constexpr std::chrono::milliseconds kWatchPause{200};
-// After an error of accept, such as too many open files.
+// The pause after an error of accept, such as too many open files.
 constexpr std::chrono::milliseconds kAcceptPause{100};
-// How much of a file is read, and of a request that was refused.
+// Bytes of a file, or of a refused request, that are read at a time.
 constexpr std::size_t kPieceBytes = 64 * 1024;
 constexpr std::size_t kDrainPieceBytes = 4096;
 // The most that is read from a socket at a time.
@@ -97,8 +97,8 @@ class Transport {
     tls_.emplace(tcp_, *context);
     tls_->async_handshake(type, std::move(done));
   }
-  // Says goodbye in TLS and waits for the peer's, so that it can tell an end from a cut. REQUIRES:
-  // Handshake. The error is most often that the peer has just closed.
+  // Sends TLS's close_notify and waits for the peer's, so that the peer can tell an end from a cut.
+  // REQUIRES: Handshake. Most errors mean that the peer has just closed.
   void Shutdown(ErrorDone done) { tls_->async_shutdown(std::move(done)); }
 
   void Read(asio::mutable_buffer buffer, IoDone done) {
@@ -116,7 +116,7 @@ class Transport {
     }
   }
 
-  // For Beast.
+  // Beast requires these.
   template <typename Buffers, typename Handler>
   void async_read_some(const Buffers& buffers, Handler&& handler) {
     asio::mutable_buffer first;
@@ -139,7 +139,7 @@ class Transport {
     }
     Write(some, Erase(std::forward<Handler>(handler)));
   }
-  // A WebSocket calls it once it has closed. Beast finds it through the name.
+  // A WebSocket calls it after its close. Beast finds it by its name.
   friend void teardown(beast::role_type role, Transport& transport, error_code& error) {
     websocket::teardown(role, transport.socket(), error);
   }
@@ -155,7 +155,7 @@ class Transport {
   }
 
  private:
-  // Beast's handlers can't be copied, and are of many types.
+  // Beast's handlers can't be copied, and have many types.
   template <typename Handler>
   static IoDone Erase(Handler&& handler) {
     return [held = std::make_shared<std::decay_t<Handler>>(std::forward<Handler>(handler))](
@@ -166,7 +166,7 @@ class Transport {
   std::optional<asio::ssl::stream<beast::tcp_stream&>> tls_;
 };
 
-// Parses until `is_done`, and reads what that needs. The buffer keeps what follows. Calls `done`
+// Parses until `is_done`, and reads the bytes for that. The buffer keeps the rest. Calls `done`
 // once; all arguments live until then.
 template <bool is_request>
 void ReadMessagePart(Transport* transport, beast::flat_buffer* buffer,
@@ -277,7 +277,7 @@ class PeerStreamImpl final : public PeerStream,
   PeerRequest* request() override { return &request_; }
 
   void WatchPeer(std::function<void()> on_left) override {
-    // A peer may wait for long, and says nothing meanwhile.
+    // A peer may wait long without sending data.
     transport_.next_layer().expires_never();
     on_left_ = std::move(on_left);
     ++watch_number_;
@@ -439,7 +439,7 @@ class PeerStreamImpl final : public PeerStream,
         }));
   }
 
-  // A TLS client says goodbye before it leaves, which can't be told from a next request here.
+  // A TLS client sends close_notify before it leaves; here it looks like a next request.
   void WatchLater() {
     watch_timer_.expires_after(kWatchPause);
     Wait(&watch_timer_, [this, number = watch_number_] {
@@ -454,8 +454,7 @@ class PeerStreamImpl final : public PeerStream,
     return poll(&watched, 1, 0) == 1 && (watched.revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0;
   }
 
-  // Fills what is to be sent with the next piece of the file. False: it can't be read, or is
-  // shorter than it was.
+  // Loads the next piece of the file. False: it can't be read, or is shorter than before.
   bool ReadFile() {
     answer_.body.resize(static_cast<std::size_t>(
         std::min<std::int64_t>(kPieceBytes, answer_.file.size() - file_offset_)));
@@ -472,7 +471,7 @@ class PeerStreamImpl final : public PeerStream,
     return true;
   }
 
-  // Each piece has its own time: a long answer may take long, a reader that stalls may not.
+  // Each piece has its own time limit: a long answer may take long, a stalled reader may not.
   void WriteNext(absl::Duration timeout, Done done) {
     if (unsent_body_.size() == 0 && answer_.file.is_open() && file_offset_ < answer_.file.size() &&
         !ReadFile()) {
@@ -533,7 +532,7 @@ class PeerStreamImpl final : public PeerStream,
   asio::const_buffer unsent_body_;
   std::int64_t file_offset_ = 0;
 
-  // Without compression, which needs no code then.
+  // Compression is off, and its code is not compiled.
   std::optional<websocket::stream<Transport&, /*deflateSupported=*/false>> websocket_;
   beast::flat_buffer message_;
   std::string outgoing_;
@@ -640,7 +639,7 @@ absl::Status ToStatus(absl::string_view step, const error_code& error) {
                : absl::OkStatus();
 }
 
-// Each step is an asynchronous operation that runs alone, because only those can be given a time.
+// Each step is an asynchronous operation that runs alone, because only those can have a time limit.
 class Questioner {
  public:
   explicit Questioner(const PeerQuestion& question)
@@ -661,7 +660,7 @@ class Questioner {
             transport_.Handshake(&context_, asio::ssl::stream_base::client, std::move(done));
           })));
     }
-    // A gateway on the loopback address answers to names of that only.
+    // A gateway on the loopback address accepts only names of that address.
     const std::string request = absl::StrCat("GET ", question_.target,
                                              " HTTP/1.1\r\nHost: localhost\r\n"
                                              "Connection: close\r\n\r\n");
@@ -687,7 +686,7 @@ class Questioner {
   }
 
  private:
-  // Starts an operation and waits for its end, or for the end of the time.
+  // Starts an operation and waits for its end, or for its time limit.
   error_code Run(const std::function<void(ErrorDone)>& start) {
     error_code result = asio::error::timed_out;
     start([&result](error_code error) { result = error; });
@@ -696,7 +695,7 @@ class Questioner {
     return result;
   }
 
-  // Tries one address after the other.
+  // Tries the addresses in order.
   error_code Connect(const tcp::resolver::results_type& found) {
     error_code error = asio::error::not_found;
     for (const auto& entry : found) {

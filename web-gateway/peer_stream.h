@@ -1,6 +1,6 @@
 // The transport of a gateway: browsers' connections, HTTP/1.1 and WebSockets on them, over TCP or
-// TLS; and the same for one question to another gateway. Boost.Asio and Boost.Beast take long to
-// compile, so peer_stream.cc alone sees their templates.
+// TLS. It also sends a single request to another gateway. Boost.Asio and Boost.Beast compile
+// slowly, so only peer_stream.cc includes their templates.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
 #define ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
@@ -25,7 +25,7 @@ namespace isoscope::gateway {
 // Names and values of a header, in order.
 using PeerFields = std::vector<std::pair<std::string, std::string>>;
 
-// Adds a field at the end, in place of those of its name; names have no case.
+// Appends a field, after removing those of the same name; names ignore case.
 void SetField(absl::string_view name, absl::string_view value, PeerFields* fields);
 
 struct PeerRequest {
@@ -34,17 +34,17 @@ struct PeerRequest {
   PeerFields fields;
   std::string body;
   bool keeps_alive = false;     // another request may follow
-  bool asks_websocket = false;  // to go on as a WebSocket
+  bool asks_websocket = false;  // requests a WebSocket
 
-  // The first value of a field; "" without it.
+  // Returns the first value of a field; "" without it.
   [[nodiscard]] absl::string_view Field(absl::string_view name) const;
   [[nodiscard]] int CountFields(absl::string_view name) const;
 };
 
-// Why no request came.
+// The reason why no request came.
 enum class ReadError {
   kNone,
-  kEnd,            // the peer left, or the time has passed
+  kEnd,            // the peer left, or the time limit passed
   kLongHeader,     // longer than kMaxHeaderBytes
   kLongBody,       // longer than kMaxBodyBytes
   kNoHttpRequest,  // no HTTP/1.1
@@ -77,20 +77,20 @@ class AnswerFile {
 
 struct PeerAnswer {
   int status = 200;
-  PeerFields fields = {};  // all of them, Content-Length too
+  PeerFields fields = {};  // complete, with Content-Length
   std::string body = {};
-  AnswerFile file = {};  // in place of `body`, if it is open
+  AnswerFile file = {};  // replaces `body` if it is open
 };
 
 struct WebSocketOptions {
   absl::Duration handshake_timeout;
-  absl::Duration idle_timeout;  // the most silence of a peer, which answers pings
+  absl::Duration idle_timeout;  // longest silence of a peer, which answers pings
   std::size_t max_message_bytes = 0;
-  std::string protocol = {};  // the subprotocol that both speak; empty: none
+  std::string protocol = {};  // subprotocol of both sides; empty: none
 };
 
-// A connection. Its operations end in calls on its strand, in which all its other functions are
-// called too, but for Post, which is thread-safe. One operation of a kind runs at a time. A pending
+// A connection. Its operations end in calls on its strand. All other functions must be called
+// there, except Post, which is thread-safe. One operation of a kind runs at a time. A pending
 // operation keeps the stream alive.
 class PeerStream {
  public:
@@ -105,40 +105,41 @@ class PeerStream {
   // Calls `task` on the strand.
   virtual void Post(std::function<void()> task) = 0;
   [[nodiscard]] virtual bool has_tls() const = 0;
-  // The peer's; a socket that is closed has 0.0.0.0.
+  // Returns the peer's address; 0.0.0.0 once the socket is closed.
   [[nodiscard]] virtual std::string RemoteAddress() const = 0;
-  // Calls `task` after a time, unless the timer is set again or cancelled before.
+  // Calls `task` after a delay, unless the timer is set again or cancelled before.
   virtual void SetTimer(absl::Duration time, std::function<void()> task) = 0;
   virtual void CancelTimer() = 0;
-  // Closes the socket: what is under way ends.
+  // Closes the socket: pending operations end.
   virtual void CloseSocket() = 0;
 
-  // HTTP. Each operation has a time, after which it fails.
+  // HTTP. Each operation has a time limit, after which it fails.
 
   // REQUIRES: has_tls().
   virtual void Handshake(absl::Duration timeout, Done done) = 0;
-  // Reads a request into request(). It must begin, up to the end of its header, within
-  // `header_timeout`, and its body come within `body_timeout`. One that asks for a WebSocket has
-  // no body. The message says what is wrong with the request.
+  // Reads a request into request(). Its header must be complete within `header_timeout`, its body
+  // within `body_timeout`. A request for a WebSocket has no body. The message describes an error in
+  // the request.
   virtual void ReadRequest(absl::Duration header_timeout, absl::Duration body_timeout,
                            RequestDone done) = 0;
   virtual PeerRequest* request() = 0;
-  // Calls `on_left` once if the peer leaves before StopWatch. Nothing else is under way.
+  // Calls `on_left` once if the peer leaves before StopWatch. REQUIRES: no other operation is
+  // pending.
   virtual void WatchPeer(std::function<void()> on_left) = 0;
   virtual void StopWatch() = 0;
-  // `piece_timeout`: in which the peer must take a piece of the answer.
+  // `piece_timeout`: the peer must take each piece of the answer within it.
   virtual void WriteAnswer(PeerAnswer answer, absl::Duration piece_timeout, Done done) = 0;
-  // Tells the peer that no more comes. `has_unread_bytes`: the peer may still send, and what it
-  // sends is read for at most `timeout`: a socket that is closed with unread bytes takes the answer
-  // back. The socket closes with the stream.
+  // Tells the peer that no more data comes. `has_unread_bytes`: the peer may still send, and its
+  // bytes are read for at most `timeout`. A socket closed with unread bytes may drop the answer.
+  // The socket closes with the stream.
   virtual void End(bool has_unread_bytes, absl::Duration timeout, std::function<void()> done) = 0;
-  // Sends what has room in the buffer of a new socket, and ends the connection. REQUIRES:
+  // Sends the bytes that fit into the buffer of a new socket, and ends the connection. REQUIRES:
   // !has_tls().
   virtual void Refuse(absl::string_view bytes) = 0;
 
   // WebSocket.
 
-  // Answers request(), which asks for it. No operation of HTTP follows.
+  // Accepts request(), which asks for a WebSocket. No operation of HTTP follows.
   virtual void AcceptWebSocket(const WebSocketOptions& options, Done done) = 0;
   // Reads a message into message(). False: the connection has ended, or is broken.
   virtual void ReadMessage(Done done) = 0;
@@ -146,7 +147,7 @@ class PeerStream {
   [[nodiscard]] virtual bool is_text() const = 0;
   // Writes a binary message.
   virtual void WriteMessage(std::string message, Done done) = 0;
-  // Says goodbye with a code of RFC 6455 and at most kMaxReasonBytes, and waits for the peer's.
+  // Sends a close with a code of RFC 6455 and at most kMaxReasonBytes, and waits for the peer's.
   virtual void CloseWebSocket(std::uint16_t code, absl::string_view reason,
                               std::function<void()> done) = 0;
   static constexpr std::size_t kMaxReasonBytes = 123;
@@ -159,7 +160,7 @@ class PeerListener {
   using Serve = std::function<void(std::shared_ptr<PeerStream> stream)>;
 
   static std::unique_ptr<PeerListener> Make();
-  // Ends the threads, and drops the connections that are left.
+  // Ends the threads, and drops the remaining connections.
   virtual ~PeerListener() = default;
 
   // `host` has no brackets; port 0 takes a free one. `address`: both, for errors. `tls`: null for
@@ -177,7 +178,7 @@ struct PeerQuestion {
   std::string port;
   std::string target;
   bool has_tls = false;
-  std::string ca_file = {};  // who must have signed the certificate; empty: any will do
+  std::string ca_file = {};  // authority of the certificate; empty: any
   absl::Duration timeout;
 };
 
@@ -186,7 +187,8 @@ struct PeerReply {
   std::string body;
 };
 
-// GETs a target of "localhost" from a server. UNAVAILABLE says which step failed. Blocks.
+// Sends GET for a target of "localhost" to a server. UNAVAILABLE names the step that failed.
+// Blocks.
 absl::StatusOr<PeerReply> AskPeer(const PeerQuestion& question);
 
 }  // namespace isoscope::gateway

@@ -45,7 +45,7 @@ absl::StatusOr<std::int64_t> ParseQuality(absl::string_view text) {
   return client::ParseInteger(text, 1, 100);
 }
 
-// "--clip-plane is ..." as "clip-plane is ...": in an address, names have no dashes before them.
+// Turns "--clip-plane is ..." into "clip-plane is ...": names in an address have no dashes.
 std::string WithoutDashes(absl::string_view message) {
   std::string plain;
   for (std::size_t i = 0; i < message.size(); ++i) {
@@ -79,7 +79,7 @@ absl::Status UnknownParameter(const std::string& name,
                    " there are: ", absl::StrJoin(names, ", ")));
 }
 
-// Lets `set` read the parameters as flags. REQUIRES: each flag has one name, and a value.
+// Parses the parameters as flags of `set`. REQUIRES: each flag has one name, and a value.
 absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
   const std::vector<cli::FlagDescription> parameters = set->Describe();
   std::vector<std::string> arguments;
@@ -104,7 +104,7 @@ absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
     if (value.empty() && !parameter->has_optional_value) {
       return absl::InvalidArgumentError(absl::StrCat("the parameter ", name, " has no value"));
     }
-    // "--name=" would take the next argument for the value.
+    // "--name=" would take the next argument as its value.
     arguments.push_back(absl::StrCat("--", name, "=", value.empty() ? "true" : value));
   }
   return ParameterError(set->Parse(arguments));

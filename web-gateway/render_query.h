@@ -1,4 +1,4 @@
-// The parameters of GET .../render and .../mesh.glb: those of the command line, read by the same
+// The parameters of GET .../render and .../mesh.glb: those of the command line, parsed by the same
 // code. "?isovalue=60&clip_plane=0,0,1,20" is "--isovalue=60 --clip-plane=0,0,1,20".
 
 #ifndef ISOSCOPE_WEB_GATEWAY_RENDER_QUERY_H_
@@ -16,12 +16,11 @@
 
 namespace isoscope::gateway {
 
-// The request for a picture of `dataset`. Parameters: the flags of `isoscope render` that decide a
-// pixel, with '-' or '_', and
+// Returns the request for a picture of `dataset`. Parameters: the flags of `isoscope render` that
+// affect a pixel, with '-' or '_', and
 //   format   png (default), jpeg, or depth: float32 of each pixel, little-endian
 //   quality  of a JPEG, 1 to 100
-// INVALID_ARGUMENT names the parameter, its value and what is allowed; also for a parameter that
-// there is not.
+// INVALID_ARGUMENT names the parameter, its value and the allowed values; also for an unknown one.
 absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> RenderRequestFromQuery(
     const QueryParameters& query, const isoscope::v1::Dataset& dataset);
 

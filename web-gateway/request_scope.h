@@ -1,5 +1,5 @@
-// One request of a browser while it is answered: its cancellation, and its identity, which goes on
-// to the coordinator and into log lines.
+// One request of a browser while it is answered: its cancellation, and its identity, which is
+// passed to the coordinator and to log lines.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_REQUEST_SCOPE_H_
 #define ISOSCOPE_WEB_GATEWAY_REQUEST_SCOPE_H_

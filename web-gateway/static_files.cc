@@ -9,8 +9,8 @@
 namespace isoscope::gateway {
 namespace {
 
-// Scripts and styles come from the program alone: nothing inline, no eval, no blobs. Only a worker
-// may be made of a blob, as a module that is one file has to make it.
+// Scripts and styles come from the program alone: nothing inline, no eval, no blobs. Only workers
+// may be blobs, because a module in one file has to start its worker from one.
 constexpr char kContentSecurityPolicy[] =
     "default-src 'none'; script-src 'self'; worker-src 'self' blob:; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; font-src 'self'; base-uri 'none'; "

@@ -47,7 +47,7 @@ absl::Status TlsContext::Load() {
     failed_file = certificate_file_;
   }
   if (!error) {
-    // Checks that the key is the certificate's.
+    // Checks that the key belongs to the certificate.
     context->use_private_key_file(key_file_, ssl::context::pem, error);
     failed_file = key_file_;
   }

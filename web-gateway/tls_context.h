@@ -1,5 +1,5 @@
-// The certificate that browsers see. Its files are looked at before a connection is taken, at most
-// once a second, and read again when they have changed.
+// The certificate that browsers see. Before a connection is accepted, at most once a second, its
+// files are checked, and read again when they have changed.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
 #define ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
@@ -23,17 +23,18 @@ class TlsContext {
  public:
   static constexpr absl::Duration kReloadInterval = absl::Seconds(1);
 
-  // Of a chain and its key, PEM. INVALID_ARGUMENT if they can't be used.
+  // Loads a chain and its key, PEM. INVALID_ARGUMENT if they can't be used.
   static absl::StatusOr<std::unique_ptr<TlsContext>> Make(const std::string& certificate_file,
                                                           const std::string& key_file);
 
-  // For the next connection. Files that can't be used are logged, and the last good ones stay.
+  // Returns the context for the next connection. Unusable files are logged, and the last good ones
+  // stay.
   std::shared_ptr<boost::asio::ssl::context> Get(absl::Time now);
 
  private:
   TlsContext(std::string certificate_file, std::string key_file)
       : certificate_file_(std::move(certificate_file)), key_file_(std::move(key_file)) {}
-  // Names the state of both files: differs once one was replaced or written.
+  // Returns a key of the state of both files: it changes when one is replaced or written.
   [[nodiscard]] std::string StateOfFiles() const;
   absl::Status Load();
 

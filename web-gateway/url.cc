@@ -51,7 +51,7 @@ absl::StatusOr<std::string> Decode(absl::string_view text, bool plus_is_space) {
   return decoded;
 }
 
-// "http://host/path?query": what follows the host. Everything else stays as it is.
+// "http://host/path?query": returns the part after the host. Other targets are returned unchanged.
 absl::string_view WithoutHost(absl::string_view target) {
   for (const absl::string_view scheme :
        {absl::string_view("http://"), absl::string_view("https://")}) {

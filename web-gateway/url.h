@@ -24,16 +24,16 @@ struct Target {
 
   friend bool operator==(const Target&, const Target&) = default;
 
-  // Takes the parameters of this name out, and returns the value of the first; "" without one.
+  // Removes the parameters of this name, and returns the value of the first; "" without one.
   std::string TakeParameter(absl::string_view name);
 };
 
-// Parses "/path?query", or the same behind "http://host". INVALID_ARGUMENT, with the target quoted:
-// not of this form, a broken percent escape, a control character, a segment that is "." or "..", or
+// Parses "/path?query", or the same after "http://host". INVALID_ARGUMENT, with the target quoted,
+// for another form, a broken percent escape, a control character, a segment that is "." or "..", or
 // more than kMaxQueryParameters parameters.
 absl::StatusOr<Target> ParseTarget(absl::string_view target);
 
-// Returns text of a client in quotes, its bytes escaped; of a long one the first 100, and "...".
+// Returns a client's text in quotes, its bytes escaped; a long one is cut to 100 bytes and "...".
 std::string Quoted(absl::string_view text);
 
 // Escapes all bytes but letters, digits, '-', '_', '.', '~', ',' and ':', for a value in a query.

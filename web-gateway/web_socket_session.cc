@@ -1,15 +1,16 @@
 // One viewer: a WebSocket on one side, a stream of the coordinator on the other.
 //
-//   from the viewer        a message at a time: decoded, handed to the stream, the next one is read
+//   from the viewer        one message at a time: decoded, queued in the stream, then the next
+//                          one is read
 //   from the coordinator   a response becomes the frame of the slot; one that still waits there is
-//                          replaced, and reported as shown, so that its credit comes back
+//                          replaced, and reported as shown, which returns its credit
 //   to the viewer          one write under way; when it is done, the slot's frame is next
 //
 // So a viewer that does not read holds at most two frames here, and no thread. It is dropped when a
-// write takes longer than the time-out.
+// write exceeds its time limit.
 //
-// Everything runs on the connection's strand, but for the stream's callbacks, which post to it. The
-// stream holds the session until it ends; the session drops the stream when it ends.
+// All functions run on the connection's strand, except the stream's callbacks, which post to it.
+// The stream holds the session until it ends; the session drops the stream when it ends.
 
 #include <cstddef>
 #include <cstdint>
@@ -33,7 +34,7 @@ namespace {
 namespace v1 = isoscope::v1;
 
 constexpr absl::Duration kHandshakeTimeout = absl::Seconds(10);
-// In which a viewer must answer a close.
+// A viewer must answer a close within this time.
 constexpr absl::Duration kCloseTimeout = absl::Seconds(2);
 
 // Codes of a close, by RFC 6455.
@@ -41,7 +42,7 @@ constexpr std::uint16_t kGoingAway = 1001;
 constexpr std::uint16_t kPolicyError = 1008;
 constexpr std::uint16_t kInternalError = 1011;
 
-// Cuts UTF-8 to a length without cutting a character.
+// Cuts UTF-8 to a length at a character boundary.
 absl::string_view CutText(absl::string_view text, std::size_t max_bytes) {
   if (text.size() <= max_bytes) {
     return text;
@@ -110,7 +111,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
 
   void OnRead(bool is_ok) {
     if (!is_ok) {
-      Finish();  // also the end of a close
+      Finish();  // a close ends here, too
       return;
     }
     if (!is_closing_) {
@@ -173,7 +174,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     }
   }
 
-  // Drops the connection if the timer is not set anew, or cancelled, before.
+  // Drops the connection unless the timer is set again, or cancelled, before.
   void DropAfter(absl::Duration timeout) {
     socket_->SetTimer(timeout, [self = shared_from_this()] { self->Finish(); });
   }
@@ -189,7 +190,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     }
   }
 
-  // The gateway shuts down.
+  // Ends the session when the gateway shuts down.
   void End(bool at_once) {
     if (at_once || !is_open_) {
       Finish();

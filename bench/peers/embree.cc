@@ -1,5 +1,5 @@
-// A yardstick: the whole surface as a mesh, drawn by Intel's ray tracer. It says what primary rays
-// cost on the same cores, without service, culling, disk and PNG.
+// A yardstick: the whole surface as a mesh, drawn by Intel's ray tracer. It gives the cost of
+// primary rays on the same cores, without service, culling, disk and PNG.
 //
 //   apt-get install libembree-dev libtbb-dev
 //   g++ -std=c++20 -O3 -march=native embree.cc -o embree -lembree3 -ltbb
@@ -132,7 +132,8 @@ struct Camera {
   Vec3 up;
 };
 
-// Draws one view into `picture` (kSide * kSide grey values), and returns how many pixels it covers.
+// Draws one view into `picture` (kSide * kSide grey values), and returns the number of covered
+// pixels.
 std::size_t Draw(RTCScene scene, const Mesh& mesh, const Camera& camera,
                  std::vector<std::uint8_t>* picture) {
   constexpr int kPackets = kSide / kPacketSide;

@@ -81,8 +81,8 @@ absl::Status RunList(const ListFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-// The entries that `names` mean, each the name of an entry or the path of a source volume; all
-// without names. NOT_FOUND names the first that means none.
+// Returns the entries that `names` select, each by its own name or by the path of a source volume.
+// Without names it returns all. NOT_FOUND names the first one that selects none.
 absl::StatusOr<std::vector<CacheEntry>> SelectEntries(const std::vector<std::string>& names,
                                                       const std::string& folder) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<CacheEntry> entries, ListEntries(folder));
@@ -146,7 +146,7 @@ Action RegisterListFlags(FlagSet* set) {
 
 Action RegisterClearFlags(FlagSet* set) {
   const auto names = std::make_shared<std::vector<std::string>>();
-  // Not AddListFlag, which takes a comma for the end of a value: paths may have some.
+  // Not AddListFlag, which splits values at commas: paths may contain commas.
   set->AddTexts("name", "NAME", names.get(),
                 "names as 'isoscope cache list' has them, or paths of volumes (default: all)");
   return [names](const Context& context) { return RunClear(*names, context); };

@@ -1,4 +1,9 @@
 // isoscope export INPUT | DIR | --server HOST:PORT --isovalue V --output FILE
+//
+// 1. CheckUsage checks the flags against each other and the format of the file.
+// 2. Without a filter, chunks go from the stream straight into the writer: memory stays constant.
+// 3. With a filter (small components, simplification), SurfaceStores keeps each surface as a whole.
+//    Filter processes one surface at a time, and the writer gets the result.
 
 #include <algorithm>
 #include <cstdint>
@@ -56,7 +61,7 @@ struct ExportFlags {
   std::optional<double> simplify_error;
   std::optional<std::string> dataset_id;
 
-  // True if the whole mesh must be seen before it is written.
+  // Returns true if the whole mesh must be complete before it is written.
   [[nodiscard]] bool has_filter() const {
     return min_component || simplify_share || simplify_error;
   }
@@ -121,8 +126,7 @@ isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
   return request;
 }
 
-// Keeps each surface in a store of its own, so that what looks at a whole mesh looks at one
-// surface.
+// Stores each surface by itself, so that a filter of whole meshes processes one surface.
 class SurfaceStores : public client::MeshSink {
  public:
   explicit SurfaceStores(std::string folder) : folder_(std::move(folder)) {}
@@ -159,11 +163,11 @@ class SurfaceStores : public client::MeshSink {
  private:
   const std::string folder_;
   std::vector<std::unique_ptr<client::MeshStore>> stores_;  // by surface index
-  std::int64_t first_vertex_ = 0;                           // of the last surface
+  std::int64_t first_vertex_ = 0;                           // first vertex of the last surface
   std::int64_t vertex_count_ = 0;
 };
 
-// Gives the stream of the isosurfaces to `sink`.
+// Passes the stream of the isosurfaces to `sink`.
 absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
                      client::MeshSink* sink, const Context& context) {
   ProgressLine line(context.err, context.err_is_terminal);
@@ -221,7 +225,7 @@ absl::Status Simplify(const ExportFlags& flags, const SurfaceStores& surfaces,
   return absl::OkStatus();
 }
 
-// Drops islands and simplifies, each surface by itself, and tells what it did.
+// Removes small components and simplifies, each surface by itself, and reports the counts.
 absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
                     const Context& context) {
   if (flags.min_component) {

@@ -1,7 +1,9 @@
 // isoscope generate FIELD --dims X,Y,Z --output FILE
 //
-// kFields has a row for each field; the flags of a field are in GenerateFlags, and which flags
-// belong to which field is checked, so that a flag without effect is wrong usage.
+// kFields has a row for each field. GenerateFlags has the flags of all fields. A check by field
+// makes a flag without effect wrong usage.
+//
+// To add a field: its function in core, a row in kFields, and its flags.
 
 #include <array>
 #include <cstdint>
@@ -38,7 +40,7 @@ using source::GeneratedField;
 struct FieldRow {
   GeneratedField field;
   const char* name;
-  const char* summary;  // for --help: what it is, and where its surfaces are
+  const char* summary;  // for --help: the field, and the isovalues of its surfaces
 };
 constexpr std::array<FieldRow, 5> kFields{{
     {GeneratedField::kRandom, "random",
@@ -149,7 +151,7 @@ source::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
   return p;
 }
 
-// The sample value of `type` that a generated value of 0.5 becomes.
+// Returns the sample value of `type` for a generated value of 0.5.
 double MiddleOf(volume::ScalarType type) {
   return volume::VisitScalarType(type, []<typename T>() {
     if constexpr (std::is_floating_point_v<T>) {

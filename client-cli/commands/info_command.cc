@@ -1,4 +1,9 @@
 // isoscope info INPUT|DIR | --server HOST:PORT
+//
+// The input decides the output: the header of a volume file, the manifest of a dataset directory,
+// or the datasets and agents of a server. Each becomes JSON first (output/dataset_json), which
+// --json prints as it is and the text is made from. --histogram adds a histogram: it opens a
+// session, which partitions a volume into the cache.
 
 #include <cstdint>
 #include <memory>
@@ -41,10 +46,10 @@
 namespace isoscope::cli {
 namespace {
 
-// The calls answer from memory, or in one pass over the ranges of blocks.
+// The calls are answered from memory, or in one pass over the ranges of blocks.
 constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
-// Samples that are read in a second or two, also where they are compressed.
+// Samples of this size are read in a second or two, even if they are compressed.
 constexpr std::int64_t kMaxQuickBytes = 64 * base::kMiB;
 
 struct InfoFlags {
@@ -55,7 +60,7 @@ struct InfoFlags {
   bool is_json = false;
   bool reads_values = false;
   SourceFlags source;
-  // The histogram of one dataset.
+  // of a single dataset
   bool draws_histogram = false;
   std::optional<std::string> dataset;
   std::optional<std::int64_t> bin_count;
@@ -85,10 +90,10 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
   return json;
 }
 
-// Prints what the header says before it reads the volume for the range of its values. Reads it if
-// that is quick, or asked for.
+// Prints the header before it reads the volume for the range of its values. Reads the volume only
+// if that is quick, or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
-  // It knows what a folder without a volume is.
+  // SourceFiles has the error message for a folder without a volume.
   ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags.source, *flags.input));
@@ -180,8 +185,8 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
   return result;
 }
 
-// Draws the histogram, and adds it to `json`, which it makes for a volume: the range of its values
-// is then known without reading it again.
+// Draws the histogram, and adds it to `json`. For a volume it makes `json` from the histogram: so
+// the range of its values needs no second read.
 absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& context,
                                          Json* json) {
   ISOSCOPE_ASSIGN_OR_RETURN(const HistogramOfDataset found, FetchHistogram(flags, context));
@@ -206,7 +211,7 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
 
 std::string ToText(const Json& json, int max_width) {
   if (json.contains("volume")) {
-    return DescribeValueRange(json.at("volume"));  // the rest is printed
+    return DescribeValueRange(json.at("volume"));  // the other lines are printed already
   }
   std::string text;
   if (json.contains("server")) {

@@ -1,4 +1,8 @@
 // isoscope pick INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y
+//
+// A pick draws the frame that `render` would draw with the same flags, and returns the surface
+// point at each pixel. So --region is removed: pixels refer to the whole picture. --json prints one
+// object a pixel with the names of the API.
 
 #include <memory>
 #include <optional>
@@ -178,7 +182,7 @@ Action RegisterPickFlags(FlagSet* set) {
                 "a pixel of the picture: column and row from the top left; repeatable");
   set->AddSwitch("--json", &flags->is_json, "print JSON");
   client::AddRequestFlags(set, &flags->request);
-  set->Remove("--region");  // --pixel counts in the whole picture
+  set->Remove("--region");  // --pixel refers to the whole picture
   client::AddViewFlags(set, &flags->view);
   return [flags](const Context& context) { return Run(*flags, context); };
 }

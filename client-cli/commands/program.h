@@ -1,4 +1,4 @@
-// `isoscope`: which commands it has.
+// The list of the commands of `isoscope`.
 
 #ifndef ISOSCOPE_CLIENT_CLI_COMMANDS_PROGRAM_H_
 #define ISOSCOPE_CLIENT_CLI_COMMANDS_PROGRAM_H_

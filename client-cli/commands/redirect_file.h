@@ -1,5 +1,5 @@
-// Hands an address with a token to a browser: by a file, because a command line is shown to every
-// user of the machine.
+// Passes an address with a token to a browser through a file, because every user of the machine can
+// read command lines.
 
 #ifndef ISOSCOPE_CLIENT_CLI_COMMANDS_REDIRECT_FILE_H_
 #define ISOSCOPE_CLIENT_CLI_COMMANDS_REDIRECT_FILE_H_
@@ -12,11 +12,12 @@
 
 namespace isoscope::cli {
 
-// A page on disk that leads to an address. Only its owner may read it (mode 0600, in a folder of
-// mode 0700). The destructor removes it.
+// A page on disk that redirects to an address. Only its owner may read it (mode 0600, in a folder
+// of mode 0700). The destructor removes it.
 class RedirectFile {
  public:
-  // In the folder for temporary files (TMPDIR). FAILED_PRECONDITION if it can't be written.
+  // Creates it in the folder for temporary files (TMPDIR). FAILED_PRECONDITION if it can't be
+  // written.
   static absl::StatusOr<std::unique_ptr<RedirectFile>> Create(const std::string& address);
   ~RedirectFile();
   RedirectFile(const RedirectFile&) = delete;

@@ -1,8 +1,8 @@
 // isoscope render INPUT | DIR | --server HOST:PORT --isovalue V --output FILE.png
 // isoscope render INPUT | DIR | --server HOST:PORT --like FILE.png --output FILE.png
 //
-// One picture, or frames of a sweep, each with one request (RunFrames); a picture too large for one
-// frame, region by region (RunPoster); or a picture made again from its record (RunLike).
+// RunFrames renders one picture, or the frames of a sweep, each with one request. RunPoster renders
+// a picture too large for one frame region by region. RunLike repeats a picture from its record.
 
 #include <algorithm>
 #include <cstddef>
@@ -67,7 +67,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
   return io::WriteFileAtomically(*flags.stats, json);
 }
 
-// The dataset, and what the record of its pictures says of it.
+// The dataset, and its description in the record of pictures.
 struct Subject {
   v1::Dataset dataset;
   std::string picture_revision;
@@ -94,7 +94,7 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .picture_revision = subject.picture_revision});
 }
 
-// Renders one frame, remembers its statistics and writes its trace.
+// Renders one frame, records its statistics and writes its trace.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
     const v1::RenderIsosurfaceRequest& plain_request, const std::optional<std::string>& trace_path,
     Session* session, std::vector<FrameRecord>* frames, bool says_waiting, const Context& context) {
@@ -114,7 +114,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
   return response;
 }
 
-// Says if translucent layers were left out.
+// Warns if translucent layers were left out.
 void WarnIfTruncated(const std::vector<FrameRecord>& frames, const RenderFlags& flags,
                      const Context& context) {
   std::int64_t most = 0;
@@ -132,7 +132,7 @@ void WarnIfTruncated(const std::vector<FrameRecord>& frames, const RenderFlags& 
   }
 }
 
-// Says which frames lack shards, also with --quiet.
+// Warns about frames that lack shards, also with --quiet.
 void WarnIfPartial(const std::vector<FrameRecord>& frames, const Context& context) {
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const std::string missing = DescribeMissingShards(frames[i].statistics);
@@ -143,8 +143,8 @@ void WarnIfPartial(const std::vector<FrameRecord>& frames, const Context& contex
   }
 }
 
-// The stream for text: standard error if the statistics, or the bytes of the picture that a file
-// takes, go to standard output; nowhere with --quiet.
+// Returns the stream for text. It is standard error if the statistics, or the bytes of the picture,
+// go to standard output. With --quiet it discards the text.
 std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
   if (flags.is_quiet) {
     return *QuietContext(context).out;
@@ -203,7 +203,7 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
     ISOSCOPE_ASSIGN_OR_RETURN(
         v1::RenderIsosurfaceResponse response,
         session->client().RenderIsosurface(of_region, session->frame_timeout()));
-    // The server finds the camera once: the other regions have the one that it used.
+    // The server resolves the camera once: the other regions use the camera of the first.
     *of_region.mutable_camera() = response.camera();
     of_region.clear_camera_fit();
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - region_start),
@@ -250,7 +250,7 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   return client::WritePlanes(flags.planes.files, response);
 }
 
-// The request of frame `i`, whose camera is `first` turned on.
+// Returns the request of frame `i`, whose camera is `first`, rotated.
 absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& flags,
                                                              const client::RequestFlags& of_frame,
                                                              const std::string& dataset,
@@ -261,7 +261,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
     request.mutable_selection()->set_time_step(flags.sweep.steps[static_cast<std::size_t>(i)]);
   }
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
-    // All but the eye has the very bits of the first camera.
+    // All values but the eye have the same bits as in the first camera.
     ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
     *request.mutable_camera()->mutable_eye() =
         rpc::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
@@ -276,7 +276,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   return request;
 }
 
-// The picture's file, its size, and of an animation the number of frames.
+// Describes the picture: its file, its size, and the number of frames of an animation.
 std::string DescribeResult(const RenderFlags& flags) {
   const int frame_count = flags.sweep.frame_count();
   const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
@@ -353,7 +353,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   return absl::OkStatus();
 }
 
-// Makes a picture again from its record and says how the two compare.
+// Repeats a picture from its record and reports how the two compare.
 absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& recorded,
                      const PictureDisplay& display, Session* session, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));

@@ -19,7 +19,7 @@
 namespace isoscope::cli {
 namespace {
 
-// UsageError if the output's format does not fit what is asked for beside it.
+// UsageError if the output's format does not fit the other flags.
 absl::Status CheckFormat(const RenderFlags& flags) {
   if (!flags.output) {
     return absl::OkStatus();
@@ -34,7 +34,7 @@ absl::Status CheckFormat(const RenderFlags& flags) {
   return absl::OkStatus();
 }
 
-// UsageError for what a picture can't have that is drawn region by region.
+// UsageError for flags that a picture drawn region by region can't have.
 absl::Status CheckPoster(const RenderFlags& flags) {
   if (!flags.is_poster()) {
     return absl::OkStatus();

@@ -1,4 +1,4 @@
-// The flags of `isoscope render`, and what may be asked for together.
+// The flags of `isoscope render`, and the rules for their combinations.
 
 #ifndef ISOSCOPE_CLIENT_CLI_COMMANDS_RENDER_FLAGS_H_
 #define ISOSCOPE_CLIENT_CLI_COMMANDS_RENDER_FLAGS_H_
@@ -42,24 +42,24 @@ struct RenderFlags {
   std::optional<std::string> dataset_id;
   client::Annotations annotations;
 
-  // Whether the picture is drawn region by region.
+  // Returns true if the picture is drawn region by region.
   [[nodiscard]] bool is_poster() const;
-  // Of a poster.
+  // The size of a poster's regions.
   [[nodiscard]] view::Viewport region_size() const;
-  // The size of the frames that agents will draw.
+  // The size of the frames that agents draw.
   [[nodiscard]] view::Viewport drawn_size() const;
   [[nodiscard]] bool is_jpeg() const;
-  // Standard output has room for one: the statistics, or the picture.
+  // Standard output takes either the statistics or the picture.
   [[nodiscard]] ShowMode show_mode() const;
 };
 
 // `flags` must outlive the parsing.
 void AddRenderFlags(FlagSet* set, RenderFlags* flags);
 
-// UsageError for flags, of those that `set` was given, that do not fit each other.
+// UsageError for flags given to `set` that do not fit each other.
 absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context);
 
-// Finds out before any work whether its result can be kept.
+// Checks that the outputs can be written, before any work.
 absl::Status CheckOutputs(const RenderFlags& flags);
 
 }  // namespace isoscope::cli

@@ -26,11 +26,11 @@ namespace isoscope::cli {
 namespace {
 
 constexpr const char* kDefaultAddress = "127.0.0.1:50051";
-// How long frames in work may take once SIGTERM has come.
+// The time that frames in work may take after SIGTERM.
 constexpr absl::Duration kGrace = absl::Seconds(30);
 
 struct ServeFlags {
-  SessionFlags session;  // of these the input's
+  SessionFlags session;  // only the flags of an input
   std::optional<std::string> listen_address;
   rpc::TransportFlags transport;
   std::string token_file;
@@ -64,7 +64,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   options.expected_viewport = view::kCommonViewport;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<EmbeddedCluster> cluster,
                             EmbeddedCluster::Start(options));
-  // The port asked for may be 0.
+  // The requested port may be 0.
   const std::string host = options.listen_address.substr(0, options.listen_address.rfind(':'));
   const std::string address = absl::StrCat(host, ":", cluster->port());
   if (!flags.transport.has_tls() && !rpc::IsLoopbackTarget(options.listen_address)) {

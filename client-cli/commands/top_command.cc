@@ -1,7 +1,10 @@
 // isoscope top --server HOST:PORT
 //
-// On a terminal the table fills the alternate screen, which leaves what was there before as it was,
-// and keys come one by one (RawTerminal). Elsewhere one table follows the other as plain text.
+// On a terminal the table fills the alternate screen, which preserves the previous content, and
+// keys are read one by one (RawTerminal). Otherwise tables follow one another as plain text.
+//
+// Rates need two samples: samples_ keeps those of the last kRateWindow, and the screen compares the
+// newest with the oldest (terminal/top_screen).
 
 #include <poll.h>
 #include <signal.h>  // NOLINT(modernize-deprecated-headers): SIGSTOP is POSIX, not <csignal>
@@ -43,7 +46,7 @@ namespace {
 
 constexpr absl::Duration kDefaultInterval = absl::Seconds(2);
 constexpr absl::Duration kLeastInterval = absl::Milliseconds(100);
-// Rates look back so far: over some of the questions that the coordinator asks its agents.
+// Rates cover this time: several polls of the agents by the coordinator.
 constexpr absl::Duration kRateWindow = absl::Seconds(4);
 constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
@@ -55,10 +58,10 @@ struct TopFlags {
   bool is_once = false;
 };
 
-constexpr absl::string_view kEnterScreen = "\x1b[?1049h\x1b[?25l";  // the alternate one, no cursor
+constexpr absl::string_view kEnterScreen = "\x1b[?1049h\x1b[?25l";  // alternate screen, no cursor
 constexpr absl::string_view kLeaveScreen = "\x1b[?25h\x1b[?1049l";
 
-// Writes over what is there, so that nothing flickers.
+// Overwrites the old text without clearing, so that the screen does not flicker.
 void Show(const std::vector<std::string>& lines, std::ostream* out) {
   std::string text = "\x1b[H";
   for (std::size_t i = 0; i < lines.size(); ++i) {
@@ -76,7 +79,7 @@ class Top {
     session_flags.server = flags_.server;
     session_flags.connection = flags_.connection;
     ISOSCOPE_ASSIGN_OR_RETURN(session_, Session::Open(session_flags, std::nullopt, context_));
-    ISOSCOPE_RETURN_IF_ERROR(Sample());  // a server that is not there is told in plain text
+    ISOSCOPE_RETURN_IF_ERROR(Sample());  // a server that can't be reached is reported in plain text
     if (flags_.is_once) {
       Print();
       return absl::OkStatus();
@@ -127,7 +130,7 @@ class Top {
     return lines;
   }
 
-  // With the size of the terminal that standard output is, if it is one.
+  // Returns options with the size of the terminal that standard output is, if it is one.
   static TopScreenOptions OptionsOfTerminal() {
     TopScreenOptions options;
     if (const std::optional<TerminalSize> size = SizeOfTerminal(STDOUT_FILENO)) {
@@ -146,14 +149,14 @@ class Top {
     }
   }
 
-  // Waits until it is time for the next look. False if the program is to end: after an interrupt,
-  // or the key q.
+  // Waits until the next sample is due. False if the program shall end: after an interrupt, or the
+  // key q.
   absl::StatusOr<bool> Wait() {
     const absl::Time end = absl::Now() + flags_.interval.value_or(kDefaultInterval);
     for (absl::Time now = absl::Now(); now < end; now = absl::Now()) {
       pollfd waited[2] = {{.fd = TerminalSignals::wake_fd(), .events = POLLIN, .revents = 0},
                           {.fd = has_keys_ ? STDIN_FILENO : -1, .events = POLLIN, .revents = 0}};
-      // Rounded up: a wait of 0 ms would be no wait.
+      // Rounded up: a wait of 0 ms would return at once.
       const std::int64_t rest_ms = absl::ToInt64Milliseconds(end - now) + 1;
       ::poll(waited, 2, static_cast<int>(std::min<std::int64_t>(rest_ms, 60'000)));
       if (context_.interrupt->cancellation().is_cancelled()) {
@@ -171,7 +174,7 @@ class Top {
       if (waited[1].revents != 0) {
         const absl::StatusOr<std::string> keys =
             ReadFromTerminal(STDIN_FILENO, absl::ZeroDuration());
-        has_keys_ = keys.ok();  // else the other side of the terminal is gone
+        has_keys_ = keys.ok();  // else the terminal is gone
         if (keys.ok() && keys->find_first_of("qQ") != std::string::npos) {
           return false;
         }
@@ -182,7 +185,7 @@ class Top {
 
   void Print() const {
     TopScreenOptions options = OptionsOfTerminal();
-    options.height = 0;  // it scrolls
+    options.height = 0;  // plain text scrolls
     for (const std::string& line : Lines(options)) {
       *context_.out << line << "\n";
     }
@@ -191,9 +194,9 @@ class Top {
   const TopFlags& flags_;
   const Context& context_;
   std::unique_ptr<Session> session_;
-  std::unique_ptr<RawTerminal> screen_;  // null: the tables go somewhere else
+  std::unique_ptr<RawTerminal> screen_;  // null: the tables go to a file or a pipe
   bool has_keys_ = false;
-  std::deque<ClusterSample> samples_;  // the newest last; the oldest is what rates refer to
+  std::deque<ClusterSample> samples_;  // the newest last; rates refer to the oldest
   absl::Status error_;
 };
 

@@ -1,6 +1,13 @@
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT]
 //   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
+//
+// 1. A session connects to the server, or starts a cluster in this process.
+// 2. The isovalue to begin with is chosen from the histogram, unless it is given.
+// 3. --terminal runs the viewer of this terminal (terminal/terminal_viewer). Otherwise a gateway
+//    starts, and a browser opens its page, through a RedirectFile because the address holds a
+//    token.
+// 4. An interrupt shuts the gateway down, then the session.
 
 #include "client-cli/commands/view_command.h"
 
@@ -46,10 +53,10 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// The port that people remember; another one if it is taken.
+// The usual port; another one if it is taken.
 constexpr char kFirstAddress[] = "127.0.0.1:8080";
 constexpr char kOtherAddress[] = "127.0.0.1:0";
-// How long answers in work may take at the end.
+// The time that answers in work may take at the end.
 constexpr absl::Duration kClosingGrace = absl::Seconds(2);
 
 struct ViewFlags {
@@ -63,7 +70,7 @@ struct ViewFlags {
   std::optional<ShowMode> show;
 };
 
-// Whether a browser can be opened where the address is read.
+// Returns true if a browser can be opened on the user's desktop.
 bool IsDesktop() {
   const auto is_set = [](const char* name) {
     // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets the environment
@@ -73,8 +80,8 @@ bool IsDesktop() {
   return isatty(STDOUT_FILENO) == 1 && (is_set("DISPLAY") || is_set("WAYLAND_DISPLAY"));
 }
 
-// Opens a page on disk in the desktop's browser. Whether that works is the desktop's affair: the
-// address is printed in any case.
+// Opens a page on disk in the desktop's browser. A failure is ignored, because the address is
+// printed in any case.
 void OpenBrowser(const std::string& path) {
   std::string program = "xdg-open";
   std::string argument = path;
@@ -93,7 +100,8 @@ void OpenBrowser(const std::string& path) {
 
 std::string PortOf(const std::string& address) { return address.substr(address.rfind(':') + 1); }
 
-// Who publishes the page can't reach the loopback address, as from outside of a container.
+// A published page is reached from outside, for instance of a container, where the loopback address
+// is unreachable.
 std::string ListenAddress(const ViewFlags& flags) {
   const std::string unsaid = flags.published_address
                                  ? absl::StrCat("0.0.0.0:", PortOf(*flags.published_address))
@@ -101,8 +109,9 @@ std::string ListenAddress(const ViewFlags& flags) {
   return flags.listen_address.value_or(unsaid);
 }
 
-// With a certificate the page is on https; without one it stays on this machine, or --insecure is
-// said. Whoever publishes it, such as a container engine, decides who reaches it.
+// With a certificate the page uses https. Without one it stays on this machine, unless --insecure
+// is given. A published page relies on its publisher, such as a container engine, for access
+// control.
 absl::Status CheckListen(const ViewFlags& flags) {
   const rpc::TransportFlags& transport = flags.session.connection.transport;
   if (!transport.certificate_file.empty() || flags.published_address) {
@@ -118,7 +127,7 @@ absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
   options->listen_address = ListenAddress(flags);
   options->certificate_file = flags.session.connection.transport.certificate_file;
   options->key_file = flags.session.connection.transport.key_file;
-  // Every user of this machine reaches its loopback address, too.
+  // Every user of this machine can reach its loopback address, too.
   ISOSCOPE_ASSIGN_OR_RETURN(options->access.token,
                             gateway::ReadGatewayToken(flags.gateway_token_file));
   if (options->access.token.empty()) {
@@ -133,7 +142,7 @@ absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
   return server;
 }
 
-// Where people find the page.
+// Returns the address of the page for the user.
 std::string PageOf(const ViewFlags& flags, const gateway::GatewayOptions& options, int port,
                    const std::string& token) {
   const bool has_tls = !options.certificate_file.empty();
@@ -146,7 +155,8 @@ std::string PageOf(const ViewFlags& flags, const gateway::GatewayOptions& option
                               has_tls);
 }
 
-// The isovalue to begin with. Without a histogram any value will do: the page can change it.
+// Returns the isovalue to begin with. Without a histogram any value will do: the page can change
+// it.
 absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
                                       Session* session, const Context& context) {
   if (flags.isovalue) {
@@ -202,7 +212,7 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<gateway::GatewayServer> server,
                             StartGateway(flags, &options));
-  // Without the token: it is for those who are told.
+  // Without the token, which GetCapabilities must not reveal.
   session->SetGatewayAddress(PageOf(flags, options, server->port(), /*token=*/""));
   const std::string address = ViewAddress(
       PageOf(flags, options, server->port(), options.access.token), dataset.name(), isovalue);
@@ -212,7 +222,7 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
   }
   std::unique_ptr<RedirectFile> redirect;
   if (!flags.has_no_open && IsDesktop()) {
-    // Command lines are shown to every user of the machine, so none has the address.
+    // Every user of the machine can read command lines, so none has the address.
     absl::StatusOr<std::unique_ptr<RedirectFile>> made = RedirectFile::Create(address);
     if (made.ok()) {
       redirect = *std::move(made);

@@ -16,12 +16,12 @@ namespace isoscope::cli {
 
 Command ViewCommand();
 
-// The isovalue that a page begins with: the level between two classes of samples, else any that is
-// suggested, else the middle of the range of the samples, else 0.
+// Returns the isovalue that a page begins with: the level between two classes of samples, else any
+// suggestion, else the middle of the range of the samples, else 0.
 double FirstIsovalue(const isoscope::v1::GetHistogramResponse& histogram,
                      const isoscope::v1::Dataset& dataset);
 
-// `page` with "dataset=NAME&isovalue=V" in its query.
+// Returns `page` with "dataset=NAME&isovalue=V" in its query.
 std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue);
 
 }  // namespace isoscope::cli

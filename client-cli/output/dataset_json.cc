@@ -1,5 +1,9 @@
-// JSON is made first, from messages, sources or folders; the text for people is made from the JSON.
-// So both say the same, and a member that text needs is there for scripts, too.
+// JSON is made first, from messages, sources or folders; the text for users is made from the JSON.
+// So both agree, and every member that the text needs is available to scripts, too.
+//
+//   Dataset, source or folder -> DatasetToJson, VolumeToJson, ... -> Json -> Describe... -> text
+//
+// Names and messages come from servers and files, so text passes through base::Printable.
 
 #include "client-cli/output/dataset_json.h"
 
@@ -27,27 +31,27 @@ namespace {
 namespace v1 = isoscope::v1;
 
 Json ToJson(const v1::Dimensions& dims) { return Json::array({dims.x(), dims.y(), dims.z()}); }
-// Adding 0 makes -0 the 0 that people expect.
+// Adding 0 turns -0 into 0.
 Json ToJson(const v1::Vec3& v) { return Json::array({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}); }
 
-// "SAMPLE_TYPE_UINT8" is "uint8".
+// "SAMPLE_TYPE_UINT8" becomes "uint8".
 std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
   return absl::AsciiStrToLower(absl::StripPrefix(name, prefix));
 }
 
-// "1 x 2 x 3".
+// "1 x 2 x 3": the numbers of an array, joined.
 std::string Joined(const Json& array, absl::string_view separator) {
   return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
     absl::StrAppend(out, element.dump());
   });
 }
 
-// As people may see it: names and messages come from servers and files.
+// A text member made printable: names and messages come from servers and files.
 std::string Text(const Json& object, const char* key) {
   return base::Printable(object.at(key).get<std::string>());
 }
 
-// "sample_dims", "spacing", "origin", "direction".
+// Adds "sample_dims", "spacing", "origin", "direction".
 void AddGeometry(const v1::GridGeometry& geometry, Json* json) {
   (*json)["sample_dims"] = ToJson(geometry.sample_dims());
   (*json)["spacing"] = ToJson(geometry.spacing());
@@ -61,7 +65,7 @@ void AddGeometry(const v1::GridGeometry& geometry, Json* json) {
   }
 }
 
-// "sample_type", "value_range".
+// Adds "sample_type", "value_range".
 void AddSamples(v1::SampleType type, bool has_range, double min, double max, Json* json) {
   (*json)["sample_type"] = WithoutPrefix(v1::SampleType_Name(type), "SAMPLE_TYPE_");
   (*json)["value_range"] = has_range ? Json::array({min, max}) : Json(nullptr);
@@ -71,7 +75,7 @@ void AddLine(absl::string_view name, const std::string& value, std::string* text
   absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
 }
 
-// The lines on what AddGeometry and AddSamples add.
+// Adds the lines for the members of AddGeometry and AddSamples.
 void AddGridLines(const Json& json, std::string* text) {
   AddLine("samples",
           absl::StrCat(Joined(json.at("sample_dims"), " x "), " of ", Text(json, "sample_type")),
@@ -223,7 +227,7 @@ std::string DescribeDataset(const Json& dataset) {
 }
 
 std::string DescribeAgents(const Json& agents, int max_width) {
-  // How many agents have a message.
+  // The number of agents with the same message.
   std::map<std::string, int> agents_of;
   for (const Json& agent : agents) {
     ++agents_of[Text(agent, "message")];

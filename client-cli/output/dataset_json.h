@@ -24,24 +24,23 @@ using Json = nlohmann::ordered_json;
 // every sample is NaN; max_gradient_magnitude and patient_frame are null if there is none.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
-// above; no value_range where nobody has read the samples.
+// above; without value_range if the samples were not read.
 Json VolumeToJson(const source::VolumeSource& source,
                   const std::optional<volume::ScalarSpan>& value_range);
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);
-// DatasetToJson with three members that only the folder knows: "distribution", "seed", and
-// "shards":
-// [{"shard", "block_count", "block_bytes"}].
+// DatasetToJson with three members of the folder: "distribution", "seed", and "shards": [{"shard",
+// "block_count", "block_bytes"}].
 Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 
-// The same for people, from the JSON above. Of a volume the range of values is a line of its own,
-// since it may come later.
+// The text for users, from the JSON above. The range of a volume's values is a separate line,
+// because it may be printed later.
 std::string DescribeVolume(const Json& volume);
 std::string DescribeValueRange(const Json& json);
 std::string DescribeDataset(const Json& dataset);
-// A table with one row for each agent. max_width: as Table::ToString; if there is one, a message
-// that several agents have stands once, below.
+// Returns a table with one row for each agent. max_width: as Table::ToString. With a width, a
+// message that several agents share is printed once, below.
 std::string DescribeAgents(const Json& agents, int max_width = 0);
 
 }  // namespace isoscope::cli

@@ -15,16 +15,16 @@
 namespace isoscope::cli {
 namespace {
 
-// Wider numbers are none: "%20d" is the end of a word in an address.
+// Wider numbers are no conversions: "%20d" is an escaped space and a letter in an address.
 constexpr int kMaxDigits = 9;
 
-// What begins with a percent sign in a name.
+// A conversion in a name: text that begins with a percent sign.
 struct Conversion {
   enum class Kind { kNumber, kPercent, kNone };
   Kind kind = Kind::kNone;
   std::size_t begin = 0;
   std::size_t size = 0;
-  int digits = 0;  // of a number, at least
+  int digits = 0;  // least number of digits
 };
 
 // REQUIRES: pattern[begin] is '%'.
@@ -39,7 +39,7 @@ Conversion ReadConversion(absl::string_view pattern, std::size_t begin) {
   if (letter == '%' && digits.empty()) {
     conversion.kind = Conversion::Kind::kPercent;
   } else if (letter == '%') {
-    --conversion.size;  // the next one begins there
+    --conversion.size;  // the next conversion begins there
   } else if (letter == 'd' && (digits.empty() || (absl::SimpleAtoi(digits, &conversion.digits) &&
                                                   conversion.digits <= kMaxDigits))) {
     conversion.kind = Conversion::Kind::kNumber;
@@ -47,7 +47,7 @@ Conversion ReadConversion(absl::string_view pattern, std::size_t begin) {
   return conversion;
 }
 
-// Those of a name, in order.
+// Returns the conversions of a name, in order.
 std::vector<Conversion> ConversionsOf(absl::string_view pattern) {
   std::vector<Conversion> conversions;
   for (std::size_t i = pattern.find('%'); i != absl::string_view::npos;
@@ -67,7 +67,7 @@ std::string FrameFileName(absl::string_view pattern, int index) {
     return std::string(pattern);
   }
   std::string name;
-  std::size_t end = 0;  // of what `name` has
+  std::size_t end = 0;  // end of the part that `name` has
   bool has_number = false;
   for (const Conversion& conversion : conversions) {
     absl::StrAppend(&name, pattern.substr(end, conversion.begin - end));

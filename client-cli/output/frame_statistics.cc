@@ -72,7 +72,7 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
       {"visibility_culling", Rounded(Milliseconds(durations.visibility_culling_duration()))},
       {"composite", Rounded(Milliseconds(durations.composite_duration()))},
       {"encode", Rounded(Milliseconds(durations.encode_duration()))}};
-  // Of one surface they are the sums above.
+  // For a single surface they equal the sums above.
   if (statistics.surfaces_size() > 1) {
     for (const v1::SurfaceStatistics& surface : statistics.surfaces()) {
       json["surfaces"].push_back({{"triangle_count", surface.triangle_count()},

@@ -1,4 +1,4 @@
-// The statistics of frames, as the JSON of `--stats` and as tables for people.
+// The statistics of frames, as the JSON of `--stats` and as tables for users.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_FRAME_STATISTICS_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_FRAME_STATISTICS_H_
@@ -15,11 +15,11 @@ struct FrameRecord {
   isoscope::v1::RenderStatistics statistics;
 };
 
-// {"frames": [...]}: a contract with scripts (README, "Statistics"); members may be added, never
-// renamed or moved. Times are milliseconds with three decimals.
+// Returns {"frames": [...]}. Scripts depend on it: members may be added, never renamed or moved.
+// Times are milliseconds with three decimals.
 std::string StatisticsJson(const std::vector<FrameRecord>& frames);
 
-// Returns which shards the picture lacks and how much it shows; "" if none is missing.
+// Returns the missing shards and the share that the picture shows; "" if none is missing.
 std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statistics);
 
 // Three tables: frames, their steps, and the agents of the last frame; and a warning for each frame

@@ -48,7 +48,7 @@ std::string ShortCount(double value) {
                       kUnits[unit]);
 }
 
-// The bars of a plot: neighbouring bins taken together until they fit.
+// The bars of a plot: neighbouring bins are merged until they fit.
 struct Bars {
   double min = 0;
   double max = 0;
@@ -77,7 +77,7 @@ Bars BarsOf(const v1::GetHistogramResponse& histogram, int max_count) {
   return bars;
 }
 
-// In [0, 1].
+// Returns the height of a bar as a share of the largest, in [0, 1].
 double ShareOf(double height, double largest, bool is_logarithmic) {
   if (height <= 0 || largest <= 0) {
     return 0;
@@ -92,7 +92,7 @@ std::string DrawBars(const Bars& bars, const PlotOptions& options) {
     std::string line = absl::StrFormat("%7s |", label);
     for (const double height : bars.heights) {
       double share = ShareOf(height, bars.largest(), options.is_logarithmic);
-      // A bar that is not empty shows, if only just.
+      // A bar that is not empty has at least one eighth.
       share = height > 0 ? std::max(share, 1.0 / (8 * kPlotRows)) : share;
       const double eighths = share * 8 * kPlotRows - 8.0 * row;
       line += kEighths[static_cast<std::size_t>(std::clamp(std::lround(eighths), 0L, 8L))];

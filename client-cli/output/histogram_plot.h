@@ -1,4 +1,7 @@
-// A histogram for people: drawn in a terminal; and for programs, as JSON.
+// A histogram as a plot for terminals, and as JSON for programs.
+//
+// Steps of the plot: neighbouring bins are merged until one bar takes one column, heights become
+// eighths of a character (linear or logarithmic), and suggestions follow as lines.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_
@@ -16,8 +19,8 @@ struct PlotOptions {
   bool is_logarithmic = false;  // heights by the logarithm of the counts
 };
 
-// Bars of samples over values (of active blocks, if no samples were counted), a table of what
-// surfaces cost at some isovalues, and the suggestions. No line is longer than the width, or 72.
+// Returns bars of samples over values (of active blocks, if no samples were counted), a table of
+// the costs of surfaces at some isovalues, and the suggestions. No line exceeds the width, or 72.
 std::string DrawHistogram(const isoscope::v1::GetHistogramResponse& histogram,
                           const PlotOptions& options);
 
@@ -27,7 +30,7 @@ std::string DrawHistogram(const isoscope::v1::GetHistogramResponse& histogram,
 // method is "between_classes" or "one_percent".
 nlohmann::ordered_json HistogramToJson(const isoscope::v1::GetHistogramResponse& histogram);
 
-// The characters of a line of the terminal on standard output; 80 if it is none.
+// Returns the columns of the terminal on standard output; 80 if it is no terminal.
 int TerminalWidth();
 
 }  // namespace isoscope::cli

@@ -19,7 +19,7 @@ std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isova
   }
   const double min = dataset.value_range().min();
   const double max = dataset.value_range().max();
-  // A sample that equals the isovalue is inside: at `min` all of them are.
+  // A sample equal to the isovalue is inside: at `min` all samples are.
   if (min < isovalue && isovalue <= max) {
     return "";
   }

@@ -1,4 +1,4 @@
-// Isovalues at which a dataset has no surface: the picture is empty, and the user is told why.
+// Isovalues without a surface: the picture is empty, and the user is told the reason.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_NO_SURFACE_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_NO_SURFACE_H_
@@ -11,12 +11,11 @@
 
 namespace isoscope::cli {
 
-// One line, without its end, if no cell of the dataset can be active at `isovalue`; else "". It
-// names the isovalue and the range of the dataset's values.
+// Returns one line, without its end, if no cell of the dataset can be active at `isovalue`; else
+// "". It names the isovalue and the range of the dataset's values.
 std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isovalue);
 
-// Writes such a line to standard error for each isovalue that has one. The request is made all the
-// same.
+// Writes such a line to standard error for each isovalue that has one. The request is made anyway.
 void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, const std::vector<double>& isovalues,
                      const Context& context);
 

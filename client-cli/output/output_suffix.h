@@ -1,4 +1,4 @@
-// The suffix of a file that is written, and the format that the suffix promises.
+// The suffix of an output file, and the format that it implies.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_OUTPUT_SUFFIX_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_OUTPUT_SUFFIX_H_
@@ -10,9 +10,9 @@
 
 namespace isoscope::cli {
 
-// UsageError if the name of `path` has another suffix than `suffix` (".png"; letters of any case):
-// it would promise a format that is not written. A name without a suffix promises nothing, nor does
-// a device or a pipe. `format` says what is written: "PNG".
+// UsageError if the name of `path` has another suffix than `suffix` (".png"; case does not matter),
+// because it implies a format that is not written. A name without a suffix, a device or a pipe
+// implies none. `format`: name of the written format, "PNG".
 absl::Status CheckSuffix(const std::string& path, absl::string_view suffix,
                          absl::string_view format);
 

@@ -21,7 +21,7 @@
 namespace isoscope::cli {
 namespace {
 
-// True if the request can give pixels that are not opaque.
+// Returns true if the request may give pixels that are not opaque.
 bool HasAlpha(const isoscope::v1::RenderIsosurfaceRequest& request) {
   if (!request.has_background_color()) {
     return false;
@@ -31,7 +31,7 @@ bool HasAlpha(const isoscope::v1::RenderIsosurfaceRequest& request) {
   return !color.ok() || color->a != 255;
 }
 
-// True if dark ink shows better on the background than light ink.
+// Returns true if dark ink has more contrast with the background than light ink.
 bool IsBackgroundLight(const isoscope::v1::RenderIsosurfaceRequest& request) {
   const isoscope::v1::Color& color = request.background_color();
   // Luma of Rec. 709.
@@ -134,8 +134,8 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   if (is_animation) {
     return AddToAnimation(request, png);
   }
-  // The picture of the mask depends on how the volume was cut, and one without some shards on who
-  // was there: no record could make it again.
+  // The picture of the mask depends on the shards, and a partial one on the agents that were
+  // available. No record could reproduce it.
   if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK ||
       response.statistics().missing_shards_size() > 0) {
     return io::WriteFileAtomically(path, png);
@@ -144,7 +144,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
                                .samples_digest = options_.dataset.samples_digest(),
                                .request = request,
                                .annotated = std::move(annotated)};
-  // The camera that was used needs no fit.
+  // The resolved camera needs no fit.
   *record.request.mutable_camera() = response.camera();
   record.request.clear_camera_fit();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string with_record, client::AddPictureRecord(png, record));

@@ -1,5 +1,5 @@
-// Where the frames of `isoscope render` go: one picture or numbered ones, each with its record, or
-// one animation; all with annotations if these are wanted.
+// The output of `isoscope render`: one picture or numbered ones, each with its record, or one
+// animation; all with annotations if they are requested.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_PICTURE_OUTPUT_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_PICTURE_OUTPUT_H_
@@ -19,7 +19,7 @@
 namespace isoscope::cli {
 
 struct PictureOutputOptions {
-  // With a number in it (FrameFileName): one picture for each frame. Empty: nothing is written.
+  // With a number (FrameFileName) it names one picture for each frame. Empty: none is written.
   std::string path;
   int frame_count = 1;
   double fps = 12;  // of an animation
@@ -29,8 +29,8 @@ struct PictureOutputOptions {
   std::string picture_revision;        // for the record
 };
 
-// UsageError if `path` promises a format that is not written, or an animation of this size can't
-// be.
+// UsageError if the suffix of `path` implies a format that is not written, or if an animation can't
+// have this size.
 absl::Status CheckPicturePath(const std::string& path, const view::Viewport& viewport);
 
 // Thread-compatible.
@@ -38,11 +38,11 @@ class PictureOutput {
  public:
   explicit PictureOutput(PictureOutputOptions options) : options_(std::move(options)) {}
 
-  // Takes the answer to `request`, frame `index`. Frames come in order, all of one size. Without a
-  // place for the number in `path` only the last frame is kept, unless `path` is an animation.
+  // Adds the answer to `request`, frame `index`. Frames come in order, all of one size. Without a
+  // number in `path` only the last frame is kept, unless `path` is an animation.
   absl::Status Write(int index, const isoscope::v1::RenderIsosurfaceRequest& request,
                      const isoscope::v1::RenderIsosurfaceResponse& response);
-  // After the last frame: an animation appears now.
+  // Call after the last frame: writes an animation.
   absl::Status Finish();
 
   // The last picture, annotated, as PNG; empty before.

@@ -1,4 +1,4 @@
-// The flags that choose what `render` writes: the picture's format, and planes beside it.
+// The flags for the output of `render`: the picture's format, and planes.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_PLANE_FLAGS_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_PLANE_FLAGS_H_
@@ -23,8 +23,7 @@ struct PlaneFlags {
 // `flags` must outlive the parsing.
 void AddPlaneFlags(FlagSet* set, PlaneFlags* flags);
 
-// Whether the suffix of the picture's name is that of a JPEG: .jpg or .jpeg, in letters of any
-// case.
+// Returns true if the suffix of the picture's name is that of a JPEG: .jpg or .jpeg, in any case.
 bool IsJpegName(const std::string& path);
 
 // UsageError if the flags do not fit each other or the picture's name; `output` is not set if no
@@ -34,7 +33,7 @@ absl::Status CheckUsage(const PlaneFlags& flags, const std::optional<std::string
 // OK if all planes can be written.
 absl::Status CheckWritable(const PlaneFlags& flags);
 
-// The options of a request that give what the flags ask for. Empty for a PNG alone.
+// Returns the options of a request for the output that the flags ask for. Empty for a PNG alone.
 isoscope::v1::OutputOptions MakeOutputOptions(const PlaneFlags& flags,
                                               const std::optional<std::string>& output);
 

@@ -23,7 +23,7 @@
 namespace isoscope::cli {
 namespace {
 
-// A stop that is typed in decimals is met although its quotient is not whole in binary.
+// A stop written in decimals is reached although its quotient is not whole in binary.
 constexpr double kWholeTolerance = 1e-9;
 constexpr double kMinFps = 0.1;
 constexpr double kMaxFps = 120;
@@ -139,7 +139,7 @@ double IsovalueRange::At(int i) const {
     return first;
   }
   double value = 0;
-  // Always a number: it was printed from one.
+  // Always parses: the text was printed from a number.
   return absl::SimpleAtod(absl::StrFormat("%.15g", first + i * step), &value) ? value : first;
 }
 

@@ -31,14 +31,14 @@ struct IsovalueRange {
   double step = 0;
   int count = 1;
 
-  // Value i, with 15 significant digits: 0:1:0.1 has 0.3, as it would be typed.
+  // Returns value i, with 15 significant digits: 0:1:0.1 has 0.3, as a user would type it.
   // REQUIRES: 0 <= i < count.
   [[nodiscard]] double At(int i) const;
 };
 
-// "V", or "START:STOP:STEP" with a step other than 0 that leads from START to STOP. STOP is the
-// last value if the step divides the way, else the last value lies before it.
-// INVALID_ARGUMENT quotes the text and says what is allowed.
+// Parses "V", or "START:STOP:STEP" with a step other than 0 in the direction of STOP. If the step
+// divides the range, STOP is the last value, else the last value lies before it. INVALID_ARGUMENT
+// quotes the text and gives the allowed form.
 absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text);
 
 // A step by its number, or the first or last one that is served.
@@ -78,7 +78,7 @@ struct SweepFlags {
   // Several steps, known or not yet.
   [[nodiscard]] bool is_step_sweep() const { return step_range && step_range->last; }
   [[nodiscard]] int frame_count() const;
-  // Of an animation.
+  // The rate of an animation.
   [[nodiscard]] double fps() const { return frames_per_second.value_or(12); }
 };
 
@@ -103,8 +103,8 @@ view::Camera CameraOfFrame(const SweepFlags& flags, const view::Camera& camera, 
 // "frame 12 of 72   4 s left": `done_count` frames took `elapsed`.
 std::string FormatFrameProgress(int done_count, int frame_count, absl::Duration elapsed);
 
-// Tells on a terminal how far a sweep of frames is, once it has taken a second. Says nothing
-// elsewhere. Thread-compatible.
+// Shows the progress of a sweep on a terminal, once it has taken a second. No output otherwise.
+// Thread-compatible.
 class FrameProgress {
  public:
   // `err` must outlive it.

@@ -2,9 +2,9 @@
 // Chrome's trace events in JSON.
 //
 // Each process of the trace is a process of the file, each track a thread, each span a complete
-// event ("X"); times are microseconds on one axis. The client is a process of its own. Its clock
-// tells when it sent the request and had the answer, and nothing bounds it better, so the
-// coordinator's axis is put into the middle: half of the rest is taken for either way.
+// event ("X"); times are microseconds on one axis. The client is a process of its own. Only the
+// times of its request and answer bound the coordinator's axis. So that axis is centred: the
+// network takes half of the rest in each direction.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_TRACE_FILE_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_TRACE_FILE_H_
@@ -17,7 +17,7 @@
 
 namespace isoscope::cli {
 
-// client_duration: from sending the request to having the answer.
+// client_duration: from sending the request to receiving the answer.
 std::string TraceToJson(const isoscope::v1::FrameTrace& trace, absl::Duration client_duration);
 
 }  // namespace isoscope::cli

@@ -1,13 +1,13 @@
-// How the lock and the removal meet (process A uses the entry, B removes it):
+// The order of lock and removal (process A uses the entry, B removes it):
 //
 //   A opens .cache-entry, waits for the shared lock     B holds the exclusive lock
 //                                                       B renames the entry away, unlocks
 //   A has the lock, of a file that is at its path no
 //   more: opens again, and finds nothing
 //
-// and the other way round B's lock fails at once (LOCK_NB): the entry is in use and stays. Locks of
-// flock end with their process, so a crash leaves none behind. Whatever keeps .cache-entry from
-// being locked (a full disk, a file system without locks) never keeps an entry from being used.
+// In the other order B's lock fails at once (LOCK_NB): the entry is in use and stays. Locks of
+// flock end with their process, so a crash leaves none. If .cache-entry can't be locked (a full
+// disk, a file system without locks), the entry is used without a lock.
 
 #include "client-cli/session/cache_entry.h"
 
@@ -49,7 +49,7 @@ std::string EntryFile(const std::string& directory) {
   return absl::StrCat(directory, "/", kEntryFileName);
 }
 
-// flock, begun again when a signal interrupts it. 0 or errno.
+// Calls flock, again after each signal that interrupts it. Returns 0 or errno.
 int Lock(int descriptor, int operation) {
   while (flock(descriptor, operation) != 0) {
     if (errno != EINTR) {
@@ -59,7 +59,7 @@ int Lock(int descriptor, int operation) {
   return 0;
 }
 
-// True if `path` names the file that `descriptor` has open.
+// Returns true if `path` names the file that `descriptor` has open.
 bool IsFileAt(const std::string& path, int descriptor) {
   struct stat of_path {};
   struct stat of_descriptor {};
@@ -68,7 +68,7 @@ bool IsFileAt(const std::string& path, int descriptor) {
              std::tie(of_descriptor.st_dev, of_descriptor.st_ino);
 }
 
-// The sizes of all files below that can be looked at, added up.
+// Returns the total size of all files below `directory` that can be read.
 std::int64_t SizeOfTree(const fs::path& directory) {
   std::int64_t size_bytes = 0;
   std::error_code error;
@@ -149,9 +149,9 @@ absl::StatusOr<EntryLock> UseEntry(const std::string& directory, absl::string_vi
       return EntryLock();
     }
     if (!IsFileAt(path, descriptor)) {
-      continue;  // removed while this waited; perhaps made anew since
+      continue;  // removed during the wait; perhaps created again since
     }
-    // The dataset can be read all the same if neither the text nor the time can be written.
+    // The dataset is readable even if neither the text nor the time can be written.
     struct stat info {};
     if (fstat(descriptor, &info) == 0 && info.st_size == 0) {
       const std::string text = absl::StrCat(source, "\n");
@@ -197,7 +197,7 @@ absl::StatusOr<bool> RemoveEntry(const std::string& cache_directory, const std::
   if (descriptor < 0 && errno == ENOENT) {
     return true;
   }
-  // Where there is no such file and none can be made, nobody holds a lock either.
+  // If the file does not exist and can't be created, no process holds a lock either.
   EntryLock lock(descriptor);
   if (descriptor >= 0) {
     const int error_number = Lock(descriptor, LOCK_EX | LOCK_NB);
@@ -216,7 +216,7 @@ absl::StatusOr<bool> RemoveEntry(const std::string& cache_directory, const std::
   if (rename(directory.c_str(), target.c_str()) != 0) {
     return io::ErrnoToStatus(errno, "can't remove", directory);
   }
-  lock = EntryLock();  // who waits for it need not wait until all files are gone
+  lock = EntryLock();  // processes that wait for the lock need not wait for the deletion
   std::error_code error;
   fs::remove_all(target, error);
   if (error) {

@@ -1,4 +1,4 @@
-// One dataset in the cache: who uses it, when it was last used, and how it goes away.
+// One dataset in the cache: its users, the time of its last use, and its removal.
 //
 //   head-0123456789abcdef/    an entry: a dataset directory, named by CacheKey
 //     .cache-entry              text: the path of the source volume, one line
@@ -8,9 +8,8 @@
 //     manifest.json, ...
 //
 // To remove an entry, a process locks it exclusively and renames it into a work folder. A process
-// that waited for the shared lock meanwhile finds that the file it has locked is no longer the one
-// at the path, and takes the entry for absent. An older entry without a .cache-entry gets one at
-// its next use.
+// that waited for the shared lock finds that its locked file is no longer the one at the path, and
+// treats the entry as absent. An older entry without a .cache-entry gets one at its next use.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_CACHE_ENTRY_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_CACHE_ENTRY_H_
@@ -26,11 +25,11 @@
 
 namespace isoscope::cli {
 
-// True if `name` is made as CacheKey makes them, "...-" and 16 hexadecimal digits: nothing else in
-// the folder of the cache is ever removed.
+// Returns true if `name` has the form of CacheKey, "...-" and 16 hexadecimal digits. Other names in
+// the cache's folder are never removed.
 bool IsEntryName(absl::string_view name);
 
-// Keeps an entry from being removed, for as long as it lives.
+// Keeps an entry from being removed while the lock lives.
 class EntryLock {
  public:
   EntryLock() = default;  // holds nothing
@@ -48,9 +47,9 @@ class EntryLock {
   int descriptor_ = -1;
 };
 
-// Locks the entry in `directory` for use, and sets the time of its last use to now. `source` is the
-// path that .cache-entry names. NOT_FOUND if there is no such entry, or no longer. Where the file
-// can't be locked or made (a full disk, a file system without locks), the lock holds nothing: the
+// Locks the entry in `directory` for use, and sets the time of its last use to now. `source`: the
+// path to write into .cache-entry. NOT_FOUND if there is no such entry, or no longer. If the file
+// can't be locked or created (a full disk, a file system without locks), the lock is empty: the
 // entry can be used all the same.
 absl::StatusOr<EntryLock> UseEntry(const std::string& directory, absl::string_view source);
 
@@ -63,11 +62,12 @@ struct CacheEntry {
   bool is_damaged = false;  // it has no manifest that can be read
 };
 
-// All entries, the last used first. Errors as of reading the folder.
+// Returns all entries, most recently used first. Errors as of reading the folder.
 absl::StatusOr<std::vector<CacheEntry>> ListEntries(const std::string& cache_directory);
 std::int64_t TotalBytes(const std::vector<CacheEntry>& entries);
 
-// Removes an entry. False: a process uses it, and it stays. True if it is gone, whoever removed it.
+// Removes an entry. False: a process uses it, and it stays. True: it is gone, by this or another
+// process.
 absl::StatusOr<bool> RemoveEntry(const std::string& cache_directory, const std::string& name);
 
 }  // namespace isoscope::cli

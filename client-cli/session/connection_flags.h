@@ -23,11 +23,12 @@ struct ConnectionFlags {
 // `flags` must outlive the parsing.
 void AddConnectionFlags(FlagSet* set, ConnectionFlags* flags);
 
-// UsageError if flags do not fit together.
+// UsageError if flags contradict each other.
 absl::Status CheckUsage(const ConnectionFlags& flags);
 
-// The token of the flags or of the environment; empty if there is none. INVALID_ARGUMENT: the file
-// holds no token. UsageError: it would go to `server` in plaintext, beyond this machine.
+// Returns the token of the flags or of the environment; empty if there is none. INVALID_ARGUMENT:
+// the file holds no token. UsageError: it would be sent to `server` in plaintext, beyond this
+// machine.
 absl::StatusOr<std::string> ReadToken(const ConnectionFlags& flags, const std::string& server);
 
 }  // namespace isoscope::cli

@@ -1,14 +1,14 @@
-// A dataset on its way into the cache:
+// How a dataset enters the cache:
 //
-// 1. The entry is there and `verify` accepts it: it is locked and used.
-// 2. Else it is made in a work folder, locked there, and renamed into place: others see it only
-//    whole and in use.
-// 3. If another process was faster, its entry is used. One that can't be opened is moved into the
-//    work folder, and goes away with it.
+// 1. If the entry exists and `verify` accepts it, it is locked and used.
+// 2. Else it is made in a work folder, locked there, and renamed into place: other processes see it
+//    only complete and in use.
+// 3. If another process was faster, its entry is used. A damaged entry is moved into the work
+//    folder, and removed with it.
 //
-// The key of an entry is SHA-256 over text, so that a changed source is another entry:
+// The key of an entry is SHA-256 over text, so that a changed source gets another entry:
 //
-//   /data/head.nii.gz            the source's path; then of each file it is read from:
+//   /data/head.nii.gz            the source's path; then, for each of its files:
 //   /data/head.nii.gz            its path,
 //   7654321                      its size in bytes
 //   1700000000.123456789         and its time of change
@@ -51,7 +51,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Raised when the same source and parameters no longer give the same dataset.
+// Raised when the same source and parameters would give another dataset than before.
 constexpr absl::string_view kKeyVersion = "isoscope-cache-5";
 constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
 constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
@@ -62,7 +62,7 @@ std::string Environment(const char* name) {
   return value == nullptr ? "" : value;
 }
 
-// Makes `directory` with its parents, for this user alone; says why not.
+// Creates `directory` with its parents, for this user alone; the error has the reason.
 absl::Status MakeOwnDirectory(const std::string& directory) {
   std::error_code error;
   fs::create_directories(fs::path(directory).parent_path(), error);
@@ -73,7 +73,7 @@ absl::Status MakeOwnDirectory(const std::string& directory) {
   if (lstat(directory.c_str(), &info) != 0) {
     return io::ErrnoToStatus(errno, "can't look at", directory);
   }
-  // A folder in /tmp could have been put there by somebody else.
+  // Another user could have created a folder in /tmp.
   if (!S_ISDIR(info.st_mode) || info.st_uid != geteuid() || access(directory.c_str(), W_OK) != 0) {
     return absl::PermissionDeniedError(
         absl::StrCat("'", directory, "' is no folder of this user that can be written"));
@@ -92,7 +92,7 @@ absl::StatusOr<std::string> StampOf(const std::string& file) {
                       "\n");
 }
 
-// The name of a file without folders and endings, as a dataset may be called.
+// Returns the name of a file without folders and suffixes, in the characters of a dataset's name.
 std::string ReadableStem(const std::string& path) {
   std::string stem = fs::path(path).filename().string();
   stem = stem.substr(0, stem.find('.', 1));
@@ -114,7 +114,7 @@ absl::StatusOr<std::string> CacheDirectory() {
   const std::string xdg = Environment("XDG_CACHE_HOME");
   const std::string home = Environment("HOME");
   const std::string temporary = Environment("TMPDIR");
-  if (absl::StartsWith(xdg, "/")) {  // relative ones are to be ignored, says the XDG specification
+  if (absl::StartsWith(xdg, "/")) {  // the XDG specification ignores relative paths
     candidates.push_back(xdg + "/isoscope");
   } else if (absl::StartsWith(home, "/")) {
     candidates.push_back(home + "/.cache/isoscope");
@@ -175,15 +175,15 @@ absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directo
   ISOSCOPE_ASSIGN_OR_RETURN(const WorkFolder work, WorkFolder::Make(cache_directory));
   const std::string made = absl::StrCat(work.path(), "/", key);
   ISOSCOPE_RETURN_IF_ERROR(make(made));
-  // In use before others can see it.
+  // Locked before other processes can see it.
   ISOSCOPE_ASSIGN_OR_RETURN(EntryLock lock, UseEntry(made, source));
-  // Another process may have finished the same meanwhile: then that one is used. One that can't be
-  // opened goes away with the work folder.
+  // Another process may have finished the same dataset: then that one is used. A damaged one is
+  // removed with the work folder.
   if (io::PathExists(dataset.directory)) {
     if (find()) {
       return dataset;
     }
-    std::error_code ignored;  // a third process may have moved it; the rename below tells
+    std::error_code ignored;  // a third process may have moved it; the rename below reports that
     fs::rename(dataset.directory, work.path() + "/damaged", ignored);
   }
   const absl::Status renamed = io::RenamePath(made, dataset.directory);
@@ -221,8 +221,8 @@ absl::StatusOr<std::int64_t> CacheLimitBytes(const std::optional<std::int64_t>& 
 
 absl::StatusOr<std::vector<CacheEntry>> TrimCache(const std::string& cache_directory,
                                                   std::int64_t limit_bytes) {
-  // One process at a time: two would remove more than is needed. Where folders can't be locked,
-  // that is the worst that happens.
+  // One process at a time: two would remove more than needed. If folders can't be locked, this
+  // extra removal is the only harm.
   const int descriptor = open(cache_directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor >= 0) {
     flock(descriptor, LOCK_EX);

@@ -65,8 +65,8 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
   const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
 
-  // With two agents a thread or more, no thread is idle for long while the last one draws. Threads
-  // of steps compute beside those of the arena; so with --threads 1 there are none.
+  // With at least two agents a thread, no thread is idle for long while the last one draws. Threads
+  // of steps compute besides those of the arena; so with --threads 1 the arena has none.
   const bool one_thread_a_step =
       arena->max_concurrency() > 1 &&
       shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
@@ -81,8 +81,8 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
                                                   .arena = arena}));
 
   const std::shared_ptr<image::PixelMailboxes> mailboxes = image::PixelMailboxes::Make();
-  // As many steps at a time as there are threads to draw with. One more thread than the one that
-  // draws, since a step may wait for a disk.
+  // As many steps at a time as there are drawing threads, and one more, because a step may wait for
+  // a disk.
   const auto frame_executor = std::make_shared<base::Executor>(
       static_cast<std::size_t>(std::max(2, arena->max_concurrency())),
       /*max_queued=*/std::numeric_limits<std::size_t>::max());
@@ -106,7 +106,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   }
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
   if (options.expected_viewport) {
-    // Images travel to the coordinator, which still has those of step 2 while step 3 draws.
+    // Images go to the coordinator, which still holds those of step 2 while step 3 draws.
     cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),
                                 2 * cluster->shard_count());
   }
@@ -125,7 +125,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
 EmbeddedCluster::EmbeddedCluster() = default;
 
 EmbeddedCluster::~EmbeddedCluster() {
-  // The coordinator calls the agents: it goes first.
+  // The coordinator calls the agents, so it ends first.
   coordinator_.reset();
   agents_.clear();
 }

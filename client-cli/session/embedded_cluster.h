@@ -42,16 +42,17 @@ struct EmbeddedClusterOptions {
   render::RendererKind renderer = render::RendererKind::kAuto;
   // Threads that extract and draw, for all agents together; 0: one for each core.
   int thread_count = 0;
-  // For all agents together; at least AgentMemory::kMinLimitBytes, or 0: AgentMemory's default.
+  // Limit for all agents together; at least AgentMemory::kMinLimitBytes, or 0: AgentMemory's
+  // default.
   std::size_t memory_limit_bytes = 0;
   // "HOST:PORT"; empty: reached in-process only.
   std::string listen_address;
-  // With TLS, and with tokens, callers of that address must say who they are.
+  // With TLS or tokens, callers of that address must authenticate.
   rpc::TransportFlags transport = {};
   std::string token_file = {};
   // The server's limit for one request.
   absl::Duration max_frame_duration = absl::Minutes(5);
-  // Memory is taken early for a frame of this size; null: as frames come.
+  // Memory is allocated early for a frame of this size; null: on demand.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
@@ -61,9 +62,9 @@ absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text);
 // Thread-safe. The destructor shuts down with no grace.
 class EmbeddedCluster {
  public:
-  // Returns once frames can be rendered.
-  // NOT_FOUND: no dataset there. FAILED_PRECONDITION: shards are missing (names them), or the
-  // renderer can't start. DATA_LOSS: damaged. UNAVAILABLE: the address can't be bound.
+  // Returns once frames can be rendered. NOT_FOUND: no dataset there. FAILED_PRECONDITION: shards
+  // are missing (names them), or the renderer can't start. DATA_LOSS: damaged. UNAVAILABLE: the
+  // address can't be bound.
   static absl::StatusOr<std::unique_ptr<EmbeddedCluster>> Start(
       const EmbeddedClusterOptions& options);
   ~EmbeddedCluster();
@@ -76,9 +77,9 @@ class EmbeddedCluster {
   // The bound port, or 0 without one.
   [[nodiscard]] int port() const;
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
-  // Of all agents together, as AgentServer::frames_in_work.
+  // The sum of AgentServer::frames_in_work over all agents.
   [[nodiscard]] int frames_in_work() const;
-  // Names the back end and its device, for people.
+  // Names the back end and its device, for the user.
   [[nodiscard]] std::string renderer_description() const;
   // Lets frames in work finish for at most `grace`. Blocks.
   void Shutdown(absl::Duration grace);

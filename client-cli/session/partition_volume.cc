@@ -11,7 +11,7 @@
 namespace isoscope::cli {
 namespace {
 
-// The memory of the process beside the partitioner's tables and samples: code, libraries, stacks.
+// Memory of the process apart from the partitioner's tables and samples: code, libraries, stacks.
 // Measured before the first block: 37 MiB.
 constexpr std::int64_t kProcessBytes = 40 * base::kMiB;
 

@@ -16,12 +16,12 @@
 
 namespace isoscope::cli {
 
-// A number of shards, 1 or more; how many a volume can have, the partitioner says.
+// Parses a number of shards, 1 or more; the partitioner checks the volume's maximum.
 absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text);
 
 // Opens `input` and partitions it. `options.progress` and `options.reserved_bytes` are replaced:
-// the memory limit is that of the process. CANCELLED, with nothing left behind, on an interrupt;
-// other errors as OpenSource and partition::Partition.
+// the memory limit is that of the process. CANCELLED on an interrupt, with no files left; other
+// errors as OpenSource and partition::Partition.
 absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
                                                 partition::PartitionOptions options,
                                                 const Context& context);

@@ -1,3 +1,12 @@
+// Where the dataset of a session comes from:
+//
+//   --server       ServiceClient on a channel to it; nothing is opened here
+//   DIR            the dataset directory, as it is
+//   volume file    an entry of the cache, made by PartitionVolume unless it is there and intact
+//
+// For the last two an EmbeddedCluster serves the directory. The lock on a cache entry outlives it,
+// so no other process removes the files of an open session.
+
 #include "client-cli/session/session.h"
 
 #include <ostream>
@@ -34,7 +43,7 @@ absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
   return client::ParseInteger(text, 1, kMaxThreadCount);
 }
 
-// Opens everything that agents will open.
+// Opens all files that agents will open.
 absl::Status VerifyDatasetDirectory(const std::string& directory) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
                             store::ShardDirectoriesOf(directory));
@@ -53,8 +62,8 @@ absl::Status VerifyDatasetDirectory(const std::string& directory) {
   return absl::OkStatus();
 }
 
-// Keeps the cache to its limit now that an entry was added, and says so if that entry is large. An
-// error is reported but does not end the request.
+// Trims the cache to its limit after an entry was added, and reports a large entry. An error is
+// reported but does not end the request.
 void TrimAfterMaking(const std::string& cache_directory, std::int64_t limit_bytes,
                      const CachedDataset& made, const Context& context) {
   const absl::StatusOr<std::vector<CacheEntry>> removed = TrimCache(cache_directory, limit_bytes);
@@ -91,7 +100,7 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
                    << std::endl;
     }
     options.output_directory = directory;
-    options.name = key.substr(0, key.rfind('-'));  // people know their volume, not the cache
+    options.name = key.substr(0, key.rfind('-'));  // the user knows this name
     return PartitionVolume(flags.source, input, options, context).status();
   };
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, AbsolutePath(input));
@@ -225,11 +234,11 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
-  // Nobody else waits for this process: --timeout alone decides, if it is given.
+  // No other client waits for this process, so --timeout alone decides, if it is given.
   options.max_frame_duration = flags.timeout.value_or(options.max_frame_duration);
   session->frame_timeout_ = options.max_frame_duration;
   options.expected_viewport = expected_viewport;
-  // Log lines of --verbose would stand in the middle of it.
+  // Log lines of --verbose would interrupt it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
   session->client_ = std::make_unique<client::ServiceClient>(session->cluster_->Channel(), "",

@@ -1,4 +1,8 @@
 // The input of `render` and `export`, opened: a source volume, a dataset directory or a server.
+//
+// 1. CheckUsage checks that exactly one input is given, with flags that fit it.
+// 2. PrepareInput partitions a source volume into the cache, and locks the entry while it is used.
+// 3. Session::Open starts an embedded cluster on the dataset, or connects to the server.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_SESSION_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_SESSION_H_
@@ -35,7 +39,7 @@ class EmbeddedCluster;
 struct SessionFlags {
   std::optional<std::string> input;   // source volume or dataset directory
   std::optional<std::string> server;  // HOST:PORT
-  ConnectionFlags connection;         // to it
+  ConnectionFlags connection;         // for the server
   std::optional<std::string> dataset;
   SourceFlags source;
   std::optional<std::int64_t> shard_count;
@@ -47,7 +51,8 @@ struct SessionFlags {
   bool is_verbose = false;
 };
 
-// `flags` must outlive the parsing. Those of an input, of a server, or both and how to draw here.
+// Register the flags of an input, of a server, or of both and of drawing here. `flags` must outlive
+// the parsing.
 void AddInputFlags(FlagSet* set, SessionFlags* flags);
 void AddServerFlags(FlagSet* set, SessionFlags* flags);
 void AddSessionFlags(FlagSet* set, SessionFlags* flags);
@@ -59,19 +64,18 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
 
-// The dataset directory of flags.input: itself, or of a volume that of the cache, which it is
-// partitioned into first. UsageError if --shards differs from the dataset's. Other errors as
+// Returns the dataset directory of flags.input: itself, or the cache entry of a volume, which is
+// partitioned first if needed. UsageError if --shards differs from the dataset's. Other errors as
 // partition::Partition.
 absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context);
 
-// A way to ask for frames of one dataset. Thread-safe.
+// Requests frames of one dataset. Thread-safe.
 class Session {
  public:
-  // Connects to a server; or starts an embedded cluster for a dataset directory, or for a source
-  // volume, which is partitioned into the cache first unless it is there already. Memory is taken
-  // early for frames of `expected_viewport`; null: none are expected.
-  // UsageError if --shards differs from the dataset's. Other errors as partition::Partition and
-  // EmbeddedCluster::Start.
+  // Connects to a server, or starts an embedded cluster for a dataset directory or a source volume.
+  // A volume is partitioned into the cache first unless it is there already. Memory is allocated
+  // early for frames of `expected_viewport`; null: none are expected. UsageError if --shards
+  // differs from the dataset's. Other errors as partition::Partition and EmbeddedCluster::Start.
   static absl::StatusOr<std::unique_ptr<Session>> Open(
       const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
       const Context& context);
@@ -82,21 +86,23 @@ class Session {
 
   // Lives as long as the session.
   client::ServiceClient& client() { return *client_; }
-  // The channel of the client, for others that speak with the same coordinator.
+  // The client's channel, for other users of the same coordinator.
   [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
-  // What the client sends to a server that asks who calls; empty: nothing.
+  // The token that the client sends to the server; empty: none.
   [[nodiscard]] const std::string& token() const { return token_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
-  // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is
-  // its operator's affair.
+  // Sets a web gateway's address for GetCapabilities, if the coordinator is in this process.
+  // Otherwise its operator does that.
   void SetGatewayAddress(const std::string& address);
-  // The times of requests: --timeout for each of them. Without it, of a question kQuestionTimeout;
+  // Time limits of requests: --timeout for each of them. Without it a question has
+  // kQuestionTimeout.
   [[nodiscard]] absl::Duration question_timeout() const;
-  // of a frame or a pick the limit of the coordinator in this process, or kAnswerTimeout: then the
-  // server's own limit holds, too;
+  // Without --timeout a frame or a pick has the limit of the coordinator in this process, or
+  // kAnswerTimeout: then the server's own limit applies, too.
   [[nodiscard]] absl::Duration frame_timeout() const { return timeout_.value_or(frame_timeout_); }
-  // of an export none, because a mesh may take any time. ServiceClient ends it if nothing comes.
+  // Without --timeout an export has none, because a mesh may take any time. ServiceClient ends it
+  // if no data comes.
   [[nodiscard]] absl::Duration export_timeout() const {
     return timeout_.value_or(absl::InfiniteDuration());
   }

@@ -1,4 +1,4 @@
-// The flags that say how to read a source volume.
+// The flags for reading a source volume.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_SOURCE_FLAGS_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_SOURCE_FLAGS_H_
@@ -19,7 +19,7 @@
 
 namespace isoscope::cli {
 
-// Raw files need dims and type; no other file may have any of these.
+// Raw files need dims and type; other files must not have any of these flags.
 struct SourceFlags {
   std::optional<math::Index3> dims;
   std::optional<volume::ScalarType> type;
@@ -35,23 +35,23 @@ struct SourceFlags {
 // `flags` must outlive the parsing.
 void AddSourceFlags(FlagSet* set, SourceFlags* flags);
 
-// True if the name's ending is that of a format that carries dimensions and type itself.
+// Returns true if the suffix is that of a format with its own dimensions and type.
 bool HasSelfDescribingName(const std::string& path);
 
 // UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 
-// Opens it as a raw file if --dims is given, else by its format. Errors as source::OpenRawFile and
-// source::OpenVolumeFile.
+// Opens the volume as a raw file if --dims is given, else by its format. Errors as
+// source::OpenRawFile and source::OpenVolumeFile.
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
 
-// The files that it is read from. Errors as source::FilesOfVolume; NOT_FOUND if it is a folder that
-// holds no volume.
+// Returns the files of the volume. Errors as source::FilesOfVolume; NOT_FOUND if it is a folder
+// that holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path);
 
-// All flags as text, one spelling for one meaning: part of the key of a cached dataset.
+// Returns all flags as canonical text: part of the key of a cached dataset.
 std::string DescribeForKey(const SourceFlags& flags);
 
 }  // namespace isoscope::cli

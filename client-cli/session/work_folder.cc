@@ -31,7 +31,8 @@ absl::StatusOr<WorkFolder> WorkFolder::Make(const std::string& cache_directory) 
   if (mkdtemp(pattern.data()) == nullptr) {
     return io::ErrnoToStatus(errno, "can't make a folder in", cache_directory);
   }
-  // Gets its name once it is held: others would take a lock that is free for a leftover.
+  // The file gets its name once it is locked: other processes would take a free lock for a
+  // leftover.
   const std::string path = absl::StrCat(pattern, "/", kLockName);
   const std::string unnamed = path + ".new";
   const int lock = open(unnamed.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
@@ -66,7 +67,7 @@ void RemoveLeftovers(const std::string& cache_directory) {
   for (const fs::path& folder : folders) {
     const int lock = open((folder / kLockName).c_str(), O_RDWR | O_CLOEXEC);
     if (lock < 0) {
-      continue;  // being made at this moment, or removed
+      continue;  // being created at this moment, or removed
     }
     if (flock(lock, LOCK_EX | LOCK_NB) == 0) {
       std::error_code ignored;

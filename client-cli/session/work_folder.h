@@ -1,5 +1,5 @@
-// A folder in the cache for something that is not finished: a dataset that is being made, or one
-// that is being removed. Others see by its lock that its process lives.
+// A folder in the cache for an unfinished operation: a dataset that is being made or removed. Its
+// lock shows other processes that its own process lives.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_WORK_FOLDER_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_WORK_FOLDER_H_
@@ -32,7 +32,7 @@ class WorkFolder {
   int lock_;
 };
 
-// Removes the work folders of processes that are gone.
+// Removes the work folders of processes that have ended.
 void RemoveLeftovers(const std::string& cache_directory);
 
 }  // namespace isoscope::cli

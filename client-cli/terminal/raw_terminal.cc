@@ -1,5 +1,11 @@
-// The settings to go back to lie in plain memory of this file, written before `is_taken` is set:
-// signal handlers and the end of the process read them without locks.
+// The saved settings lie in plain memory of this file, written before `is_taken` is set. So signal
+// handlers and the end of the process read them without locks.
+//
+//   event                   action
+//   destructor, exit        restores the settings and writes the bytes of `leave`
+//   fatal signal            does the same, then the signal's previous action
+//   Ctrl-Z (Suspend)        restores, stops the process, and takes the terminal again afterwards
+//   TerminalSignals         handlers only set flags and write to an eventfd, which wakes the loop
 
 #include "client-cli/terminal/raw_terminal.h"
 
@@ -28,7 +34,7 @@ namespace isoscope::cli {
 namespace {
 
 constexpr std::size_t kMaxLeaveBytes = 256;
-// What ends a process in the middle of anything.
+// Signals that may end the process at any point.
 constexpr std::array<int, 7> kFatalSignals = {SIGABRT, SIGBUS,  SIGFPE, SIGHUP,
                                               SIGILL,  SIGQUIT, SIGSEGV};
 
@@ -54,7 +60,7 @@ std::atomic<int> wake_event{-1};
 
 static_assert(std::atomic<bool>::is_always_lock_free && std::atomic<int>::is_always_lock_free);
 
-// Gives the terminal back and lets the signal do what it did before.
+// Restores the terminal, then runs the signal's previous action.
 void OnFatalSignal(int number) {
   RestoreTerminal();
   for (std::size_t i = 0; i < kFatalSignals.size(); ++i) {
@@ -77,7 +83,7 @@ absl::Status TerminalError(const char* what) {
   return absl::UnavailableError(absl::StrCat(what, ": ", strerror(errno)));
 }
 
-// In the background, a process that changes the terminal's settings is stopped.
+// The kernel stops a background process that changes the terminal's settings.
 bool OwnsTerminal(int fd) { return tcgetpgrp(fd) == getpgrp(); }
 
 }  // namespace
@@ -158,11 +164,11 @@ absl::Status RawTerminal::Suspend() {
   struct sigaction before {};
   by_default.sa_handler = SIG_DFL;
   sigaction(SIGTSTP, &by_default, &before);
-  // To this thread: the process has stopped before the next line.
+  // To this thread: so the process has stopped before the next line runs.
   raise(SIGTSTP);
   sigaction(SIGTSTP, &before, nullptr);
-  // Where a shell lets it go on in the background, it waits until it is called to the front; but
-  // not for ever, if there is no shell any more that could.
+  // A shell may continue the process in the background. Then it waits until it is in the
+  // foreground, but not for ever: the shell may be gone.
   constexpr int kMaxWaits = 100;
   for (int i = 0; i < kMaxWaits && !OwnsTerminal(fd_); ++i) {
     raise(SIGTTIN);
@@ -247,7 +253,7 @@ TerminalSignals::~TerminalSignals() {
 TerminalSignals::Pending TerminalSignals::Take() {
   std::uint64_t count = 0;
   if (read(wake_fd(), &count, sizeof(count)) < 0) {
-    // Nothing was there.
+    // No byte was pending.
   }
   return {.is_resized = is_resized.exchange(false), .is_suspended = is_suspended.exchange(false)};
 }
@@ -258,7 +264,7 @@ void TerminalSignals::Wake() {
   const std::uint64_t one = 1;
   const int event = wake_event.load();
   if (event >= 0 && write(event, &one, sizeof(one)) < 0) {
-    // Full: it is readable already.
+    // The counter is full, so the descriptor is readable already.
   }
 }
 

@@ -1,5 +1,5 @@
-// A terminal that gives each key as it is pressed and shows none of them, and gets its old settings
-// back whatever happens.
+// A terminal in raw mode: it delivers each key when it is pressed, without echo. Its old settings
+// are restored in all cases.
 
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_RAW_TERMINAL_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_RAW_TERMINAL_H_
@@ -27,8 +27,8 @@ class RawTerminal {
   RawTerminal(const RawTerminal&) = delete;
   RawTerminal& operator=(const RawTerminal&) = delete;
 
-  // Gives the terminal back, stops the process as Ctrl-Z does, and takes the terminal again once
-  // the process goes on.
+  // Restores the terminal, stops the process as Ctrl-Z does, and takes the terminal again when the
+  // process continues.
   absl::Status Suspend();
 
  private:
@@ -40,19 +40,19 @@ class RawTerminal {
   const std::string leave_;
 };
 
-// Gives a terminal that RawTerminal has taken its settings back, if there is one. May be called in
+// Restores the settings of a terminal that RawTerminal has taken, if there is one. May be called in
 // a signal handler, and from any thread before _exit.
 void RestoreTerminal();
 
-// Writes all of `bytes`, and waits while the terminal takes none. UNAVAILABLE with the reason.
+// Writes all of `bytes`; blocks while the terminal takes none. UNAVAILABLE with the reason.
 absl::Status WriteToTerminal(int fd, absl::string_view bytes);
 
-// Reads what is there within `timeout`, up to some hundred bytes; "" if nothing comes. UNAVAILABLE
-// once the terminal is gone.
+// Reads the bytes that arrive within `timeout`, up to some hundred; "" if none do. UNAVAILABLE once
+// the terminal is gone.
 absl::StatusOr<std::string> ReadFromTerminal(int fd, absl::Duration timeout);
 
 // Turns signals into wake-ups while it lives: changes of the window's size, and Ctrl-Z, which does
-// not stop the process. At most one in a process. Thread-safe.
+// not stop the process then. At most one in a process. Thread-safe.
 class TerminalSignals {
  public:
   TerminalSignals();
@@ -64,7 +64,7 @@ class TerminalSignals {
     bool is_resized = false;
     bool is_suspended = false;
   };
-  // What came since the last call.
+  // The signals since the last call.
   static Pending Take();
 
   // Readable after a signal or Wake, until Take.

@@ -15,10 +15,10 @@
 namespace isoscope::cli {
 namespace {
 
-// For the lines of text behind the picture, and the prompt.
+// Rows for the text after the picture, and the prompt.
 constexpr int kRowsLeft = 4;
 constexpr int kFileColumns = 80;
-// Of a character, where nothing is known.
+// Height over width of a character, if it is unknown.
 constexpr double kCellAspect = 2;
 constexpr int kCellWidth = 8;
 

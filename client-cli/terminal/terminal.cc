@@ -1,8 +1,8 @@
-// The questions, in one write:
+// The queries, in one write:
 //
-//   APC G i=31,a=q,...  kitty: does it know the graphics protocol? Answer: APC G i=31;OK
-//   CSI 16 t            xterm: how large is a character? Answer: CSI 6 ; height ; width t
-//   CSI c               DEC: device attributes. Answer: CSI ? 62 ; 4 ; ... c, where 4 is sixel
+//   APC G i=31,a=q,...  kitty: does it support the graphics protocol? Answer: APC G i=31;OK
+//   CSI 16 t            xterm: size of a character? Answer: CSI 6 ; height ; width t
+//   CSI c               DEC: device attributes? Answer: CSI ? 62 ; 4 ; ... c, where 4 is sixel
 
 #include "client-cli/terminal/terminal.h"
 
@@ -28,21 +28,21 @@ namespace isoscope::cli {
 namespace {
 
 constexpr char kQuestions[] = "\x1B_Gi=31,s=1,v=1,a=q,t=d,f=24;AAAA\x1B\\\x1B[16t\x1B[c";
-// More than any terminal answers: whoever sends on does not speak of itself.
+// No terminal answers with more bytes: longer input is not an answer.
 constexpr std::size_t kMaxAnswerBytes = 4096;
-// Konsole 22.04 is the first that shows what kitty shows.
+// Konsole 22.04 is the first version with kitty's graphics protocol.
 constexpr int kKonsoleWithKitty = 220400;
 
 bool IsSet(const Environment& environment, const char* name) { return !environment(name).empty(); }
 
-// In terminals that live inside others, whose variables tell about the outer one.
+// Returns true inside terminal multiplexers, whose variables describe the outer terminal.
 bool IsMultiplexed(const Environment& environment) {
   const std::string term = environment("TERM");
   return IsSet(environment, "TMUX") || IsSet(environment, "STY") ||
          absl::StartsWith(term, "tmux") || absl::StartsWith(term, "screen");
 }
 
-// Variables that shells inside other terminals may have inherited.
+// Variables that shells in another terminal may have inherited.
 bool SeemsToBeKitty(const Environment& environment) {
   std::int64_t konsole = 0;
   return IsSet(environment, "KITTY_WINDOW_ID") ||
@@ -136,7 +136,7 @@ PictureFormat BlocksOfEnvironment(const Environment& environment) {
       absl::StrContains(colors, "truecolor") || absl::StrContains(colors, "24bit") ||
       absl::EndsWith(term, "-direct") || absl::StartsWith(term, "xterm-kitty") ||
       absl::StartsWith(term, "xterm-ghostty");
-  // Screen turns other colours into wrong ones.
+  // Screen shows other colours wrongly.
   const bool is_screen = IsSet(environment, "STY");
   return has_all_colors && !is_screen ? PictureFormat::kBlocks24Bit : PictureFormat::kBlocks256;
 }
@@ -146,11 +146,11 @@ std::optional<PictureFormat> FormatOfEnvironment(const Environment& environment)
   if (IsSet(environment, "NO_COLOR") || term.empty() || term == "dumb") {
     return PictureFormat::kNone;
   }
-  // The Linux console prints questions that it does not know.
+  // The Linux console prints queries that it does not know.
   if (IsMultiplexed(environment) || term == "linux") {
     return BlocksOfEnvironment(environment);
   }
-  // TERM is the terminal's own word, through ssh, too.
+  // The terminal itself sets TERM, through ssh too.
   if (term == "xterm-kitty" || term == "xterm-ghostty") {
     return PictureFormat::kKitty;
   }

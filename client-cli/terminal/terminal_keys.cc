@@ -1,5 +1,5 @@
-// A key that is no character begins with ESC: "ESC O A" or "ESC [ A" is an arrow, "ESC [ 1 ; 2 A"
-// one with Shift. A lone ESC waits for the byte behind it.
+// A special key begins with ESC: "ESC O A" or "ESC [ A" is an arrow, "ESC [ 1 ; 2 A" one with
+// Shift. After a lone ESC the reader waits for the next byte.
 
 #include "client-cli/terminal/terminal_keys.h"
 
@@ -33,7 +33,8 @@ std::optional<Key::Kind> KindOf(char final_byte) {
   }
 }
 
-// The size of the sequence at the begin of `text`, which begins with ESC; 0 if it is not whole.
+// Returns the size of the sequence at the begin of `text`, which begins with ESC; 0 if it is
+// incomplete.
 std::size_t SequenceSize(absl::string_view text) {
   if (text.size() < 2) {
     return 0;

@@ -22,8 +22,8 @@ struct Key {
 // Thread-compatible.
 class KeyReader {
  public:
-  // Returns the keys in `bytes`, which may break off inside of one: the next call has the rest.
-  // Sequences of other keys, and bytes above 127, are left out.
+  // Returns the keys in `bytes`. A key may be split: the next call completes it. Sequences of other
+  // keys, and bytes above 127, are skipped.
   std::vector<Key> Take(absl::string_view bytes);
 
  private:

@@ -30,7 +30,7 @@ namespace {
 constexpr std::size_t kKittyChunk = 4096;
 // Pixels with less alpha do not show.
 constexpr int kMinAlpha = 128;
-// Of sixel's palette, of which one may stand for "no pixel".
+// Entries of sixel's palette; one may stand for "no pixel".
 constexpr int kSixelColors = 256;
 
 bool IsShown(image::Rgba8 pixel) { return pixel.a >= kMinAlpha; }
@@ -71,7 +71,7 @@ absl::StatusOr<Dither> NewDither(int color_count) {
   return Dither(dither);
 }
 
-// `pixels`: as the dither's pixel format says, which is not const in the library.
+// `pixels`: in the dither's pixel format; not const in the library.
 absl::StatusOr<std::string> EncodeSixel(std::vector<unsigned char>* pixels,
                                         const image::RgbaImage& picture, sixel_dither_t* dither) {
   std::string text;
@@ -90,7 +90,7 @@ absl::StatusOr<std::string> EncodeSixel(std::vector<unsigned char>* pixels,
   return text;
 }
 
-// The palette that libsixel chooses for the shown pixels: three bytes a colour.
+// Returns the palette that libsixel chooses for the shown pixels: three bytes a colour.
 absl::StatusOr<std::vector<unsigned char>> ChoosePalette(const image::RgbaImage& picture,
                                                          int color_count) {
   std::vector<unsigned char> shown;
@@ -117,8 +117,8 @@ absl::StatusOr<std::vector<unsigned char>> ChoosePalette(const image::RgbaImage&
       palette, palette + 3 * sixel_dither_get_num_of_palette_colors(dither->get()));
 }
 
-// The colours of the shown pixels, three bytes each, if they are at most `max_count`. The library
-// looks at every sixth pixel only.
+// Returns the colours of the shown pixels, three bytes each, if they are at most `max_count`. The
+// library samples only every sixth pixel.
 std::optional<std::vector<unsigned char>> FewColors(const image::RgbaImage& picture,
                                                     std::size_t max_count) {
   std::unordered_set<std::uint32_t> known;
@@ -138,8 +138,8 @@ std::optional<std::vector<unsigned char>> FewColors(const image::RgbaImage& pict
   return palette;
 }
 
-// Pixels that do not show get the index behind the palette, which the library does not draw. Its
-// own transparent colour loses a column: version 1.10.3 compares its index with the column, too.
+// Transparent pixels get the index after the palette, which the library does not draw. Its own
+// transparent colour loses a column: version 1.10.3 compares its index with the column, too.
 absl::StatusOr<std::string> IndexedSixel(const image::RgbaImage& picture,
                                          absl::StatusOr<std::vector<unsigned char>> palette) {
   if (!palette.ok()) {
@@ -176,7 +176,7 @@ absl::StatusOr<std::string> IndexedSixel(const image::RgbaImage& picture,
   sixel_dither_set_pixelformat(dither->get(), SIXEL_PIXELFORMAT_PAL8);
   absl::StatusOr<std::string> text = EncodeSixel(&indices, picture, dither->get());
   if (text.ok()) {
-    // The second parameter leaves what is not drawn as it is; the library does not set it.
+    // The second parameter keeps undrawn pixels unchanged; the library does not set it.
     text->replace(0, text->find('q'), "\x1BP0;1");
   }
   return text;
@@ -191,7 +191,7 @@ std::string ColorCode(const char* layer, image::Rgba8 color, BlockColors colors)
              : absl::StrCat(layer, ";5;", NearestXtermColor(color));
 }
 
-// The colours that are set, so that they are said once: "" for the terminal's own.
+// The colours in effect, so that each is set once: "" for the terminal's own.
 struct CellColors {
   std::string foreground;
   std::string background;

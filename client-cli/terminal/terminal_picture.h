@@ -14,7 +14,7 @@
 
 namespace isoscope::cli {
 
-// Where a terminal shows the picture, in characters; 0: as large as its pixels.
+// Size of the picture in characters; 0: as large as its pixels.
 struct CellBox {
   int columns = 0;
   int rows = 0;
@@ -22,13 +22,13 @@ struct CellBox {
 
 struct KittyOptions {
   CellBox box = {};
-  // > 0: the picture gets this number, so that KittyRemoval can take it away, and the cursor stays
-  // where it is. 0: the cursor moves behind the picture.
+  // > 0: the number of the picture, for KittyRemoval; the cursor stays. 0: the cursor moves behind
+  // the picture.
   int image_number = 0;
 };
 // `png`: a PNG file.
 std::string KittyPicture(absl::string_view png, const KittyOptions& options);
-// Takes a picture away that KittyPicture has shown.
+// Removes a picture that KittyPicture has shown.
 std::string KittyRemoval(int image_number);
 
 // `file`: a PNG or JPEG file, shown `size` large, or in the box if it has columns.
@@ -36,22 +36,22 @@ std::string ITerm2Picture(absl::string_view file, const view::Viewport& size, co
 
 enum class SixelQuality {
   kFast,  // for pictures that move
-  kBest,  // colours between those of the palette by error diffusion
+  kBest,  // error diffusion between the colours of the palette
 };
-// Up to 256 colours, chosen from the picture. Pixels whose alpha is below 128 stay as the terminal
-// is; the alpha of others is ignored. INTERNAL with the library's message if it fails.
+// Uses up to 256 colours, chosen from the picture. Pixels with alpha below 128 leave the terminal
+// unchanged; the alpha of others is ignored. INTERNAL with the library's message if it fails.
 absl::StatusOr<std::string> SixelPicture(const image::RgbaImage& picture, SixelQuality quality);
 
 enum class BlockColors {
   k24Bit,
-  k256,  // the colour cube and the greys of xterm, the nearest one
+  k256,  // the nearest colour of xterm's cube and greys
 };
-// Rows of half blocks, each two pixels high, apart by `line_end`; the last has none. Alpha as
+// Returns rows of half blocks, each two pixels high, separated by `line_end`. Alpha as
 // SixelPicture.
 std::string BlockPicture(const image::RgbaImage& picture, BlockColors colors,
                          absl::string_view line_end);
 
-// The nearest colour of xterm's palette, in [16, 255].
+// Returns the nearest colour of xterm's palette, in [16, 255].
 int NearestXtermColor(image::Rgba8 color);
 
 }  // namespace isoscope::cli

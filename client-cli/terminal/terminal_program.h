@@ -1,4 +1,4 @@
-// A program's `main` where people type.
+// The `main` of a program in a terminal.
 
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_TERMINAL_PROGRAM_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_TERMINAL_PROGRAM_H_
@@ -7,8 +7,8 @@
 
 namespace isoscope::cli {
 
-// Sets the process up, runs `program` with the streams of the process, and gives the terminal back
-// on Ctrl-C. Returns the exit code. Call it once, first of all.
+// Sets the process up, runs `program` with the streams of the process, and restores the terminal on
+// Ctrl-C. Returns the exit code. Call it once, first of all.
 int RunOnTerminal(const Program& program, int argc, char** argv);
 
 }  // namespace isoscope::cli

@@ -1,6 +1,6 @@
-// Two threads: one reads frames off the Interact stream and keeps the newest; this one reads keys,
-// sends views, and draws. A frame is acknowledged once it is drawn, or replaced by a newer one, so
-// the server sends no more than the terminal takes.
+// Two threads. One reads frames from the Interact stream and keeps the newest. The other, which
+// called Run, reads keys, sends views, and draws. A frame is acknowledged once it is drawn, or
+// replaced by a newer one. So the server sends no more than the terminal can draw.
 //
 //   keys ──▶ ViewControls ──▶ Interact ──▶ FrameFeed ──▶ DrawFrame ──▶ terminal
 //
@@ -50,23 +50,23 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// The other screen, no cursor; and back.
+// The alternate screen without a cursor; and back.
 constexpr char kEnterScreen[] = "\x1B[?1049h\x1B[?25l\x1B[2J";
 constexpr char kLeaveScreen[] = "\x1B[0m\x1B[?25h\x1B[?1049l";
-// All pictures of kitty that can be seen.
+// Removes all visible pictures of kitty.
 constexpr char kRemoveAll[] = "\x1B_Ga=d,d=A,q=2\x1B\\";
 constexpr char kBeginUpdate[] = "\x1B[?2026h";
 constexpr char kEndUpdate[] = "\x1B[?2026l";
-// The longest side of a picture, by what a terminal takes several times a second.
+// The longest side of a picture that a terminal draws several times a second.
 constexpr int kMaxSide = 1600;
 constexpr int kMaxSixelSide = 1024;
 constexpr int kMaxBlockSide = 800;
 constexpr int kMaxSamplesOfBlock = 4;
-// Of a character, where nothing is known.
+// Size of a character, if it is unknown.
 constexpr view::Viewport kUsualCell{.width_px = 8, .height_px = 16};
-// Terminals take less than screens do.
+// Terminals draw more slowly than screens.
 constexpr double kFramesPerSecond = 20;
-// More states than are under way at a time.
+// More states than can be under way at a time.
 constexpr std::size_t kMaxStates = 256;
 
 bool IsBlocks(PictureFormat format) {
@@ -92,21 +92,21 @@ absl::StatusOr<image::RgbaImage> Decode(const v1::RenderIsosurfaceResponse& fram
   return frame.png().empty() ? image::DecodeJpeg(frame.jpeg()) : image::DecodePng(frame.png());
 }
 
-// Shortest decimal that is read as the same bits.
+// Returns the shortest decimal that is read as the same bits.
 std::string Exact(double value) { return nlohmann::json(value + 0.0).dump(); }
 
 std::string Exact(const v1::Vec3& v) {
   return absl::StrCat(Exact(v.x()), ",", Exact(v.y()), ",", Exact(v.z()));
 }
 
-// The newest frame of a stream, read by a thread of its own.
+// The newest frame of a stream, read by its own thread.
 class FrameFeed {
  public:
   // `stream` must outlive it.
   explicit FrameFeed(client::InteractStream* stream)
       : stream_(stream), reader_([this] { Read(); }) {}
   ~FrameFeed() {
-    // Cancelling a stream that has ended would hide why.
+    // Cancelling a stream that has ended would replace its error.
     if (!has_ended()) {
       stream_->Cancel();
     }
@@ -115,7 +115,7 @@ class FrameFeed {
   FrameFeed(const FrameFeed&) = delete;
   FrameFeed& operator=(const FrameFeed&) = delete;
 
-  // The newest that was not taken yet.
+  // Returns the newest frame that was not taken yet.
   std::optional<v1::InteractResponse> Take() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     return std::exchange(newest_, std::nullopt);
@@ -125,8 +125,8 @@ class FrameFeed {
     return has_ended_;
   }
 
-  // Tells the server that a frame was shown, or dropped. If the stream has ended, the reader says
-  // so.
+  // Acknowledges a frame that was shown, or dropped. If the stream has ended, the reader reports
+  // it.
   void Acknowledge(std::int64_t frame_number, absl::Duration duration) {
     v1::InteractRequest shown;
     shown.mutable_frame_shown()->set_frame_number(frame_number);
@@ -158,7 +158,7 @@ class FrameFeed {
   base::Mutex mutex_;
   std::optional<v1::InteractResponse> newest_ ABSL_GUARDED_BY(mutex_);
   bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
-  std::thread reader_;  // last: it uses the others
+  std::thread reader_;  // comes last: it uses the other members
 };
 
 // The terminal of this process, closed at the end.
@@ -189,11 +189,11 @@ class Viewer {
         layout_(LayoutOf(terminal.format, terminal.size)),
         cell_(CellOf(terminal.size)) {}
 
-  // Until the user or `cancellation` ends it, or the stream.
+  // Runs until the user, `cancellation` or the server ends it.
   absl::Status Run(const base::Cancellation& cancellation);
-  // The newest view.
+  // The request of the newest view.
   [[nodiscard]] v1::RenderIsosurfaceRequest Frame() const;
-  // Whether Run returned because the stream had ended.
+  // Returns true if Run returned because the server ended the stream.
   [[nodiscard]] bool was_ended_by_server() const { return was_ended_by_server_; }
 
  private:
@@ -220,7 +220,7 @@ class Viewer {
   SentStates sent_;
   std::optional<v1::InteractResponse> last_;
   std::optional<absl::Duration> latency_;  // of last_
-  std::string message_;                    // what went wrong with the last frame
+  std::string message_;                    // error of the last frame
   int image_number_ = 1;
   bool shows_help_ = false;
   bool is_done_ = false;
@@ -246,7 +246,7 @@ absl::Status Viewer::SendView(bool is_at_rest) {
   state.set_target_frames_per_second(kFramesPerSecond);
   state.set_is_at_rest(is_at_rest);
   sent_.Add(sequence_number_, absl::Now());
-  stream_->Write(request);  // if the stream has ended, the reader says so
+  stream_->Write(request);  // if the stream has ended, the reader reports it
   return absl::OkStatus();
 }
 
@@ -263,7 +263,7 @@ std::string Viewer::StatusLine() const {
       absl::StrAppendFormat(&text, "   %.0f ms", absl::ToDoubleMilliseconds(*latency_));
     }
   }
-  // Names and messages come from elsewhere: nothing in them is a command to the terminal.
+  // Names and messages come from outside: they must not contain terminal commands.
   text = base::Printable(text);
   const std::string keys = "? help  q quit ";
   const auto columns = static_cast<std::size_t>(layout_.terminal.columns);
@@ -271,7 +271,7 @@ std::string Viewer::StatusLine() const {
   if (columns > keys.size() + 40) {
     text.replace(columns - keys.size(), keys.size(), keys);
   }
-  // The cuts may have left a part of a character.
+  // Cutting may have left an incomplete character.
   return absl::StrCat("\x1B[", layout_.terminal.rows, ";1H\x1B[0;7m", base::Printable(text),
                       "\x1B[0m");
 }
@@ -352,7 +352,7 @@ absl::Status Viewer::Handle(TerminalSignals::Pending pending) {
   if (!pending.is_suspended && !pending.is_resized) {
     return absl::OkStatus();
   }
-  // The window may have changed while the process stood still.
+  // The window may have changed while the process was stopped.
   if (std::optional<TerminalSize> size = SizeOfTerminal(tty_)) {
     if (size->pixels.width_px == 0) {
       size->pixels = {.width_px = cell_.width_px * size->columns,

@@ -22,41 +22,42 @@
 
 namespace isoscope::cli {
 
-// Where the picture is: all rows of the window but the last, which says what is seen.
+// The layout of the window: the picture takes all rows but the last, which describes the view.
 struct ViewerLayout {
   PictureFormat format = PictureFormat::kNone;
   TerminalSize terminal;
   CellBox box;              // of the picture
-  view::Viewport viewport;  // what is asked for
+  view::Viewport viewport;  // size of the requested pictures
 };
-// Pictures have the pixels of the window, up to a limit that keeps them fast; for half blocks up to
-// four times as many, so that edges are smooth.
+// Pictures have the pixels of the window, up to a limit that keeps them fast. For half blocks they
+// have up to four times as many, so that edges are smooth.
 ViewerLayout LayoutOf(PictureFormat format, const TerminalSize& terminal);
 
-// The bytes that draw a frame at the left upper corner, whatever its size. `image_number`: for
+// Returns the bytes that draw a frame of any size at the upper left corner. `image_number`: for
 // kitty. Errors of decoding and of SixelPicture.
 absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
                                       const isoscope::v1::InteractResponse& response,
                                       int image_number);
 
-// The flags of `render` that make the frame again, bit for bit.
+// Returns the flags of `render` that reproduce the frame, bit for bit.
 std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame);
 
-// When the states of a stream were sent, by sequence number. A frame answers a state that is older
-// than the newest one as long as the view moves. Thread-compatible.
+// The send times of a stream's states, by sequence number. While the view moves, a frame answers an
+// older state than the newest. Thread-compatible.
 class SentStates {
  public:
   void Add(std::int64_t sequence_number, absl::Time sent);
-  // The time from the state that a frame answers until `now`; nullopt if that state is not known.
-  // States before it are forgotten: no later frame answers them.
+  // Returns the time from the state that a frame answers until `now`; nullopt if that state is not
+  // known. Erases earlier states, which no later frame answers.
   std::optional<absl::Duration> TakeLatency(std::int64_t sequence_number, absl::Time now);
 
  private:
   std::map<std::int64_t, absl::Time> sent_;  // at most kMaxStates
 };
 
-// Shows the dataset on the terminal of this process until q or Ctrl-C, and gives the terminal back.
-// FAILED_PRECONDITION if there is none, or one without pictures; errors of the Interact stream.
+// Shows the dataset on the terminal of this process until q or Ctrl-C, and restores the terminal.
+// FAILED_PRECONDITION if there is no terminal, or one without pictures; errors of the Interact
+// stream.
 absl::Status RunTerminalViewer(const isoscope::v1::Dataset& dataset, double isovalue, ShowMode mode,
                                Session* session, const Context& context);
 

@@ -45,15 +45,15 @@ std::string FormatUptime(absl::Duration up) {
                   : FormatElapsed(up);
 }
 
-// The growth of counters of a process in a second. Its own clock measures the time: an agent's
-// answer may be as old as the coordinator's last question to it.
+// The growth of a process's counters per second. The process's own clock measures the time: an
+// agent's answer may be as old as the coordinator's last poll.
 class Rates {
  public:
   // `before`: null if there is no earlier answer.
   template <typename Load>
   Rates(const Load& now, const Load* before) {
     absl::Duration span = rpc::DurationFromProto(now.up_duration());
-    // A process that began anew has counted from 0.
+    // A restarted process has counted from 0.
     if (before != nullptr && span > rpc::DurationFromProto(before->up_duration())) {
       is_since_before_ = true;
       span -= rpc::DurationFromProto(before->up_duration());
@@ -182,7 +182,7 @@ void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& be
       FormatRate(rates.Of(load.refused_frame_count(), old.refused_frame_count())), "/s refused"));
 }
 
-// A gap, and the table.
+// Appends an empty line, and the table.
 void AppendTable(const Table& table, const TopScreenOptions& options,
                  std::vector<std::string>* lines) {
   lines->push_back("");
@@ -213,10 +213,10 @@ void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
   if (now.status.frames().empty()) {
     return;
   }
-  const int rest = options.height - static_cast<int>(lines->size()) - 2;  // a gap and the titles
+  const int rest = options.height - static_cast<int>(lines->size()) - 2;  // empty line, titles
   int shown = now.status.frames_size();
   if (options.height > 0 && shown > rest) {
-    shown = std::max(rest - 1, 0);  // the last line counts the others
+    shown = std::max(rest - 1, 0);  // the last line has the number of the others
   }
   Table table = Table::OfColumns({{"REQUEST", true, true},
                                   {"CLIENT", true, true},

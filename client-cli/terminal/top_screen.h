@@ -1,5 +1,9 @@
-// The text of `isoscope top`: what a cluster does, made of one answer of GetClusterStatus and the
-// one before.
+// The text of `isoscope top`: the work of a cluster, from one answer of GetClusterStatus and an
+// earlier one.
+//
+// Rates are differences of counters over the time of the process that counts. The tables are
+// cluster, agents and frames. If they do not fit, columns become narrower, then lines are cut, and
+// the last line counts the frames that are not shown.
 
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_TOP_SCREEN_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_TOP_SCREEN_H_
@@ -21,14 +25,15 @@ struct ClusterSample {
 
 struct TopScreenOptions {
   std::string server;
-  // Columns and lines that there is room for. Columns that people can do without in part get
-  // narrower, then lines are cut; frames that find no room are counted. 0: no limit.
+  // Columns and lines of the screen. Wide columns are narrowed first, then lines are cut; frames
+  // without room are counted. 0: no limit.
   int width = 0;
   int height = 0;
 };
 
-// Returns the lines, without line feeds and control characters. Rates are those since `before`, by
-// the clock of each process; without it, or if a process began anew meanwhile, since it began.
+// Returns the lines, without line feeds and control characters. Rates cover the time since
+// `before`, by the clock of each process. Without `before`, or if a process was restarted
+// meanwhile, they cover the time since its start.
 std::vector<std::string> TopScreen(const ClusterSample& now,
                                    const std::optional<ClusterSample>& before,
                                    const TopScreenOptions& options);

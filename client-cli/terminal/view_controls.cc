@@ -73,7 +73,7 @@ void ViewControls::Pan(double right, double up) {
   const double height = 2 * math::Length(forward) * std::tan(camera_.fov_y_radians / 2);
   const math::Vec3d right_axis = math::Normalized(math::Cross(forward, camera_.up));
   const math::Vec3d up_axis = math::Normalized(math::Cross(right_axis, forward));
-  // The scene moves with the key, so the eye moves against it.
+  // The scene follows the key, so the eye moves in the opposite direction.
   const math::Vec3d move = right_axis * (-right * height) + up_axis * (-up * height);
   camera_.eye = camera_.eye + move;
   camera_.target = camera_.target + move;

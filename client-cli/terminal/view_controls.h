@@ -1,4 +1,4 @@
-// What the keys of `view --terminal` do to the view. The same keys do the same on the page.
+// The keys of `view --terminal` and their effect on the view. The page has the same keys.
 
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_
@@ -14,11 +14,11 @@
 
 namespace isoscope::cli {
 
-// The dataset that is looked at.
+// The dataset on view.
 struct ViewedVolume {
   math::Box3d bounds;
   std::optional<volume::PatientFrame> patient_frame;
-  volume::ScalarSpan values;  // isovalues keep to it; empty if no sample is a number
+  volume::ScalarSpan values;  // limits of isovalues; empty if no sample is a number
 };
 
 // Thread-compatible.
@@ -52,8 +52,8 @@ class ViewControls {
 // The lines of the help, each at most 60 characters.
 std::string DescribeKeys();
 
-// A round number, 1, 2 or 5 times a power of ten: between a hundredth and a third of a hundredth of
-// the range, and 1 if that is empty or no number.
+// Returns 1, 2 or 5 times a power of ten: between a hundredth and a third of a hundredth of the
+// range, or 1 if the range is empty or not finite.
 double IsovalueStep(const volume::ScalarSpan& values);
 
 }  // namespace isoscope::cli

@@ -1,5 +1,5 @@
-// The colour maps of the pictures, for legends: 33 colours at equal distances, linear between them. The
-// same as in core/picture/color_map.cc (tests/clients/web compares them).
+// The colour maps of the pictures, for legends: 33 colours at equal distances, interpolated
+// linearly. The same as in core/picture/color_map.cc (tests/clients/web compares them).
 // @ts-check
 
 /** @type {Record<string, string[]>} */

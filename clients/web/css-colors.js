@@ -3,7 +3,7 @@
 
 /** @typedef {{red: number, green: number, blue: number, alpha: number}} ColorJson each 0 to 1 */
 
-/** Names and hexadecimal digits by turns. */
+/** Names and hexadecimal digits alternate. */
 const TABLE = `
 aliceblue f0f8ff antiquewhite faebd7 aqua 00ffff aquamarine 7fffd4 azure f0ffff beige f5f5dc bisque ffe4c4 black 000000
 blanchedalmond ffebcd blue 0000ff blueviolet 8a2be2 brown a52a2a burlywood deb887 cadetblue 5f9ea0 chartreuse 7fff00

@@ -1,12 +1,15 @@
-// The surface under the mouse: one module without dependencies, for the page of the gateway, for other
-// pages (`mount`), and for notebooks (the default export is an anywidget module).
+// An interactive view of a surface: one module without dependencies, for the page of the gateway,
+// for other pages (`mount`), and for notebooks (the default export is an anywidget module).
 //
-// How a picture comes and goes: a worker holds the WebSocket, takes messages apart and decodes the
-// pictures. The view sends its state whenever it changes; the server answers with quick frames, and
-// with the exact one when no state has come for 120 ms. Each frame carries the camera that it shows and a coarse grid of depths. Until the next
-// one is here, the last one is drawn as a relief of that grid from the camera that the pointer has
-// asked for, in the animation frame after the move. A frame whose camera is the current one is drawn as
-// it is, pixel by pixel.
+// From a change of the view to its picture:
+//
+// 1. The view sends its state whenever it changes. The server answers with quick frames, and with
+//    the exact one when no state has come for 120 ms.
+// 2. A worker holds the WebSocket, parses messages and decodes pictures. Each frame carries its
+//    camera and a coarse grid of depths.
+// 3. Until the next frame arrives, the last one is drawn as a relief of that grid from the camera
+//    of the pointer, in the animation frame after the move.
+// 4. A frame whose camera is the current one is drawn unchanged, pixel by pixel.
 //
 // Angles are radians, lengths world units, pixels those of the device, unless a name says otherwise.
 // @ts-check
@@ -61,7 +64,7 @@ const vecToJson = (v) => ({ x: v[0], y: v[1], z: v[2] });
 // ---- cameras ----
 
 /**
- * Returns the camera, or null if it is none that a server would take.
+ * Returns the camera, or null if a server would refuse it.
  * @param {any} json @returns {Camera | null}
  */
 export function cameraFromJson(json) {
@@ -107,7 +110,7 @@ export function halfHeightOf(camera) {
 }
 
 /**
- * World units that a unit of the picture's half height spans at a distance along the view axis.
+ * World units of one half height of the picture, at a distance along the view axis.
  * @param {Camera} camera @param {number} distance
  */
 const spanAt = (camera, distance) => halfHeightOf(camera) * (camera.height > 0 ? 1 : distance);
@@ -178,7 +181,8 @@ export function patientDirection(frame, side) {
 }
 
 /**
- * The rows of core/view/named_views.inc: where the eye is, seen from the target; up; the patient's sides in their places.
+ * The rows of core/view/named_views.inc: direction of the eye from the target; up; the patient's
+ * sides in the same order.
  * @type {Record<string, [Vec3, Vec3, string]>}
  */
 export const NAMED_VIEWS = {
@@ -262,7 +266,7 @@ export function turn(camera, dx, dy, roll = 0) {
 }
 
 /**
- * Moves the scene so that what lies at `distance` follows the pointer: (dx, dy) as for turn.
+ * Moves the scene so that a point at `distance` follows the pointer: (dx, dy) as for turn.
  * @param {Camera} camera @param {number} dx @param {number} dy @param {number} distance
  * @returns {Camera}
  */
@@ -274,7 +278,7 @@ export function pan(camera, dx, dy, distance) {
 }
 
 /**
- * Brings the scene nearer by `factor` (above 1) or farther; the point under the pointer stays there.
+ * Scales the scene by `factor` (above 1: nearer); the point under the pointer stays there.
  * @param {Camera} camera @param {number} factor @param {Vec3} point @returns {Camera}
  */
 export function zoomTo(camera, factor, point) {
@@ -291,9 +295,9 @@ export function zoomTo(camera, factor, point) {
 }
 
 /**
- * Returns the camera moved so that what a frame shows is in the middle and fills most of the picture;
- * specks of less than 0.3 % of it do not count. The server's own fit is to a sphere, which leaves room
- * around most surfaces.
+ * Returns the camera moved so that the frame's surface is in the middle and fills most of the
+ * picture; specks of less than 0.3 % of it are ignored. The server's own fit is to a sphere, which
+ * leaves room around most surfaces.
  * @param {Camera} camera of the frame @param {DepthGrid} grid of the frame @param {number} aspect
  * @returns {Camera}
  */
@@ -367,7 +371,8 @@ export function jumpOf(camera, gridHeight) {
 }
 
 /**
- * The way from a frame to another camera, for the shader. tests/clients/web/warp.mjs says the same without it.
+ * The transformation from a frame to another camera, for the shader. tests/clients/web/warp.mjs
+ * computes the same without it.
  * @param {Camera} from @param {number} fromAspect @param {Camera} to @param {number} toAspect
  */
 export function makeWarp(from, fromAspect, to, toAspect) {
@@ -378,7 +383,7 @@ export function makeWarp(from, fromAspect, to, toAspect) {
   const h0 = halfHeightOf(from);
   const h1 = halfHeightOf(to);
   return {
-    // Column-major, as the shader wants it.
+    // Column-major, as the shader expects it.
     matrix: columns.flatMap((column) => rows.map((row) => dot(row, column))),
     offset: rows.map((row) => dot(row, sub(from.eye, to.eye))),
     fromSpan: [h0 * fromAspect, h0],
@@ -391,8 +396,8 @@ export function makeWarp(from, fromAspect, to, toAspect) {
 // ---- messages and the worker ----
 
 /**
- * Takes a message of the gateway apart: u32 length of JSON, JSON, picture, depths (docs/web.md). Throws
- * an Error whose message says what is wrong. Self-contained: the worker is made of its source.
+ * Parses a message of the gateway: u32 length of JSON, JSON, picture, depths (docs/gateway.md). Throws
+ * an Error that describes the fault. Self-contained: the worker is made from its source.
  * @param {ArrayBuffer} buffer
  * @returns {{header: any, image: Uint8Array, depths: Uint16Array}}
  */
@@ -451,8 +456,8 @@ export function parseMessage(buffer) {
 }
 
 /**
- * Owns socket and decoding. One picture is decoded at a time, one waits; a third takes the place of the
- * one that waits, which the server is told. Self-contained: it is started from its source.
+ * Owns socket and decoding. One picture is decoded at a time, one waits. A third replaces the
+ * waiting one, which is reported to the server. Self-contained: it is started from its source.
  * @param {{postMessage: (message: any, transfer?: any[]) => void,
  *   onmessage: ((event: {data: any}) => void) | null}} scope
  * @param {typeof parseMessage} parse
@@ -498,7 +503,8 @@ export function workerMain(scope, parse) {
       if (image.byteLength > 0) {
         const blob = new Blob([image], { type: header.image.type });
         try {
-          // A JPEG has neither alpha nor profile, and to ask for it costs a pass over its pixels.
+          // A JPEG has neither alpha nor profile; requesting them would cost a pass over its
+          // pixels.
           bitmap = await (header.image.type === 'image/jpeg' ? createImageBitmap(blob)
             : createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none' }));
         } catch {
@@ -591,7 +597,7 @@ export function workerMain(scope, parse) {
 }
 
 /**
- * Starts workerMain in a worker; where the page allows none, in the page.
+ * Starts workerMain in a worker, or in the page if the page allows no worker.
  * @param {(message: any) => void} receive @returns {{post: (message: any, transfer?: any[]) => void,
  *   stop: () => void, isWorker: boolean}}
  */
@@ -616,7 +622,7 @@ function startWorker(receive) {
       unanswered.length = 0;
       receive(event.data);
     };
-    // A content security policy speaks up only here.
+    // A content security policy reports only here.
     worker.onerror = () => {
       if (!page && unanswered.length > 0) {
         page = inPage();
@@ -821,7 +827,7 @@ function makeGlScreen(lost) {
       gl.uniform3i(at.mode, isFlat ? 1 : 0, frame.camera.height > 0 ? 0 : 1, camera.height > 0 ? 0 : 1);
       if (isFlat || !frame.grid) {
         gl.disable(gl.DEPTH_TEST);
-        // The height of the picture is that of the view; its sides may reach beyond, or not as far.
+        // The picture has the height of the view; it may be wider or narrower.
         gl.uniform2f(at.flatScale, frameAspect / aspect, 1);
         gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
         return false;
@@ -835,7 +841,8 @@ function makeGlScreen(lost) {
       gl.uniform4f(at.spans, warp.fromSpan[0], warp.fromSpan[1], warp.toSpan[0], warp.toSpan[1]);
       const reach = frame.grid.far + length(sub(frame.camera.eye, camera.eye)) + frame.grid.far - frame.grid.near;
       gl.uniform2f(at.clipPlanes, camera.height > 0 ? -reach : reach * 1e-3, reach * 2);
-      // First without cuts: what was hidden is filled with what lies around it. Then, over it, cut.
+      // First without cuts, which fills hidden parts from their surroundings; then with cuts, on
+      // top.
       for (const [any, perDepth] of [[1e30, 0], [jump.jump, jump.jumpPerDepth]]) {
         gl.clear(gl.DEPTH_BUFFER_BIT);
         gl.uniform4f(at.depthRange, frame.grid.near, frame.grid.far, any, perDepth);
@@ -855,7 +862,7 @@ function makeGlScreen(lost) {
 }
 
 /**
- * Shows pictures as they come, without WebGL: where that is done by the processor, this takes half of
+ * Shows pictures as they come, without WebGL. If the processor emulates WebGL, this takes half of
  * its time.
  * @returns {Screen}
  */
@@ -964,7 +971,7 @@ function drawLine(context, color, width, points) {
 }
 
 /**
- * Draws boxes and pins, which lie in the scene.
+ * Draws boxes and pins, which are part of the scene.
  * @param {CanvasRenderingContext2D} context @param {number} width @param {number} height in CSS pixels
  * @param {Scene} scene
  */
@@ -1058,7 +1065,7 @@ function drawAxes(context, scene) {
 }
 
 /**
- * Returns the scale bar: its length in CSS pixels, and what it spans.
+ * Returns the scale bar: its length in CSS pixels, and its text.
  * @param {Camera} camera @param {number} width @param {number} height of the view in CSS pixels
  */
 function scaleBarOf(camera, width, height) {
@@ -1113,7 +1120,7 @@ class Samples {
 const RETRY_MS = 30000;
 
 /**
- * Waits; throws the reason of a signal that aborts meanwhile.
+ * Waits; throws the reason of a signal that aborts before the end.
  * @param {number} ms @param {AbortSignal | null} [signal] @returns {Promise<void>}
  */
 function sleep(ms, signal) {
@@ -1178,8 +1185,8 @@ export function whileShown(ask, ms) {
 const SPEECH_MS = 2000;
 
 /**
- * Gives sentences to a screen reader, one at a time. Of those that come within SPEECH_MS of the last
- * one, the newest is said after that time.
+ * Passes sentences to a screen reader, one at a time. Of those that come within SPEECH_MS of the
+ * last one, the newest is spoken after that time.
  */
 export class Announcer {
   /**
@@ -1217,8 +1224,9 @@ const PROTOCOL = 'isoscope';
 const BEARER_PROTOCOL = 'isoscope.bearer.';
 
 /**
- * Speaks to the HTTP side of a gateway. Every error is an Error with a sentence, `code` and `status`. The token goes in
- * headers, never in an address. A token in the address of the page around is that page's own affair, such as a notebook's.
+ * The HTTP side of a gateway. Every error is an Error with a sentence, `code` and `status`. The
+ * token is sent in headers, never in an address. A token in the address of the surrounding page,
+ * such as a notebook's, is not touched.
  */
 export class Client {
   /**
@@ -1252,7 +1260,7 @@ export class Client {
   }
 
   /**
-   * Asks again after the time that a refusal tells, within RETRY_MS. Waits while the tab is hidden.
+   * Retries after the delay of a refusal, within RETRY_MS. Waits while the tab is hidden.
    * @param {string} path @param {RequestInit} [init] @returns {Promise<Response>}
    */
   async request(path, init) {
@@ -1289,7 +1297,7 @@ export class Client {
       try {
         body = await response.json();
       } catch {
-        // Not ours: a proxy's page.
+        // Not from the gateway: a proxy's page.
       }
       const delay = body.retry_delay_ms;
       throw Object.assign(new Error(body.message || `The gateway answered with HTTP status ${response.status}.`),
@@ -1406,14 +1414,15 @@ export class View extends EventTarget {
     this.lastGrid = null;
     this.isDestroyed = false;
 
-    // Of the connection.
+    // State of the connection.
     this.isOpen = false;
     this.wasOpen = false;
     this.attempt = 0;
     this.isByTransport = false;
     this.generation = 0;
     this.sequence = 0;
-    // By sequence number. `causedAt` is the time of the newest input in the state; without one, of its sending.
+    // By sequence number. `causedAt` is the time of the newest input in the state; without input,
+    // the time of its sending.
     /** @type {Map<number, {scene: string, sentAt: number, causedAt: number, isByInput: boolean, isAnswered: boolean,
      *   isShown: boolean}>} */
     this.sent = new Map();
@@ -1422,13 +1431,13 @@ export class View extends EventTarget {
     this.hasState = false;
     this.isDirty = false;
     this.lastSentAt = 0;
-    // The time of the first move since the last animation frame.
+    // Time of the first move since the last animation frame.
     /** @type {number | null} */
     this.answeredAt = null;
-    // The time of the newest input that no state has been sent of.
+    // Time of the newest input without a sent state.
     /** @type {number | null} */
     this.inputAt = null;
-    // Of the frame on the screen: from its own input, or its own sending, to its display.
+    // Latency of the frame on the screen: from its own input, or its own sending, to its display.
     /** @type {number | null} */
     this.shownLatencyMs = null;
     /** The sentence of the lost connection, until there is one again. */
@@ -1461,10 +1470,11 @@ export class View extends EventTarget {
     this.host = document.createElement('div');
     this.root = document.createElement('div');
     this.overlay = makeCanvas('overlay');
-    // Small, and of their own: what is drawn over the whole picture is put together with it anew at each change.
+    // Small canvases of their own: anything drawn over the whole picture is composited with it
+    // again at each change.
     this.axes = makeCanvas('overlay axes');
     this.scaleBar = makeCanvas('overlay scale-bar');
-    // What each of them shows, so that it is drawn only when that changes.
+    // The content of each canvas, so that it is drawn only when that changes.
     /** @type {Map<HTMLCanvasElement, string>} */
     this.drawn = new Map();
     this.noticeElement = document.createElement('div');
@@ -1492,7 +1502,7 @@ export class View extends EventTarget {
   /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
   getState() {
     const state = structuredClone(this.state);
-    // Until the server has chosen, the state says what it chooses from.
+    // Until the server has chosen a camera, the state has the inputs of its choice.
     if (this.camera && !this.cameraFrom) {
       state.camera = cameraToJson(this.camera);
     }
@@ -1500,8 +1510,8 @@ export class View extends EventTarget {
   }
 
   /**
-   * Replaces what is shown. Without a camera, the server chooses one. `isMoving`: more is to come, as
-   * from a slider; quick frames come first.
+   * Replaces the state. Without a camera, the server chooses one. `isMoving`: more states follow,
+   * as from a slider; quick frames come first.
    * @param {FrameRequest} state @param {{isMoving?: boolean}} [how]
    */
   setState(state, how = {}) {
@@ -1525,7 +1535,7 @@ export class View extends EventTarget {
       this.camera = camera;
       this.cameraFrom = 0;
     } else {
-      // The server's answer to this state, or a newer one, says which it is.
+      // The server's answer to this state, or a newer one, has the camera.
       this.cameraFrom = this.sequence + 1;
     }
     if (isOther || !this.dataset) {
@@ -1537,7 +1547,8 @@ export class View extends EventTarget {
   }
 
   /**
-   * Changes parts of the state; the camera stays, unless it is named. Null and undefined take a part away.
+   * Changes parts of the state; the camera stays, unless it is given. Null and undefined remove a
+   * part.
    * @param {FrameRequest} part @param {{isMoving?: boolean}} [how]
    */
   update(part, how) {
@@ -1550,7 +1561,7 @@ export class View extends EventTarget {
   }
 
   /**
-   * Looks at the surface from a side, as large as it fits: 'front' ... 'inferior'.
+   * Views the surface from a side, as large as it fits: 'front' ... 'inferior'.
    * @param {string} name @returns {boolean} false if the dataset has no such side, or is not known yet
    */
   lookFrom(name) {
@@ -1589,8 +1600,8 @@ export class View extends EventTarget {
   }
 
   /**
-   * Figures for people and tests; times in milliseconds. `shownLatencyMs` is that of the frame on the screen,
-   * `latencyMs` of the last frames that an input caused.
+   * Figures for users and tests; times in milliseconds. `shownLatencyMs` is that of the frame on
+   * the screen, `latencyMs` that of the last frames that an input caused.
    */
   stats() {
     const now = performance.now();
@@ -1644,7 +1655,7 @@ export class View extends EventTarget {
       this.element.style.position = 'relative';
     }
     const shadow = this.host.attachShadow({ mode: 'open' });
-    // Unlike a style element, this needs no leave of the page's content security policy.
+    // Unlike a style element, this needs no permission of the page's content security policy.
     const sheet = new CSSStyleSheet();
     sheet.replaceSync(STYLE);
     shadow.adoptedStyleSheets = [sheet];
@@ -1653,7 +1664,7 @@ export class View extends EventTarget {
     this.root.setAttribute('role', 'application');
     this.root.setAttribute('aria-label', this.options.label ?? 'Isosurface. Arrow keys turn it, plus and minus ' +
       'zoom, with Shift arrow keys move it, 0 shows all of it, Enter picks the point in the middle.');
-    // It changes with each attempt to connect: what of it matters goes to `announce`.
+    // It changes with each attempt to connect; `announce` gets the important changes.
     this.noticeElement.className = 'notice';
     this.noticeElement.hidden = true;
     this.speech.className = 'speech';
@@ -1670,7 +1681,7 @@ export class View extends EventTarget {
   }
 
   /**
-   * Some drivers draw slowly without saying so: the first warps are timed.
+   * Some drivers emulate WebGL without reporting it, so the first warps are timed.
    * @param {number} startedAt
    */
   #measureWarp(startedAt) {
@@ -1721,7 +1732,8 @@ export class View extends EventTarget {
   // ---- pointer and keys ----
 
   /**
-   * The point of the scene under a point of the view; at the target's distance where there is none.
+   * Returns the point of the scene under a point of the view; at the target's distance if there is
+   * none.
    * @param {number} x @param {number} y of the view, -1 to 1, y up
    */
   #pointAt(x, y) {
@@ -1770,7 +1782,7 @@ export class View extends EventTarget {
       try {
         root.setPointerCapture(event.pointerId);
       } catch {
-        // The pointer is gone already.
+        // The pointer is released already.
       }
       root.focus({ preventScroll: true });
       const p = place(event);
@@ -1798,7 +1810,8 @@ export class View extends EventTarget {
       const dx = toHalves(p.x - before.x);
       const dy = -toHalves(p.y - before.y);
       if (others.length === 1) {
-        // Both fingers keep their points: the middle pans, the distance zooms, the angle rolls.
+        // Both fingers keep their points: their middle pans, their distance zooms, their angle
+        // rolls.
         const [other] = others;
         const old = { x: before.x - other.x, y: before.y - other.y };
         const now = { x: p.x - other.x, y: p.y - other.y };
@@ -1920,7 +1933,8 @@ export class View extends EventTarget {
     this.isDirty = true;
     this.inputAt = time ?? this.inputAt;
     this.answeredAt ??= time;
-    // The server begins at once; what comes faster than pictures are shown waits for the next one.
+    // The server begins at once; a state that comes before the last picture is shown waits for the
+    // next one.
     if (time !== null && performance.now() - this.lastSentAt >= SEND_EVERY_MS) {
       this.#send();
     }
@@ -1938,8 +1952,8 @@ export class View extends EventTarget {
     this.sequence += 1;
     const frame = this.getState();
     frame.viewport = { widthPx: this.width, heightPx: this.height };
-    // Never at rest: the server sends the exact frame by itself 120 ms after the last state, and the
-    // quick frame before it is the one with depths, which the next move needs.
+    // Never at rest. The server sends the exact frame by itself 120 ms after the last state. The
+    // quick frame before it has the depths that the next move needs.
     const viewState = { sequenceNumber: String(this.sequence), frame,
       targetFramesPerSecond: this.options.targetFramesPerSecond ?? 30 };
     const scene = JSON.stringify({ ...frame, camera: null, viewport: null });
@@ -2012,7 +2026,7 @@ export class View extends EventTarget {
     if (this.wasOpen) {
       this.counts.reconnects += 1;
     }
-    // A connection that soon ends again is tried less and less often.
+    // A connection that soon ends again is retried at increasing intervals.
     clearTimeout(this.timers.steady);
     this.timers.steady = setTimeout(() => { this.attempt = 0; }, 5000);
     this.isOpen = true;
@@ -2098,7 +2112,7 @@ export class View extends EventTarget {
   }
 
   /**
-   * Shows what is wrong, and has it said unless it is shown already.
+   * Shows a problem, and announces it unless it is shown already.
    * @param {string} sentence
    */
   #problem(sentence) {
@@ -2123,7 +2137,7 @@ export class View extends EventTarget {
         this.#schedule();
       }
     } catch {
-      // The frame says what is wrong with the dataset; a lost gateway is asked again once it is back.
+      // The frame reports a problem of the dataset; a lost gateway is asked again once it is back.
     }
   }
 
@@ -2219,7 +2233,7 @@ export class View extends EventTarget {
     const text = (error.message ?? '').trim() || 'the server gives no reason';
     const sentence = text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? '' : '.');
     const code = Number(error.code ?? 2);
-    // These pass by themselves: an agent comes back, a queue empties.
+    // These errors are temporary: an agent restarts, a queue empties.
     const isPassing = [4, 8, 9, 14].includes(code);
     this.#problem(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`);
     clearTimeout(this.timers.again);
@@ -2243,7 +2257,7 @@ export class View extends EventTarget {
   #tick() {
     const movedAt = this.answeredAt;
     this.answeredAt = null;
-    // The state goes out first: the server works while this draws.
+    // The state is sent first: the server works while this draws.
     this.#send();
     if (this.arrived) {
       this.#show();
@@ -2274,7 +2288,7 @@ export class View extends EventTarget {
     let grid = this.#gridOf(message);
     const last = this.lastGrid;
     if (!grid && camera && last && scene !== '' && scene === last.scene && isSameCamera(camera, last.camera)) {
-      // The exact frame may come without: the depths of the quick one before it are the same.
+      // The exact frame may have no depths: those of the quick one before it are the same.
       grid = last.grid;
     }
     const isExact = header.isExact === true;
@@ -2324,7 +2338,7 @@ export class View extends EventTarget {
   }
 
   /**
-   * For a frame that came without depths: what differs from the background is at the target's distance.
+   * For a frame without depths: pixels that differ from the background get the target's distance.
    * @param {Camera} camera @param {ImageBitmap} bitmap @returns {DepthGrid}
    */
   #gridOfPicture(camera, bitmap) {
@@ -2362,7 +2376,7 @@ export class View extends EventTarget {
   }
 
   #drawDecorations() {
-    // A picture that is not warped is late, and what lies over it must be as late.
+    // An unwarped picture is late, and its overlay must be equally late.
     const camera = this.screen.isWarping ? this.camera : this.frame?.camera ?? this.camera;
     if (!camera || this.cssWidth === 0 || this.cssHeight === 0) {
       return;
@@ -2390,7 +2404,7 @@ export class View extends EventTarget {
   }
 
   /**
-   * Draws on a canvas if what it shows has changed; hides it if it shows nothing (null).
+   * Draws on a canvas if its content has changed; hides it if there is none (null).
    * @param {HTMLCanvasElement} canvas @param {number} width @param {number} height in CSS pixels
    * @param {any[] | null} what @param {(context: CanvasRenderingContext2D) => void} draw
    */
@@ -2400,7 +2414,7 @@ export class View extends EventTarget {
       return;
     }
     this.drawn.set(canvas, words);
-    // A canvas that is not seen holds no pixels.
+    // A hidden canvas holds no pixels.
     const [across, down] = what === null ? [0, 0] : [Math.round(width * this.ratio), Math.round(height * this.ratio)];
     if (canvas.width !== across || canvas.height !== down) {
       canvas.width = across;
@@ -2434,7 +2448,7 @@ export function mount(element, options) {
 
 /**
  * Frames through the kernel of a notebook: {type: 'isoscope/interact', text} there, {type:
- * 'isoscope/frame'} with one buffer back, each as the WebSocket has them.
+ * 'isoscope/frame'} with one buffer back, with the content of the WebSocket's messages.
  * @param {Model} model @returns {Transport}
  */
 function kernelTransport(model) {

@@ -1,5 +1,13 @@
-// The page: controls around a view. The view's state (a RenderIsosurfaceRequest as JSON) is the only
-// state; controls write it, and are drawn from it whenever it changes.
+// The page: controls around a view.
+//
+// 1. The address gives the first state (view-state.js); the token is removed from it.
+// 2. The view's state (a RenderIsosurfaceRequest as JSON) is the only state. A control changes it
+//    by `change`.
+// 3. The view sends the event 'state', and each section below redraws its controls from it.
+// 4. Datasets, histogram and cost come from the gateway's HTTP side (Client).
+//
+// Invariant: no control keeps a value of its own, so a link, the keyboard and the mouse give the
+// same state.
 // @ts-check
 
 import { Announcer, Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount, roundLength,
@@ -71,8 +79,9 @@ const page = {
 };
 
 /**
- * Takes the token out of the address, so that no link and no screenshot has it, and keeps it for reloads of this tab.
- * It is no cookie: browsers send those to every port of a host, which other users of the machine may listen on.
+ * Removes the token from the address, so that no link and no screenshot shows it, and keeps it for
+ * reloads of this tab. It is not stored as a cookie: browsers send those to every port of a host,
+ * and other users may listen there.
  */
 function takeToken() {
   const address = new URL(location.href);
@@ -88,7 +97,7 @@ function takeToken() {
     }
     return given || (sessionStorage.getItem(key) ?? '');
   } catch {
-    return given;  // the browser keeps nothing for pages
+    return given;  // the browser stores nothing for pages
   }
 }
 
@@ -120,7 +129,7 @@ const fromHex = (hex, alpha = 1) => {
 const PALETTE = ['#dcc8b4', '#f2e9d8', '#c46a5a', '#6aa3d5', '#8cc08a', '#c9a0dc', '#e5b567', '#7fc4bd'];
 const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
 
-// The only live regions. While the dialog is open, screen readers know nothing of what lies behind it.
+// The only live regions. While the dialog is open, screen readers ignore the page behind it.
 const announcer = new Announcer((sentence) => {
   (page.dialog.open ? page.dialogSpeech : page.speech).textContent = sentence;
 });
@@ -189,7 +198,7 @@ const start = stateOfAddress();
 const shown = mount(byId('view', HTMLElement), { state: start.state.surfaces ? start.state : undefined, renderer,
   maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
-// For people at the console, and for tests.
+// For users of the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };
 
 /** @param {FrameRequest} part @param {boolean} [isMoving] */
@@ -200,7 +209,7 @@ function change(part, isMoving = false) {
 let hashTimer = 0;
 let controlsDrawn = '';
 shown.addEventListener('state', () => {
-  // A drag changes the camera only, which no control but one shows.
+  // A drag changes only the camera, which a single control shows.
   const { camera, ...rest } = shown.state;
   const controls = JSON.stringify([rest, (shown.camera?.height ?? 0) > 0, shown.decorations.box]);
   if (controls !== controlsDrawn) {
@@ -222,8 +231,8 @@ window.addEventListener('hashchange', () => {
 });
 
 /**
- * Returns a function that calls `draw` at once, and then at most every 250 ms, with the newest argument:
- * for what people read. A browser without a GPU needs longer for it than for a picture.
+ * Returns a function that calls `draw` at once, and then at most every 250 ms, with the newest
+ * argument. It is for text: without a GPU, a browser takes longer to draw it than a picture.
  * @template T @param {(argument: T) => void} draw
  */
 function quietly(draw) {
@@ -275,8 +284,8 @@ function factsOf(dataset) {
 }
 
 /**
- * Returns what people call a dataset: the name of a cached volume ends with 16 digits of its content,
- * which are left out where that leaves it the only one.
+ * Returns the label of a dataset. The name of a cached volume ends with 16 digits of its content;
+ * they are omitted if the rest is unique.
  * @param {string} name @param {{name: string}[]} datasets
  */
 function labelOf(name, datasets) {
@@ -299,8 +308,8 @@ async function loadDatasets() {
 }
 
 /**
- * Shows a state. Of what it leaves open, the histogram suggests the isovalue, and the server chooses the camera,
- * as for every other client.
+ * Shows a state. If it has no isovalue, the histogram suggests one; if it has no camera, the server
+ * chooses it, as for every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
@@ -376,7 +385,7 @@ function valueRange() {
 const unit = () => shown.dataset?.patientFrame ? ' mm' : '';
 
 /**
- * Gives a slider the value that it has, and its limits.
+ * Sets the value and the limits of a slider.
  * @param {Element} slider @param {{min: number, max: number, now: number, text: string}} value
  */
 function describeSlider(slider, { min, max, now, text }) {
@@ -435,7 +444,7 @@ function drawHistogram() {
   page.histogram.setAttribute('viewBox', `0 0 ${CHART.width} ${CHART.height}`);
   page.chart.replaceChildren(...parts);
   const { surfaces = [] } = shown.state;
-  // A handle that has the focus must not be replaced: screen readers would read it anew.
+  // A focused handle must not be replaced: screen readers would read it again.
   if (page.handles.children.length !== surfaces.length) {
     page.handles.replaceChildren(...surfaces.map((/** @type {any} */ _, /** @type {number} */ i) =>
       svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'data-surface': i, 'aria-label': `Isovalue ${i + 1}`,
@@ -469,7 +478,7 @@ function addSurface(isovalue) {
     return;
   }
   const color = PALETTE.find((one) => surfaces.every((/** @type {any} */ surface) => toHex(surface.color) !== one)) ?? PALETTE[0];
-  // The outer surface becomes clear, so that the new one shows.
+  // The outer surface becomes translucent, so that the new one is visible.
   for (const surface of surfaces) {
     surface.color ??= fromHex(PALETTE[0]);
     if (surfaces.length === 1 && isovalue > (surface.isovalue ?? 0) && surface.color.alpha === 1) {
@@ -699,7 +708,7 @@ const CAPS = { open: undefined, filled: {}, slice: { colorMap: 'COLOR_MAP_GREY' 
 /** @param {any} clip @param {boolean} [isMoving] */
 function changeClip(clip, isMoving) {
   const isCut = Object.keys(clip).length > 0;
-  // Without a cut there is nothing to fill, and the server says so.
+  // Without a cut there is nothing to fill, and the server refuses caps.
   change(isCut ? { clip } : { clip: undefined, caps: undefined }, isMoving);
 }
 
@@ -1023,7 +1032,7 @@ const drawCost = quietly((/** @type {any} */ statistics) => {
     context.font = '10px system-ui, sans-serif';
     context.fillText(`${format(totals.at(-1) ?? 0, 3)} ms a frame, by step`, 7, 13);
   }
-  if (statistics.agents) {  // a moving frame has none: those of the last exact one stay
+  if (statistics.agents) {  // a moving frame has none: the agents of the last exact one stay
     drawAgents(statistics.agents);
   }
   const count = (/** @type {any} */ value) => Number(value ?? 0).toLocaleString('en');
@@ -1043,7 +1052,7 @@ async function watchAgents() {
     }
     watchedProblem = text;
   } catch {
-    // The view says that the gateway is away.
+    // The view reports that the gateway is unreachable.
   }
 }
 let watchedProblem = '';
@@ -1101,7 +1110,7 @@ byId('link', HTMLElement).onclick = () => {
 function drawCommand() {
   page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
 }
-// A view that is being fitted gets its camera from the server.
+// The server sends the camera of a view that is being fitted.
 shown.addEventListener('state', () => page.dialog.open && drawCommand());
 byId('save', HTMLElement).onclick = () => {
   page.width.value ||= String(shown.width);
@@ -1137,7 +1146,7 @@ function tellOfDownload(note, text, stage) {
 }
 
 /**
- * Saves what `ask` gets. The note says how it goes, and the button rests meanwhile.
+ * Saves the result of `ask`. The note shows the progress, and the button is disabled meanwhile.
  * @param {HTMLButtonElement} button @param {HTMLElement} note @param {string} verb @param {string} name of the file
  * @param {() => Promise<Response>} ask
  */

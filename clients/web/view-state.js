@@ -1,7 +1,7 @@
 // The state of the view as words of the command line: `surface=60:0.9,0.8,0.7:1&eye=...`. It is the
 // part of the page's address after '#', the query of GET .../render, and the flags of `isoscope
-// render`. Numbers come back with the same bits. What is written has numbers only; what is read may
-// name colours as CSS does, too.
+// render`. Numbers keep their bits. Written states have only numbers; states to read may also use
+// CSS colour names.
 // @ts-check
 
 import { colorFromText } from './css-colors.js';
@@ -105,8 +105,9 @@ export function stateToHash(state) {
 const COMMAND = 'isoscope render --server HOST:50051';
 
 /**
- * Returns the command that draws the same picture. A fitted view has a camera of its own once the server has answered;
- * until then the command has the camera that it begins with, for it takes no fit with one.
+ * Returns the command that draws the same picture. A fitted view has its own camera once the server
+ * has answered. Until then the command has the initial camera, because it takes no fit with a
+ * camera.
  * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
  */
 export function stateToCommand(state, file, size) {
@@ -164,8 +165,8 @@ class Reader {
 const ALONE = ['caps', 'ambient-occlusion', 'silhouette'];
 
 /**
- * Returns the state of the part of an address after '#', and a sentence for each part of it that is
- * wrong and left out. A word with the value null, or with none where it needs one, counts as absent.
+ * Returns the state of the part of an address after '#', and a sentence for each part that is wrong
+ * and left out. A word with the value null, or without a required value, counts as absent.
  * @param {string} hash @returns {{state: FrameRequest, problems: string[]}}
  */
 export function stateFromHash(hash) {
@@ -176,7 +177,7 @@ export function stateFromHash(hash) {
   const camera = {};
   /** @type {any[]} */
   const colorings = [];
-  // Of the surfaces that have no colour of their own.
+  // The appearance of surfaces without a colour of their own.
   /** @type {any} */
   let plain = null;
   /** @type {Record<string, (value: string) => void>} */

@@ -1,3 +1,13 @@
+// Tokens, grants and their users:
+//
+// 1. Identify reloads the file if it has changed, and finds the grant of the caller's token.
+// 2. A Caller counts its frames, streams, exports and bytes in the grant, which all its copies
+//    share.
+// 3. Load keeps the grants of unchanged tokens, so their counts stay. It withdraws the other ones.
+// 4. The watcher looks at the file between calls, and ends the users of withdrawn grants.
+//
+// No lock is held while users are ended: that may call back into AccessControl.
+
 #include "server/access/access_control.h"
 
 #include <algorithm>
@@ -23,9 +33,9 @@ namespace {
 constexpr std::int64_t kMaxFileBytes = 4 * base::kMiB;
 constexpr absl::string_view kBearer = "Bearer ";
 
-// What was not used of the bytes of this time may come at once.
+// Bytes that were not used during this time may be sent in one burst.
 constexpr double kByteBurstSeconds = 10;
-// After which one who has as much as it may asks again: a frame's time.
+// A caller at its limit may retry after this delay: the time of a frame.
 constexpr absl::Duration kUseDelay = absl::Milliseconds(500);
 
 struct UseLimit {
@@ -268,7 +278,7 @@ void AccessControl::Watch() {
       ReloadIfChanged();
       withdrawn.swap(withdrawn_);
     }
-    // Without the lock: what ends a call may ask who calls.
+    // Without the lock: ending a call may ask for its caller, which takes the lock.
     for (const std::shared_ptr<AccessGrant>& grant : withdrawn) {
       grant->EndUsers();
     }
@@ -326,7 +336,7 @@ absl::StatusOr<Caller> AccessControl::FindToken(const std::string& authorization
   const std::string digest = DigestOfToken(absl::StripAsciiWhitespace(text.substr(kBearer.size())));
   const base::MutexLock lock(&mutex_);
   ReloadIfChanged();
-  // All are compared, each in the same time, so that the time tells nothing.
+  // All digests are compared, each in constant time, so that timing reveals nothing.
   std::shared_ptr<AccessGrant> found;
   for (const std::shared_ptr<AccessGrant>& grant : grants_) {
     if (CRYPTO_memcmp(grant->token().digest.data(), digest.data(), digest.size()) == 0) {

@@ -1,5 +1,5 @@
-// Who calls a public service, and what that caller may: see datasets, ask for frames of a size and
-// at a rate. docs/security.md has the rules:
+// Identifies the caller of a public service and its rights: datasets, size and rate of frames.
+// docs/security.md has the rules:
 //
 //   a token of the file                        its datasets, its limits
 //   a certificate with the role client         everything
@@ -8,8 +8,8 @@
 //   neither                                    everything if there is neither TLS nor a token file;
 //                                              else nothing
 //
-// A token counts for more than the certificate beside it, so that a gateway's users have no more
-// rights than they brought.
+// A token takes precedence over the certificate of the same call. So users of a gateway have only
+// the rights of their own tokens.
 
 #ifndef ISOSCOPE_SERVER_ACCESS_ACCESS_CONTROL_H_
 #define ISOSCOPE_SERVER_ACCESS_ACCESS_CONTROL_H_
@@ -41,30 +41,30 @@
 
 namespace isoscope::server {
 
-// Of what the holder of a token may have a number at a time.
+// Uses whose number at a time is limited for the holder of a token.
 enum class CallerUse { kFrame, kStream, kExport };
 
-// What the holder of a token may, and how much of it was used. Thread-safe.
+// Rights of the holder of a token, and how much of them is used. Thread-safe.
 class AccessGrant {
  public:
   AccessGrant(AccessToken token, absl::Time now);
 
   [[nodiscard]] const AccessToken& token() const { return token_; }
-  // The errors of these three are RESOURCE_EXHAUSTED, and say when to come again (retry_delay.h).
-  // `spared`: frames of the rate that must be left afterwards.
+  // The errors of these three are RESOURCE_EXHAUSTED with a retry delay (retry_delay.h). `spared`:
+  // frames of the rate that must be left afterwards.
   absl::Status TakeFrame(int spared, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status BeginUse(CallerUse use) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status CheckBytes(absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Gives a frame of the rate back, which was not drawn.
+  // Returns a frame to the rate, because it was not drawn.
   void ReturnFrame() ABSL_LOCKS_EXCLUDED(mutex_);
   void EndUse(CallerUse use) ABSL_LOCKS_EXCLUDED(mutex_);
   void CountBytes(std::size_t bytes, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
 
-  // The token is gone from the file, or has changed there.
+  // Marks the grant: its token was removed from the file or changed.
   void Withdraw() { is_withdrawn_.store(true); }
   [[nodiscard]] bool is_withdrawn() const { return is_withdrawn_.load(); }
-  // Calls `end` once when the users of a withdrawn grant must end: at once if they must already.
-  // Returns the number by which it is forgotten.
+  // Calls `end` once when the users of a withdrawn grant must end, at once if it is withdrawn
+  // already. Returns the number for ForgetUser.
   std::int64_t AddUser(std::function<void()> end) ABSL_LOCKS_EXCLUDED(mutex_);
   void ForgetUser(std::int64_t user) ABSL_LOCKS_EXCLUDED(mutex_);
   void EndUsers() ABSL_LOCKS_EXCLUDED(mutex_);
@@ -83,7 +83,7 @@ class AccessGrant {
   std::map<std::int64_t, std::function<void()>> users_ ABSL_GUARDED_BY(mutex_);
 };
 
-// One of the things that a caller has at a time, until it is destroyed.
+// One counted use of a caller; destroying it ends the use.
 class CallerSlot {
  public:
   CallerSlot() = default;
@@ -102,7 +102,7 @@ class CallerSlot {
   CallerUse use_ = CallerUse::kFrame;
 };
 
-// Lets a call hear that its token was withdrawn, until it is destroyed.
+// Notifies a call when its token is withdrawn, as long as the watch lives.
 class WithdrawalWatch {
  public:
   WithdrawalWatch() = default;
@@ -125,15 +125,16 @@ class WithdrawalWatch {
 // One caller. Copies are cheap and share the counts. Thread-safe.
 class Caller {
  public:
-  // May do everything.
+  // A caller with all rights.
   Caller() = default;
   explicit Caller(std::shared_ptr<AccessGrant> grant) : grant_(std::move(grant)) {}
 
-  // Of the token; empty without one.
+  // Name of the token; empty without one.
   [[nodiscard]] std::string name() const { return grant_ == nullptr ? "" : grant_->token().name; }
-  // Who it is in a line of clients: its token, else `peer`, the connection as gRPC names it.
+  // Identity in a queue of clients: the token, else `peer`, the connection as gRPC names it.
   [[nodiscard]] std::string QueueKey(const std::string& peer) const;
-  // The same for what stays open: without a token all connections of a host are one caller.
+  // Identity for streams: the token, else the host, so that all connections of a host are one
+  // caller.
   [[nodiscard]] std::string HostKey(const std::string& peer) const;
   [[nodiscard]] bool sees_all_datasets() const {
     return grant_ == nullptr || grant_->token().sees_all_datasets;
@@ -144,16 +145,16 @@ class Caller {
   // Counts a frame. RESOURCE_EXHAUSTED if there were too many. A moving frame of a view leaves room
   // for the exact one that follows.
   [[nodiscard]] absl::Status TakeFrame(bool is_moving) const;
-  // Gives it back, because something else refused the frame.
+  // Returns the frame to the rate, because something else refused it.
   void ReturnFrame() const;
-  // RESOURCE_EXHAUSTED if the caller has as many already as it may.
+  // RESOURCE_EXHAUSTED if the caller is at its limit of this use.
   [[nodiscard]] absl::StatusOr<CallerSlot> Begin(CallerUse use) const;
-  // RESOURCE_EXHAUSTED if more bytes were sent than the token allows for the time.
+  // RESOURCE_EXHAUSTED if the bytes sent so far exceed the token's rate.
   [[nodiscard]] absl::Status CheckBytes() const;
   // Counts bytes that are sent.
   void CountBytes(std::size_t bytes) const;
-  // Calls `end` once, on another thread, if the token is withdrawn. It owns what it needs: it may
-  // be under way when the watch is destroyed.
+  // Calls `end` once, on another thread, if the token is withdrawn. `end` must own its data: it may
+  // still run when the watch is destroyed.
   [[nodiscard]] WithdrawalWatch WhenWithdrawn(std::function<void()> end) const;
 
  private:
@@ -161,7 +162,7 @@ class Caller {
   std::shared_ptr<AccessGrant> grant_;  // null: no limits
 };
 
-// How a call ends whose token was withdrawn.
+// Status of a call whose token was withdrawn.
 absl::Status WithdrawnError();
 
 struct AccessOptions {
@@ -172,7 +173,7 @@ struct AccessOptions {
 // Thread-safe.
 class AccessControl {
  public:
-  // A changed file is noticed this long after it was last looked at, also while nobody calls.
+  // A change of the file is noticed within this time, even without calls.
   static constexpr absl::Duration kReloadInterval = absl::Seconds(1);
 
   // Errors of reading the file; as ParseAccessTokens.
@@ -182,24 +183,24 @@ class AccessControl {
   AccessControl(const AccessControl&) = delete;
   AccessControl& operator=(const AccessControl&) = delete;
 
-  // The caller, if it may do anything at all. UNAUTHENTICATED: it shows nothing, or what it shows
-  // is not known. PERMISSION_DENIED: its certificate is for something else.
+  // Returns the caller if it has any rights. UNAUTHENTICATED: it has no credential, or an unknown
+  // one. PERMISSION_DENIED: its certificate has another role.
   absl::StatusOr<Caller> Identify(const rpc::Peer& peer) ABSL_LOCKS_EXCLUDED(mutex_);
   // Whether the caller may know the limits and the version of the service; errors as Identify.
   absl::Status CheckCapabilities(const rpc::Peer& peer);
   // For streams that are open for long: UNAUTHENTICATED once the token is gone from the file, or
   // has changed there.
   absl::Status CheckStillValid(const Caller& caller) ABSL_LOCKS_EXCLUDED(mutex_);
-  // How often the file had changed and was wrong.
+  // Number of reloads that failed because the changed file was wrong.
   [[nodiscard]] std::int64_t failed_reloads() const { return failed_reloads_.value(); }
 
  private:
   explicit AccessControl(AccessOptions options) : options_(std::move(options)) {}
   absl::Status Load() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Reads the file again if it has changed; keeps what there is if the new one is wrong.
+  // Reads the file again if it has changed. Keeps the present tokens if the new file is wrong.
   void ReloadIfChanged() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::StatusOr<Caller> FindToken(const std::string& authorization) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Looks at the file while nobody calls, and ends the users of withdrawn tokens.
+  // Watches the file between calls, and ends the users of withdrawn tokens.
   void Watch() ABSL_LOCKS_EXCLUDED(mutex_);
 
   const AccessOptions options_;

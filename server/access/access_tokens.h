@@ -1,12 +1,13 @@
-// The file of bearer tokens (docs/security.md): who may see which datasets, and how much of them.
+// The file of bearer tokens (docs/security.md): which datasets their holders may see, and their
+// limits.
 //
 //   {"tokens": [{"name": "alice", "sha256": "9f86...", "datasets": ["head"],
 //                "max_viewport_px": 2048, "max_frames_per_second": 10,
 //                "max_concurrent_frames": 4, "max_streams": 8, "max_exports": 1,
 //                "max_bytes_per_second": 10e6}]}
 //
-// It holds digests, so whoever reads it can't use the tokens. SHA-256 without salt is right for
-// tokens of at least 128 random bits; passwords of people do not belong here.
+// It holds digests, so a reader of the file can't use the tokens. SHA-256 without salt is right for
+// tokens of at least 128 random bits; users' passwords do not belong here.
 
 #ifndef ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_
 #define ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_
@@ -21,7 +22,7 @@
 namespace isoscope::server {
 
 struct AccessToken {
-  std::string name = {};    // of its holder, for logs and messages; unique
+  std::string name = {};    // name of its holder, for logs and messages; unique
   std::string digest = {};  // the 32 bytes of SHA-256 of the token; unique
   bool sees_all_datasets = false;
   std::vector<std::string> datasets = {};  // ascending; those that it may see
@@ -38,11 +39,11 @@ struct AccessToken {
 inline constexpr std::size_t kMaxAccessTokens = 1000;
 
 // Reads the text of a file. `where`: its path, for messages. INVALID_ARGUMENT names the entry, the
-// member and what it must be; unknown members are refused, so that no limit is misspelt away.
+// member and the expected value. Unknown members are refused, so that a misspelt limit is an error.
 absl::StatusOr<std::vector<AccessToken>> ParseAccessTokens(absl::string_view text,
                                                            absl::string_view where);
 
-// The 32 bytes of SHA-256.
+// Returns the 32 bytes of the SHA-256 digest.
 std::string DigestOfToken(absl::string_view token);
 
 }  // namespace isoscope::server

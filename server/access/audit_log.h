@@ -1,5 +1,5 @@
-// Who asked for which dataset, and what came of it: one JSON object a line for each call of a
-// public service, refused calls among them. docs/operations.md has the members.
+// The audit log: one JSON object a line for each call of a public service, refused calls included.
+// docs/operations.md lists the members.
 
 #ifndef ISOSCOPE_SERVER_ACCESS_AUDIT_LOG_H_
 #define ISOSCOPE_SERVER_ACCESS_AUDIT_LOG_H_
@@ -41,16 +41,15 @@ std::string FormatAuditLine(absl::Time time, absl::string_view method, const Aud
 // Thread-safe. A line is written before the caller has its answer, but not synced to the disk.
 class AuditLog {
  public:
-  // path: a file to append to, made if it is not there, for owner and group only; "-": standard
-  // output. A file that was moved away is made anew, so logrotate needs no signal. Errors of
-  // opening.
+  // path: a file to append to, created for owner and group only; "-": standard output. A file that
+  // was moved away is created again, so logrotate needs no signal. Returns errors of opening.
   static absl::StatusOr<std::unique_ptr<AuditLog>> Open(const std::string& path);
   ~AuditLog();
 
   AuditLog(const AuditLog&) = delete;
   AuditLog& operator=(const AuditLog&) = delete;
 
-  // Writes a line. A line that can't be written is counted and logged; the call goes on.
+  // Writes a line. If that fails, the failure is counted and logged, and the call continues.
   void Write(absl::string_view method, const AuditRecord& record, absl::string_view request_id,
              const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
 

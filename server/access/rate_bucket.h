@@ -1,4 +1,4 @@
-// A rate that may be exceeded for a short time: a bucket that fills with time.
+// A token bucket: a rate that short bursts may exceed.
 
 #ifndef ISOSCOPE_SERVER_ACCESS_RATE_BUCKET_H_
 #define ISOSCOPE_SERVER_ACCESS_RATE_BUCKET_H_
@@ -13,11 +13,11 @@ namespace isoscope::server {
 // Begins full. Thread-compatible.
 class RateBucket {
  public:
-  // rate: a second; burst: the most that it holds. REQUIRES: both are above 0.
+  // rate: units a second; burst: capacity of the bucket. REQUIRES: both are above 0.
   RateBucket(double rate, double burst, absl::Time now)
       : rate_(rate), burst_(burst), level_(burst), filled_(now) {}
 
-  // What may be taken now. Negative if more was taken than there was.
+  // Units that are available now. Negative if more was taken than was available.
   double Level(absl::Time now) {
     if (now > filled_) {
       level_ = std::min(burst_, level_ + rate_ * absl::ToDoubleSeconds(now - filled_));
@@ -25,7 +25,7 @@ class RateBucket {
     }
     return level_;
   }
-  // Takes `amount`, even if there is less. A negative one is given back.
+  // Takes `amount`, even if less is available. A negative amount returns units.
   void Take(double amount) { level_ = std::min(burst_, level_ - amount); }
   // The time until the level is `wanted`, in whole milliseconds.
   [[nodiscard]] absl::Duration TimeUntil(double wanted) const {

@@ -55,7 +55,7 @@ Admission::~Admission() {
     thread.join();
   }
   {
-    // Now that no work can schedule more.
+    // No work can schedule more from here on.
     const base::MutexLock lock(&mutex_);
     is_last_ended_ = true;
     ending_.SignalAll();

@@ -1,8 +1,8 @@
-// The threads that work on frames, and the line of clients in front of them (admission_queue.h).
+// The threads that work on frames, and the queue of clients in front of them (admission_queue.h).
 //
-// A frame that may not wait any longer leaves the line at once, not when its turn comes: its
-// deadline has passed, its caller has cancelled, or it made room for another client's. A thread of
-// its own ends such frames, so that nobody who cancels or asks for a place runs another's code.
+// A frame leaves the queue at once if its deadline passes, its caller cancels, or it makes room for
+// another client's frame. A separate thread ends such frames. So Leave and Admit never run the work
+// of another caller.
 
 #ifndef ISOSCOPE_SERVER_ADMISSION_ADMISSION_H_
 #define ISOSCOPE_SERVER_ADMISSION_ADMISSION_H_
@@ -27,7 +27,7 @@ namespace isoscope::server {
 
 struct AdmissionOptions {
   AdmissionLimits limits;
-  // For messages: what is admitted, and the flags that set the limits (empty: none do).
+  // For messages: the noun of the admitted work, and the flags that set the limits (empty: none).
   std::string noun = "frame";
   std::string flags = "--max-concurrent-frames, --max-queued-frames";
 };
@@ -39,9 +39,9 @@ class Admission {
   // Called once: with OK on a frame thread when the turn has come, else with the reason on the
   // thread that ends frames, where it must be short:
   //
-  //   DEADLINE_EXCEEDED   the deadline passed in the line; says how long it waited, and for what
+  //   DEADLINE_EXCEEDED   the deadline passed in the queue; says the waiting time and the load
   //   CANCELLED           Leave was called
-  //   RESOURCE_EXHAUSTED  made room for another client; says when to come again (retry_delay.h)
+  //   RESOURCE_EXHAUSTED  evicted for another client; has a retry delay (retry_delay.h)
   //   UNAVAILABLE         the coordinator stops
   using Work = std::function<void(const absl::Status& turn)>;
   using Ticket = AdmissionQueue::Ticket;
@@ -52,7 +52,7 @@ class Admission {
   Admission(const Admission&) = delete;
   Admission& operator=(const Admission&) = delete;
 
-  // The place of a frame among those in work and those that wait. Given back when it is destroyed.
+  // The place of a frame among those in work and those that wait. The destructor returns it.
   class Place {
    public:
     Place(Place&& other) noexcept
@@ -74,19 +74,19 @@ class Admission {
     const Ticket ticket_;
   };
 
-  // Takes a place for a frame of `client`. RESOURCE_EXHAUSTED if there is none; says when to come
-  // again. Does not block.
+  // Takes a place for a frame of `client`. RESOURCE_EXHAUSTED with a retry delay if there is none.
+  // Does not block.
   absl::StatusOr<Place> Admit(const std::string& client) ABSL_LOCKS_EXCLUDED(mutex_);
   // Lets the frame wait for its turn. REQUIRES: it has a place; at most once for each.
   void Schedule(Ticket ticket, absl::Time deadline, Work work) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Ends a frame that waits; does nothing to others. Does not block, and runs no work.
+  // Ends a frame that waits; no effect on others. Does not block, and runs no work.
   void Leave(Ticket ticket) ABSL_LOCKS_EXCLUDED(mutex_);
 
   struct Counts {
     int working = 0;
     int waiting = 0;
     int waiting_clients = 0;
-    int outside_clients = 0;  // refused, and expected again
+    int outside_clients = 0;  // refused, and expected to retry
   };
   [[nodiscard]] Counts counts() const ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -103,7 +103,7 @@ class Admission {
   void End(Ticket ticket) ABSL_LOCKS_EXCLUDED(mutex_);
   void RunFrames() ABSL_LOCKS_EXCLUDED(mutex_);
   void RunEndings() ABSL_LOCKS_EXCLUDED(mutex_);
-  // Hands the work of a frame that left the line to the thread that ends frames.
+  // Queues the work of a frame that left the queue for the thread that ends frames.
   void EndWith(Ticket ticket, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void ExpireFrames() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // "4 frames are in work and 32 wait, of 9 clients (limits: 4 and 32, --max-...)".

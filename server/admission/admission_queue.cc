@@ -68,7 +68,7 @@ absl::Duration AdmissionQueue::Refuse(const std::string& client, Turn turn, absl
   if (keeps_turn) {
     outside_[client] = {.turn = turn, .forgotten = now};
   }
-  // Half of the time until its turn: an estimate may be wrong by so much, and it is still in time.
+  // Half of the time until its turn: an estimate with an error of this size is still in time.
   const double ahead = static_cast<double>(deadlines_.size() + outside_.size());
   constexpr std::size_t kSpreads = 1024;
   const double spread =
@@ -92,7 +92,7 @@ void AdmissionQueue::Join(Ticket ticket, absl::Time deadline) {
   deadlines_.emplace(deadline, ticket);
   const auto [client, is_new] = clients_.try_emplace(frame.client);
   if (is_new) {
-    // Its turn is taken if the frame before it, of the same client, was admitted with it.
+    // The turn is used up if the frame before it, of the same client, was admitted with it.
     client->second.turn = line_.contains(frame.turn) ? next_turn_++ : frame.turn;
     line_[client->second.turn] = frame.client;
   }
@@ -108,7 +108,7 @@ std::optional<AdmissionQueue::Ticket> AdmissionQueue::TakeNext(absl::Time now) {
   const Ticket ticket = client->second.waiting.front();
   Frame& frame = frames_.at(ticket);
   RemoveWaiting(ticket, frame);
-  // A client with more goes to the end of the line.
+  // A client with more frames goes to the end of the queue.
   if (const auto left = clients_.find(frame.client); left != clients_.end()) {
     line_.erase(left->second.turn);
     left->second.turn = next_turn_++;
@@ -162,7 +162,8 @@ void AdmissionQueue::End(Ticket ticket, absl::Time now) {
   }
   if (it->second.state == State::kWorking) {
     --working_count_;
-    // The last sixteen or so count: a cluster's frames differ by view and size, not by client.
+    // About the last sixteen frames count: frames of a cluster differ by view and size, not by
+    // client.
     constexpr double kNewShare = 1.0 / 16;
     const absl::Duration duration = std::max(now - it->second.begin, absl::ZeroDuration());
     mean_duration_ = mean_duration_.has_value()

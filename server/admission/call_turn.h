@@ -27,7 +27,7 @@ class CallTurn {
 
   // Takes a place for `client` (Admission::Admit), and keeps it until GiveBack.
   absl::Status TakePlace(const std::string& client) { return Keep(admission_.Admit(client)); }
-  // Keeps a place that was taken of the admission. Returns why there is none.
+  // Keeps a place that the admission gave. Returns the error if there is none.
   absl::Status Keep(absl::StatusOr<Admission::Place> place) {
     if (!place.ok()) {
       return place.status();
@@ -40,7 +40,7 @@ class CallTurn {
   // is kept.
   void Schedule(Admission::Work work) {
     admission_.Schedule(ticket_.load(), cancellation_.deadline(), std::move(work));
-    if (cancellation_.is_cancelled()) {  // before there was anything to leave
+    if (cancellation_.is_cancelled()) {  // cancelled before Leave had a ticket
       admission_.Leave(ticket_.load());
     }
   }

@@ -14,26 +14,26 @@
 namespace isoscope::server {
 namespace {
 
-// For a pixel, or a translucent fragment of one: bands that have arrived and are not composited
-// yet.
+// Bytes for a pixel, or for a translucent fragment of one: bands that have arrived and wait to be
+// composited.
 constexpr std::size_t kBandBytesPerPixel = 8;
-// For a pixel: 12 bytes for the image (key and colour), 6 for the occlusion map, and its bands.
+// Bytes for a pixel: 12 for the image (key and colour), 6 for the occlusion map, and its bands.
 constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + kBandBytesPerPixel;
-// For a translucent fragment of a pixel: 12 bytes for key and colour, and its bands.
+// Bytes for a translucent fragment of a pixel: 12 for key and colour, and its bands.
 constexpr std::size_t kLayerBytesPerPixel = 12 + kBandBytesPerPixel;
-// A picture that is not what was drawn, pixel for pixel, has an image of its own (key and colour).
-// It is made when occlusion map and bands are gone, in whose bytes its effects work.
+// A picture that differs from the drawn pixels has an image of its own (key and colour). It is
+// allocated after occlusion map and bands are freed; its effects reuse their bytes.
 constexpr std::size_t kPictureImageBytesPerPixel = 12;
-// The picture of noise is as large as its pixels, and a little more.
+// An encoded picture of noise is as large as its pixels, and a little more.
 constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
-// A frame needs this much besides, however small: messages, lists of blocks.
+// Every frame needs this much besides: messages, lists of blocks.
 constexpr std::size_t kLeastFrameBytes = base::kMiB;
 // Eight images of 2048 x 2048 pixels, or two frames of 1024 x 1024 with all their layers.
 constexpr std::size_t kMaxUnusedImageBytes = 384 * base::kMiB;
 // 4 bytes a block.
 constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
-// Of an export, from each agent: what gRPC has read ahead (rpc::MakeExportChannel), a message of
-// 256 KiB as it came and as it is read, and a block made of it.
+// For an export, from each agent: data that gRPC has read ahead (rpc::MakeExportChannel), a message
+// of 256 KiB encoded and decoded, and a block made of it.
 constexpr std::size_t kExportBytesPerAgent = base::kMiB;
 // Shares of the limit; the rest is for the process itself and for gRPC.
 constexpr std::size_t kFrameShare = 16;       // 9 of 16
@@ -66,8 +66,8 @@ std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
                              output.image_format == frame::ImageFormat::kJpeg;
   const std::size_t response =
       frame::RawBytesPerPixel(output) + (is_compressed ? kPictureBytesPerPixel : 0);
-  // A compressed picture is put together from its stripes, and a whole response is copied by gRPC:
-  // not at the same time.
+  // Stripes are joined into a compressed picture, and gRPC copies a whole response. The two never
+  // happen at the same time.
   const std::size_t copies = delivery == Delivery::kWhole ? response
                              : is_compressed              ? kPictureBytesPerPixel
                                                           : 0;

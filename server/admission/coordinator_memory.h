@@ -1,4 +1,4 @@
-// The memory limit of a coordinator, split up (docs/operations.md, "Memory").
+// The memory limit of a coordinator, and its shares (docs/operations.md, "Memory").
 
 #ifndef ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
 #define ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
@@ -43,22 +43,22 @@ class CoordinatorMemory {
   // REQUIRES: limit_bytes >= kMinLimitBytes.
   explicit CoordinatorMemory(std::size_t limit_bytes);
 
-  // The limits of what is kept between frames: images that no frame uses, and active blocks.
+  // The limits of data that is kept between frames: images that no frame uses, and active blocks.
   [[nodiscard]] std::size_t unused_image_bytes() const;
   [[nodiscard]] std::size_t active_blocks_bytes() const;
 
   [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
-  // The bytes that frames have taken, and those that exports have.
+  // The bytes that frames and exports have reserved.
   [[nodiscard]] std::size_t frame_bytes() const { return frames_.reserved_bytes(); }
   [[nodiscard]] std::size_t export_bytes() const { return exports_.reserved_bytes(); }
 
-  // What the trace of a frame takes: spans of the coordinator and of all agents, until it is sent.
+  // Bytes of a frame's trace: spans of the coordinator and of all agents, until it is sent.
   [[nodiscard]] std::size_t trace_bytes() const;
   [[nodiscard]] std::size_t max_trace_spans() const { return trace_bytes() / kTraceSpanBytes; }
 
   // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit.
   //
-  // trace_bytes: of its trace; 0: it has none
+  // trace_bytes: bytes of its trace; 0: it has none
   [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery,
                                        std::size_t trace_bytes = 0) const;
   // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`
@@ -66,12 +66,12 @@ class CoordinatorMemory {
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation,
       std::size_t trace_bytes = 0);
-  // Of an export, what is on its way to its client: chunks that wait, and gRPC's copy.
+  // Bytes of an export on their way to its client: queued chunks, and gRPC's copy.
   static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
-  // Takes the memory of an export: what is on its way from each agent and to the client. Exports
-  // have a share of their own, so that a slow client of one stops no frame. One that needs more
-  // takes all of the share, and exceeds it. Waits, as ReserveFrame. Agents' part may be given back
-  // (ShrinkTo) when they are done, and the rest when the client has the mesh.
+  // Takes the memory of an export: data on its way from each agent and to the client. Exports have
+  // their own share, so that an export with a slow client blocks no frame. An export larger than
+  // the share takes and exceeds all of it. Waits, as ReserveFrame. The agents' part may be given
+  // back (ShrinkTo) when they are done, and the rest when the client has the mesh.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveExport(
       std::size_t agent_count, const base::Cancellation& cancellation);
 

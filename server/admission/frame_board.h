@@ -1,4 +1,4 @@
-// The frames that a coordinator has in work, for people who look: GetClusterStatus, `isoscope top`.
+// The frames that a coordinator has in work, for operators: GetClusterStatus, `isoscope top`.
 
 #ifndef ISOSCOPE_SERVER_ADMISSION_FRAME_BOARD_H_
 #define ISOSCOPE_SERVER_ADMISSION_FRAME_BOARD_H_

@@ -49,7 +49,7 @@ absl::StatusOr<std::vector<std::string>> ReadAgentList(const std::string& path) 
     }
     targets.insert(rpc::WithDefaultPort(line, rpc::kAgentPort));
   }
-  if (targets.empty()) {  // or a program is just writing it
+  if (targets.empty()) {  // or a program has not finished writing it
     return absl::InvalidArgumentError(absl::StrCat(path, " names no agent"));
   }
   return std::vector<std::string>(targets.begin(), targets.end());

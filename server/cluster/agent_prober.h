@@ -1,4 +1,4 @@
-// Asks agents what they serve: makes a DescribeShards call to each, all at the same time.
+// Asks agents for their shards: makes a DescribeShards call to each, all at the same time.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_AGENT_PROBER_H_
 #define ISOSCOPE_SERVER_CLUSTER_AGENT_PROBER_H_
@@ -21,8 +21,8 @@ namespace isoscope::server {
 // One agent to ask, and its answer.
 struct AgentProbe {
   std::string address;
-  // The channel to use. If it is null, ProbeAgents puts a fresh one here, which dials at once, and
-  // another one for exports, which dials when there is one.
+  // The channel to use. If it is null, ProbeAgents stores a fresh one here, which dials at once. It
+  // also stores one for exports, which dials on first use.
   std::shared_ptr<grpc::Channel> channel;
   std::shared_ptr<grpc::Channel> export_channel = nullptr;
   rpc::Dialing dialing = {};  // of a fresh channel
@@ -34,7 +34,7 @@ struct AgentProbe {
 inline constexpr absl::Duration kProbeTimeout = absl::Seconds(1);
 
 // Asks all agents and waits for all answers. An agent that does not answer within kProbeTimeout, or
-// before `cancellation` fires, gets that as its error.
+// before `cancellation` fires, gets DEADLINE_EXCEEDED or CANCELLED as its answer.
 void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server

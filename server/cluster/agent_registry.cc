@@ -3,10 +3,11 @@
 // 1. The endpoints become members. A plain target is one member. A name in the DNS is one member
 //    for each of its addresses. An address that the name has lost stays as long as the agent
 //    answers.
-// 2. All members are asked at the same time what they serve. A member that failed gets a fresh
+// 2. All members are asked at the same time for their shards. A member that failed gets a fresh
 //    channel, because a channel that met an error waits before it dials again.
-// 3. Answers become states, and states become datasets. Both are a snapshot that replaces the old
-//    one at once. Only that happens under the lock: the log may block, and snapshots may be large.
+// 3. Answers become states, and states become datasets. Both form a snapshot that replaces the old
+//    one at once. Only the replacement holds the lock: logging may block, and snapshots may be
+// large.
 //
 // A call that fails makes its agent suspect (ReportFailure). The next frame then waits for a probe
 // that begins after the failure. A failure reported while a probe is under way still counts.
@@ -169,7 +170,7 @@ AgentRegistry::Members AgentRegistry::ResolveMembers(Members members) {
     }
     const absl::StatusOr<std::vector<std::string>> addresses = options_.resolve(**name);
     if (!addresses.ok()) {
-      // A resolver that fails says nothing about agents, so the known ones stay.
+      // A failure of the resolver says nothing about agents, so the known ones stay.
       const bool is_known = std::any_of(members.begin(), members.end(), [&](const auto& entry) {
         return entry.second.endpoint_index == i && entry.first != endpoint.target;
       });

@@ -1,11 +1,11 @@
 // The members of the cluster: its agents. The registry resolves their addresses, has them asked,
 // and keeps their answers and the datasets that they make together.
 //
-// It asks every agent at start, then at every poll interval, and at once when a frame needs a
-// dataset that is not complete, or follows the loss of an agent.
+// It asks every agent at start, then at every poll interval. It asks at once when a frame needs an
+// incomplete dataset, or follows the loss of an agent.
 //
-// What it has found out is a snapshot that never changes: each probe makes a new one. A frame holds
-// the snapshot that it began with, and copies nothing of it.
+// The findings are an immutable snapshot: each probe makes a new one. A frame holds the snapshot
+// that it began with, and copies nothing of it.
 //
 // Other files have the other parts of this work: dns_target and agent_list find addresses,
 // agent_prober asks, dataset_catalog combines the answers.
@@ -44,12 +44,12 @@ namespace isoscope::server {
 struct AgentRegistryOptions {
   std::vector<AgentEndpoint> endpoints;  // at least one
   absl::Duration poll_interval = absl::Seconds(2);
-  // How agents are dialled. Those behind a name of the DNS must have certificates of that name,
-  // unless `dialing` has one for all.
+  // How agents are dialled. Agents behind a DNS name must have certificates of that name, unless
+  // `dialing` has one name for all.
   rpc::Dialing dialing = {};
   // Checks a target of a list (agent_list). An error refuses the whole list. Null: all are allowed.
   std::function<absl::Status(const std::string& target)> check_target;
-  // Called on the registry's thread, once, when all agents have answered or failed to.
+  // Called on the registry's thread, once, when all agents have answered or failed.
   std::function<void()> on_first_probe;
   // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
   // when the registry is destroyed.
@@ -64,8 +64,8 @@ class AgentRegistry {
  public:
   // The longest time that a frame waits for the answers of agents.
   static constexpr absl::Duration kMaxFrameWait = absl::Seconds(2);
-  // Agents are asked for a name that none of them serves at most once in this time, and not at all
-  // if they were asked within it. Until then the name is not found.
+  // If no agent serves a name, the agents are asked for it at most once in this time. Until then
+  // the error is NOT_FOUND.
   static constexpr absl::Duration kMissingNameInterval = absl::Seconds(1);
 
   // INVALID_ARGUMENT: no endpoint, two with one target, or a malformed target.
@@ -76,13 +76,12 @@ class AgentRegistry {
   AgentRegistry& operator=(const AgentRegistry&) = delete;
 
   // Returns the complete dataset of that name ("": the only one) among those that the caller may
-  // see; others are not there for it. Agents that were lost since they were last asked are not
-  // among its replicas, and are asked again. If it is not complete without them, waits for the
-  // answers, at most for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND,
-  // INVALID_ARGUMENT, FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that
-  // fires. May block.
+  // see. Agents that were lost since the last probe are not among its replicas, and are asked
+  // again. If it is not complete without them, waits for the answers, at most for kMaxFrameWait or
+  // until the deadline of `cancellation`. NOT_FOUND, INVALID_ARGUMENT, FAILED_PRECONDITION as
+  // IsosurfaceService says; CANCELLED at once when the cancellation fires. May block.
   //
-  // With `allow_partial` some shards may be missing, and no lost agent is waited for twice.
+  // With `allow_partial` some shards may be missing, and a lost agent is waited for only once.
   absl::StatusOr<std::shared_ptr<const DatasetState>> FindComplete(
       const std::string& name, const base::Cancellation& cancellation, const Caller& caller = {},
       bool allow_partial = false);
@@ -95,9 +94,9 @@ class AgentRegistry {
   // Returns false if the agent did not answer when it was last asked, or is gone.
   [[nodiscard]] bool IsReachable(const std::string& address) const;
 
-  // By address.
+  // Returns the agents, ordered by address.
   [[nodiscard]] std::vector<AgentState> agents() const;
-  // Those that the caller may see, by name.
+  // Returns the datasets that the caller may see, by name.
   [[nodiscard]] std::map<std::string, DatasetState> datasets(const Caller& caller = {}) const;
 
   // Does what CoordinatorServer::WaitUntilReady does.
@@ -110,11 +109,11 @@ class AgentRegistry {
     std::size_t endpoint_index = 0;
     bool is_listed = true;  // its endpoint's name still has this address
     bool has_fixed_channel = false;
-    bool is_name = false;  // a name without known addresses: there is nobody to ask
+    bool is_name = false;  // a name without known addresses: no agent can be asked
   };
   using Members = std::map<std::string, Member>;  // by address
   using Suspects = std::set<std::string>;         // addresses
-  // What one probe has found out.
+  // The findings of one probe.
   struct Snapshot {
     Members members;
     std::map<std::string, DatasetState> datasets;
@@ -134,7 +133,7 @@ class AgentRegistry {
   [[nodiscard]] rpc::Dialing DialingOf(const Member& member) const;
   void AskMembers(const Suspects& suspects, Members* members) const;
   void AdoptMembers(Members members, absl::Time probe_begin) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Log what is new in `after`. A reader of the log that hangs holds nobody else.
+  // Log the changes from `before` to `after`. A blocked reader of the log blocks no other thread.
   void LogMembers(const Members& before, const Members& after) const ABSL_LOCKS_EXCLUDED(mutex_);
   void LogDatasets(const std::map<std::string, DatasetState>& before,
                    const std::map<std::string, DatasetState>& after) const
@@ -164,7 +163,7 @@ class AgentRegistry {
   std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;
   std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;
   std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;
-  // Of the registry's thread: the last error of each list, so that it is logged once.
+  // Used by the registry's thread alone: the last error of each list, so that it is logged once.
   std::map<std::string, absl::Status> list_errors_;
   std::thread thread_;
 };

@@ -1,3 +1,13 @@
+// DatasetsOf goes through the agents' shards and builds a state for each name:
+//
+//   Draft     one name: its contents, by identity (id, number of shards, checksums)
+//   Content   one content: its served shards, and its crews
+//   Crew      the agents of one picture revision, with the shards that they own
+//
+// Then Complete chooses: the content of most agents, the best crew of it, and the replica sets of
+// the crew. The error of an incomplete dataset names what is missing: shards, agreement or a
+// revision.
+
 #include "server/cluster/dataset_catalog.h"
 
 #include <algorithm>
@@ -23,7 +33,7 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// A message names this many shards, and then says "...".
+// A message names at most this many shards, followed by "...".
 constexpr std::size_t kMaxNamedShards = 16;
 
 std::string Identity(const internal::ShardDescription& shard) {
@@ -163,7 +173,7 @@ const Content* ChooseContent(const Draft& draft) {
   if (draft.contents.size() == 1 || served_count == 0) {
     return most;
   }
-  // Of lost agents nobody knows whether they come back. They count against fewer others.
+  // Lost agents may come back or not. So they count only against contents with fewer agents.
   if (served_count == 1 && (is_tie || most == only_served)) {
     return only_served;
   }

@@ -2,17 +2,17 @@
 // contradict each other, and the messages about these. Pure functions.
 //
 // Content. A dataset has a name. Agents whose shards bear the same name should agree on its
-// content: id, number of shards, checksums of manifest and range table. If they do not, the content
-// that most agents have is taken, lost ones included, as long as its shards are all served; the
-// others are not used. So a single agent that was started with the wrong folder does no harm, and a
+// content: id, number of shards, checksums of manifest and range table. If they do not, the catalog
+// takes the content that most agents have, lost ones included, as long as its shards are all
+// served. It ignores the other agents. So one agent with the wrong folder does no harm, and a
 // picture never mixes contents.
 //
-// Revision. All agents of a frame must have one picture revision. Of those that serve all shards,
-// the one of most agents is taken, then the newest: while agents are updated one after the other,
-// frames go on with the old one until the new one is complete and has the majority.
+// Revision. All agents of a frame must have one picture revision. Among the revisions that serve
+// all shards the one of most agents is taken, then the newest. During a rolling update frames use
+// the old revision until the new one is complete and has the majority.
 //
-// Replicas. Shards that the same agents serve make a set. An agent that drains is not in the set if
-// another one is: it ends the frames that it has, and gets no new ones.
+// Replicas. Shards that the same agents serve form a set. A draining agent is in the set only if no
+// other agent is: it finishes its frames and gets no new ones.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_
 #define ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_
@@ -44,14 +44,14 @@ struct AgentState {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
   std::shared_ptr<grpc::Channel> export_channel;  // null: `channel`
-  // OK if it answered. Otherwise the reason why it did not, or the error in its answer.
+  // OK if the agent answered. Otherwise the reason for the failure, or the error in its answer.
   absl::Status status = absl::UnavailableError("not asked yet");
   std::string version;
   std::string renderer;
   frame::PictureRevision picture_revision;
   std::optional<isoscope::v1::AgentLoad> load;  // of its last answer; none from older versions
-  bool is_draining = false;                     // it is about to stop, and serves until then
-  // The shards of its last answer, even if it does not answer any more.
+  bool is_draining = false;                     // it stops soon, and serves until then
+  // The shards of its last answer, also after the agent was lost.
   std::vector<isoscope::internal::v1::ShardDescription> shards;
 };
 
@@ -84,7 +84,7 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
 // Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached.
 std::string DescribeUnreachable(const std::vector<AgentState>& agents);
 
-// Returns those that the caller may see.
+// Returns the datasets that the caller may see.
 std::map<std::string, DatasetState> DatasetsFor(
     const Caller& caller, const std::map<std::string, DatasetState>& datasets);
 

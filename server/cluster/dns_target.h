@@ -18,9 +18,9 @@ struct DnsName {
   std::string port;
 };
 
-// Returns the name in "dns:///host:port"; of "dns:///host" the port is that of agents. Returns none
-// for a target of another scheme, which gRPC dials as it is. INVALID_ARGUMENT: an empty target, or
-// a malformed name.
+// Returns the name in "dns:///host:port"; the port of "dns:///host" is the default port of agents.
+// Returns none for a target of another scheme, which gRPC dials as it is. INVALID_ARGUMENT: an
+// empty target, or a malformed name.
 absl::StatusOr<std::optional<DnsName>> ParseDnsTarget(absl::string_view target);
 
 // Returns all addresses of a name, as gRPC dials them, ascending. UNAVAILABLE if it fails. Blocks.

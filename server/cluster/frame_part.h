@@ -1,4 +1,5 @@
-// The agents of a dataset as a frame sees them: who serves which shards, and who works on them.
+// The agents of a dataset as a frame sees them: the shards that each serves, and those that each
+// works on.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_FRAME_PART_H_
 #define ISOSCOPE_SERVER_CLUSTER_FRAME_PART_H_

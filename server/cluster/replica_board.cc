@@ -1,3 +1,13 @@
+// Example: a set of 6 shards with agents a, b and c, of which c failed a moment ago.
+//
+//   share     6 shards / 2 agents without trouble = 3 shards an agent
+//   shard 0   ranks b, a, then c (in trouble): b takes it
+//   ...       as soon as b has 3 shards, the next ones go to a
+//   result    two parts: b with 3 shards and replicas a, c; a with 3 shards and replicas b, c
+//
+// If b then has more than 1.25 of its share of all parts under way, the least busy agent goes
+// first.
+
 #include "server/cluster/replica_board.h"
 
 #include <algorithm>
@@ -34,7 +44,7 @@ std::uint64_t RankOf(std::uint64_t key, int shard, absl::string_view address) {
   return base::Mix64(base::Mix64(key ^ static_cast<std::uint64_t>(shard)) ^ HashOf(address));
 }
 
-// Returns the indices of the set's agents for a shard, the well ones first, then by rank.
+// Returns the indices of the set's agents for a shard: agents without trouble first, then by rank.
 std::vector<std::size_t> OrderOf(const ReplicaSet& set, const std::vector<bool>& is_well,
                                  std::uint64_t key, int shard) {
   std::vector<std::uint64_t> ranks;

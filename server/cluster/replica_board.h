@@ -1,22 +1,21 @@
-// Which agent works on which part of a frame, where several serve the same shards.
+// Chooses the agent for each part of a frame, where several agents serve the same shards.
 //
-// 1. Each shard ranks its agents by rendezvous hashing of (key, shard, address), and takes the
-// first
+// 1. Each shard ranks its agents by rendezvous hashing of (key, shard, address). It takes the first
 //    one that does not have its share of the set's shards yet. The key has the isovalues: frames at
-//    the same ones find warm caches, others go elsewhere. An agent that comes or goes moves few
-//    shards.
-// 2. The shards of one set that took the same agent make a part. Its other agents follow in the
-//    order of their ranks: where the part is repeated if the first one is lost.
-// 3. If the first agent has more than its share of the parts that are under way, the least busy
-//    agent goes first (consistent hashing with bounded loads: Mirrokni, Thorup, Zadimoghaddam,
-//    2018). A single client never has so many, and keeps its caches.
+//    the same isovalues find warm caches, other frames use other agents. An agent that is added or
+//    removed moves few shards.
+// 2. The shards of one set that took the same agent make a part. The other agents of the set follow
+//    in the order of their ranks: they repeat the part if the first agent is lost.
+// 3. If the first agent has more than its share of the parts under way, the least busy agent
+//    becomes the first (consistent hashing with bounded loads: Mirrokni, Thorup, Zadimoghaddam,
+//    2018). A single client never has so many parts, and keeps its caches.
 //
-// An agent that failed or was late goes last for a while, longer each time; one that does its part
-// is forgiven. A client whose time is short says nothing about agents: an agent is late if others
-// were faster at the same time, or if it was waited for as long as kLateAfter.
+// An agent that failed or was late goes last for a while, longer each time; a completed part resets
+// that. A short deadline of a client says nothing about agents. An agent is late if others were
+// faster at the same time, or if it was waited for as long as kLateAfter.
 //
-// Second attempts of parts that are only slow come out of a bucket. Each part that begins puts a
-// share of an attempt in, and what does not fit is lost: quiet hours don't pay for a storm.
+// Second attempts of slow parts come out of a bucket. Each part that begins adds a share of an
+// attempt. Shares above the capacity are lost, so that quiet hours don't pay for a burst.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_
 #define ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_
@@ -42,7 +41,7 @@ std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<double> isova
 // Returns the shards below `shard_count` that no part has, ascending.
 std::vector<int> MissingShards(int shard_count, const std::vector<FramePart>& parts);
 
-// Knows what the agents of a coordinator have to do for it. Thread-safe.
+// Counts the parts that each agent has under way, and its failures. Thread-safe.
 class ReplicaBoard {
  public:
   // Counts a part that is under way, while it lives. The board outlives it.
@@ -69,7 +68,7 @@ class ReplicaBoard {
   static constexpr double kMaxHedgedShare = 0.05;
   // The second attempts that the bucket holds, for parts that come at once.
   static constexpr double kMaxHedgeBurst = 16;
-  // An agent that was waited for less is not late, whatever time its client had.
+  // An agent that was waited for less is not late, whatever the deadline of its client.
   static constexpr absl::Duration kLateAfter = absl::Milliseconds(500);
 
   ReplicaBoard() = default;

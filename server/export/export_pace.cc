@@ -22,7 +22,8 @@ ExportPace::Verdict ExportPace::Judge(absl::Time now) const {
 }
 
 absl::Time ExportPace::NextJudgement(absl::Time now) const {
-  // A write that has taken more than was left, and is done, leaves a debt: the next one ends it.
+  // A finished write that took more than was left leaves a debt. Then the next write exceeds the
+  // allowance at once.
   constexpr absl::Duration kLeast = absl::Milliseconds(10);
   return std::min(begin_ + limits_.max_duration, std::max(SlowTime(now), now + kLeast));
 }

@@ -1,8 +1,8 @@
-// How fast the client of an export must take it. No threads, no clock of its own.
+// The least speed at which the client of an export must take it. No threads, no clock of its own.
 //
-// A client that keeps up waits for the coordinator. One that does not lets the coordinator wait,
-// with a thread and memory. Such waiting comes out of an allowance, which each chunk refills by the
-// time that it may take at the least rate:
+// A fast client waits for the coordinator. A slow one makes the coordinator wait, with a thread and
+// memory. This waiting comes out of an allowance. Each chunk refills it by the time that the chunk
+// may take at the least rate:
 //
 //   allowance 60 s, 64 KiB/s: a chunk of 1 MiB refills 16 s. A client that takes 50 s for each has
 //   26 s left after the first, and is cut 26 s into the second.
@@ -18,9 +18,9 @@
 namespace isoscope::server {
 
 struct ExportLimits {
-  // Of the whole, from its turn to its last chunk.
+  // Limit of the whole export, from its turn to its last chunk.
   absl::Duration max_duration = absl::Hours(2);
-  // The coordinator waits for the client so long at most, and for as long as its chunks take at the
+  // The coordinator waits for the client at most this long, plus the time of the chunks at the
   // least rate.
   absl::Duration allowance = absl::Minutes(1);
   std::size_t least_bytes_per_second = std::size_t{64} * 1024;  // > 0
@@ -37,11 +37,12 @@ class ExportPace {
 
   enum class Verdict { kGoesOn, kTooSlow, kTooLong };
   [[nodiscard]] Verdict Judge(absl::Time now) const;
-  // Before this the verdict stays kGoesOn, whatever happens.
+  // Before this time the verdict stays kGoesOn in any case.
   [[nodiscard]] absl::Time NextJudgement(absl::Time now) const;
 
  private:
-  // When the write under way has used the allowance up, or one that began now would have.
+  // The time at which the write under way has used up the allowance, or one that began now would
+  // have.
   [[nodiscard]] absl::Time SlowTime(absl::Time now) const {
     return write_begin_.value_or(now) + left_;
   }

@@ -6,9 +6,9 @@
 //   + - -    + 0 -            one triangle, with new vertices on the edges from + to -
 //   + + -                     two triangles
 //
-// Why the mesh stays welded: a new vertex follows from the two ends of its edge and the half-space
+// The mesh stays welded: a new vertex follows from the two ends of its edge and the half-space
 // alone, and these are the same in every block that has the edge. Its key is that of the pair of
-// ends. An edge that was cut once has another end, and so another key, for the next half-space.
+// ends. A cut edge has another end, and so another key, for the next half-space.
 //
 // Example: the edge from a (distance 3) to b (distance -1) gets a vertex at a + 3/4 (b - a). Both
 // triangles of the edge use it, in whatever block they lie.

@@ -1,4 +1,4 @@
-// Cuts the meshes of blocks at the borders of a clip region, so that exports hold what frames show.
+// Cuts the meshes of blocks at the borders of a clip region, so that exports match frames.
 
 #ifndef ISOSCOPE_SERVER_EXPORT_SURFACE_CUTTER_H_
 #define ISOSCOPE_SERVER_EXPORT_SURFACE_CUTTER_H_
@@ -15,14 +15,14 @@
 
 namespace isoscope::server {
 
-// Cuts the blocks of one surface. Remembers the vertices that it has made. Thread-compatible.
+// Cuts the blocks of one surface. Keeps the keys of its new vertices. Thread-compatible.
 class SurfaceCutter {
  public:
   SurfaceCutter(view::Clipper clipper, const volume::BlockLayout& layout)
       : clipper_(std::move(clipper)), layout_(layout) {}
 
-  // Takes away what lies outside, and the vertices that no triangle needs any more. A vertex that
-  // lies on a border stays as it is; a triangle on a border stays, too.
+  // Removes the triangles outside, and the vertices that no triangle needs any more. A vertex or a
+  // triangle that lies on a border stays as it is.
   //
   // A new vertex lies where its edge meets the border; its normal is interpolated. It has a
   // negative edge key: one for each edge of the whole mesh, so that the welder joins the cut sides
@@ -42,7 +42,7 @@ class SurfaceCutter {
   const view::Clipper clipper_;
   const volume::BlockLayout layout_;
   absl::flat_hash_map<Edge, std::int64_t> keys_;  // of the vertices made so far
-  // Of the block in work.
+  // State of the block in work.
   std::vector<double> distances_;                          // of each vertex to the border
   absl::flat_hash_map<std::int64_t, std::uint32_t> made_;  // key -> vertex
   std::vector<std::uint32_t> indices_;

@@ -2,17 +2,16 @@
 //
 // 1. A heap has the next block of each source, the smallest block id in front. A source sends its
 //    blocks in ascending order, so the front is the next block of the volume.
-// 2. The cutter takes away what the clip region leaves out (server/export/surface_cutter.h). Agents
-// did not
-//    send blocks that are wholly outside.
+// 2. The cutter removes the parts outside the clip region (server/export/surface_cutter.h). Agents
+//    do not send blocks that are wholly outside.
 // 3. The welder gives vertices their ids over the whole mesh. It recognises a vertex on a face
 //    between blocks by its edge key, so such a vertex is sent once (core/mesh/mesh_welder.h).
 // 4. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
-//    chunks of at most 1 MiB. A vertex takes 24 bytes and a triangle, too. In a block's part all
-//    vertices come before the triangles, so a triangle uses only vertices that were sent.
+//    chunks of at most 1 MiB. A vertex takes 24 bytes, and so does a triangle. In a block's part
+//    all vertices come before the triangles, so a triangle uses only vertices that were sent.
 // 5. The source of the block gives its next one.
 //
-// The order of blocks is that of the volume, so mesh and chunks do not depend on how blocks are
+// Blocks are merged in the order of the volume, so mesh and chunks do not depend on how blocks are
 // spread over agents. Memory holds one block of each source, one chunk, and the welder's vertices
 // on faces between blocks and on cuts.
 

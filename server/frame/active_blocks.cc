@@ -63,7 +63,7 @@ void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const Act
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.key == key; });
   if (found != entries_.end()) {
-    return;  // another frame was quicker; both have the same value
+    return;  // another frame has inserted the same value
   }
   while (size_bytes_ + size > max_bytes_) {
     size_bytes_ -= entries_.back().size_bytes;

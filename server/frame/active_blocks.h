@@ -30,7 +30,7 @@ struct ActiveBlocks {
   volume::BlockSet set;
 };
 
-// Keeps the active blocks of the last few keys, bounded in bytes. Thread-safe.
+// Keeps the active blocks of the keys used last, bounded in bytes. Thread-safe.
 class ActiveBlocksCache {
  public:
   explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
@@ -54,7 +54,7 @@ class ActiveBlocksCache {
 
   const std::size_t max_bytes_;
   base::Mutex mutex_;
-  std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // the last used first; few
+  std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // most recently used first; few
   std::size_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 

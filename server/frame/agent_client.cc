@@ -12,13 +12,16 @@
 // stream between two of them. OnDone is the last call. GrpcAgentLink cancels and waits for it
 // before it destroys the stream.
 //
-// The status for the listener is, in this order: UNAVAILABLE for a message that was damaged on its
-// way, INTERNAL for a malformed one, INTERNAL for a
-// stream that ended with OK before the frame was done, else CallStatus of gRPC's status.
+// The status for the listener is the first of these that applies:
+//
+//   UNAVAILABLE    a message was damaged on its way
+//   INTERNAL       a message is malformed
+//   INTERNAL       the stream ended with OK before the frame was done
+//   CallStatus     gRPC's status
 //
 // A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
-// one and checks each: the next message is read only when somebody asks for it. Blocks come in
-// ascending order, so a replica that takes over is read up to the last block that was given.
+// one and checks each. It reads the next message only on demand. Blocks come in ascending order, so
+// a replica that takes over is read up to the last block that was given.
 
 #include "server/frame/agent_client.h"
 
@@ -198,8 +201,8 @@ class FrameStream final
     listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
     const base::MutexLock lock(&mutex_);
     has_ended_ = true;
-    // It signals with the mutex held: the waiting thread may destroy this as soon as it has the
-    // mutex.
+    // It signals with the mutex held: the waiting thread may destroy this object as soon as it has
+    // the mutex.
     ended_.SignalAll();
   }
 
@@ -213,7 +216,7 @@ class FrameStream final
     StartWrite(&outgoing_.front());
   }
 
-  // Statistics are those of the frame without a trace.
+  // Statistics as they are without a trace.
   static std::size_t BytesWithoutTrace(const internal::RenderFrameRequest& message) {
     if (!message.has_begin() || !message.begin().request().with_trace()) {
       return message.ByteSizeLong();

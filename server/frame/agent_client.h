@@ -36,23 +36,22 @@
 namespace isoscope::server {
 
 // Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
-// would mislead the client: INVALID_ARGUMENT (the coordinator's message was wrong) becomes
-// INTERNAL; a stream that was cut, but not by us, and a call that the agent does not know become
-// UNAVAILABLE.
+// would mislead the client. INVALID_ARGUMENT (the coordinator's message was wrong) becomes
+// INTERNAL. UNAVAILABLE replaces the codes of a stream that was cut, but not by us, and of a call
+// that the agent does not know.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
-// Where the times of an agent's part go.
+// Destination of the times of an agent's part.
 struct AgentTraceTarget {
   base::TraceTime zero;  // of the axis
   // Set before the link's OnFrameDone, if the agent tells its times. Outlives the link.
-  isoscope::v1::ProcessTrace* trace = nullptr;             // null: nobody asks
+  isoscope::v1::ProcessTrace* trace = nullptr;             // null: no trace was asked for
   std::size_t max_spans = base::TraceRecorder::kMaxSpans;  // that are kept of the agent's
 };
 
 // Begins a frame on an agent. `begin`: complete except for shard_indices and mailbox.
 // `block_count`: blocks of the volume. `deadline`: the call ends by itself then. The listener
-// outlives the link. `mailboxes`: those that the agent puts pixels into, if it shares this process;
-// else null.
+// outlives the link. `mailboxes`: mailboxes for the pixels of an agent in this process; else null.
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              isoscope::internal::v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
@@ -61,13 +60,13 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              const AgentTraceTarget& trace_target,
                                              AgentListener* listener);
 
-// The surface of one part's blocks, pulled message by message. While nobody pulls, gRPC's flow
-// control stops the agent. If an agent fails, or sends nothing for long, the next replica goes on
-// behind the last block.
-// Cancel is thread-safe, the other functions are for one thread.
+// The surface of one part's blocks, pulled message by message. Between pulls gRPC's flow control
+// stops the agent. If an agent fails, or sends nothing for long, the next replica continues after
+// the last block. Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public SurfaceSource {
  public:
-  // request: shard_indices is set to the part's. max_silence: of an agent that was asked for more
+  // request: shard_indices is set to the part's. max_silence: limit for an agent that owes a
+  // message
   SurfaceStream(FramePart part, const volume::BlockLayout& layout,
                 isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline,
                 absl::Duration max_silence, const base::TraceContext& identity);
@@ -91,7 +90,7 @@ class SurfaceStream final : public SurfaceSource {
   void Open() ABSL_LOCKS_EXCLUDED(mutex_);
   // Reads message_. False at the end of the stream. DEADLINE_EXCEEDED if the agent was silent.
   absl::StatusOr<bool> ReadMessage();
-  // Notes the failure. OK if another replica was asked; else its error, with the agent's name.
+  // Records the failure. OK if another replica was asked; else its error, with the agent's name.
   absl::Status Fail(absl::Status status, bool was_silent = false);
 
   const FramePart part_;
@@ -104,10 +103,10 @@ class SurfaceStream final : public SurfaceSource {
   std::vector<AgentFailure> failures_;
   isoscope::internal::v1::ExtractSurfaceResponse message_;
   int next_block_ = 0;               // index in message_
-  std::int64_t last_block_id_ = -1;  // that Next gave
+  std::int64_t last_block_id_ = -1;  // the last one that Next gave
   std::atomic<bool> was_cancelled_{false};
   bool has_ended_ = false;
-  base::Mutex mutex_;  // Cancel meets Open
+  base::Mutex mutex_;  // Cancel may run during Open
   std::unique_ptr<Call> call_;
 };
 

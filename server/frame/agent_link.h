@@ -28,14 +28,14 @@ class AgentListener {
   virtual void OnRayHits(std::vector<volume::BlockId> hits,
                          std::vector<volume::BlockId> active) = 0;
   virtual void OnPixels(std::vector<std::string> bands) = 0;  // docs/format/wire.md
-  // The same pixels from an agent of this process: all of a step. Of the size of the picture.
+  // The same pixels from an agent of this process: all pixels of a step, as large as the picture.
   virtual void OnDrawnPixels(image::DrawnPixels pixels) = 0;
   virtual void OnOccludersDone() = 0;
   virtual void OnFrameDone(frame::AgentStatistics statistics) = 0;
   // The last call. OK only after OnFrameDone. Errors are those of AgentFailure::status.
   virtual void OnEnd(absl::Status status) = 0;
   // Calls `read` once, as soon as there is room for the agent's next message: before it returns, or
-  // later on any thread. Not called while the agent has ended.
+  // later on any thread. Not called after the end of the agent.
   virtual void WhenRoom(std::function<void()> read) { read(); }  // NOLINT: others keep it
 };
 
@@ -45,7 +45,7 @@ class AgentLink {
   // Cancels the frame if it has not ended, and waits until OnEnd has returned.
   virtual ~AgentLink() = default;
 
-  // Sends the agent's own blocks to draw in step 2, ascending.
+  // Sends the agent the occluders to draw in step 2: blocks of its own, ascending.
   virtual void SendOccluders(const std::vector<volume::BlockId>& blocks) = 0;
   // Sends the blocks to draw in step 3, ascending, and visibility::EncodeOpenPixels of their open
   // pixels. Empty: all pixels are open.

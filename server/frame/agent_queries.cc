@@ -1,3 +1,14 @@
+// Inquiry puts questions to agents, all at the same time, and runs until all are answered:
+//
+// 1. Begin starts the call of a question on its best agent.
+// 2. AwaitEnds sleeps until a call ends, a question is late, or the request is cancelled.
+// 3. Handle takes the first good answer, cancels the question's other call, or tries the next
+//    agent.
+// 4. A question that is late gets a second call on the next agent.
+//
+// Calls end on gRPC's threads, which only push their end into a queue. The callers at the end of
+// this source make the questions and add their answers: histogram, active box, points.
+
 #include "server/frame/agent_queries.h"
 
 #include <algorithm>
@@ -29,13 +40,14 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// A question that has no answer after this time, or after this share of the time to its deadline,
-// is also put to another agent. Not earlier than after kMinHedgeDelay: a second try costs as much.
+// A question without an answer after this time, or after this share of the time to its deadline, is
+// also put to another agent. This happens after kMinHedgeDelay at the earliest: a second try costs
+// as much.
 constexpr absl::Duration kHedgeDelay = absl::Milliseconds(500);
 constexpr absl::Duration kMinHedgeDelay = absl::Milliseconds(50);
 constexpr int kHedgeDeadlineShare = 4;
 
-// Agents that one question about the whole volume may be put to.
+// One question about the whole volume is put to at most this many agents.
 constexpr std::size_t kMaxBoxAgents = 4;
 
 // One try of a question on one agent.
@@ -49,7 +61,7 @@ struct Attempt {
   bool is_live = true;
 };
 
-// A question, and all that was tried to get its answer.
+// A question, with all attempts to get its answer.
 template <typename Request, typename Response>
 struct Question {
   Request request;
@@ -70,7 +82,8 @@ using Method = void (Async::*)(grpc::ClientContext* context, const Request* requ
                                Response* response, std::function<void(grpc::Status)> on_done);
 
 // Puts questions to agents, all at the same time. An agent that fails is replaced by the next one.
-// One that is late gets company; the first answer counts, and the other attempt is cancelled.
+// A late agent is hedged: the next one is asked as well, the first answer counts, and the other
+// attempt is cancelled.
 //
 // One thread runs it. Calls end on gRPC's threads, which only push their end into a queue.
 template <typename Request, typename Response>
@@ -86,8 +99,8 @@ class Inquiry {
         hedge_delay_(std::clamp((cancellation.deadline() - absl::Now()) / kHedgeDeadlineShare,
                                 kMinHedgeDelay, kHedgeDelay)) {}
 
-  // Runs until all questions are answered, one can't be, or the cancellation fires. No call lives
-  // on. An error says why not all are answered.
+  // Runs until all questions are answered, one can't be, or the cancellation fires. All calls have
+  // ended then. An error gives the reason for missing answers.
   absl::Status Run(QueryReport* report) {
     report_ = report;
     const base::Cancellation::Callback wake(cancellation_, [this] {
@@ -139,7 +152,7 @@ class Inquiry {
                                             attempt.response, attempt.context);
           const base::MutexLock lock(&mutex_);
           ends_.push_back(end);
-          changed_.SignalAll();  // with the lock: the inquiry lives no longer than its last call
+          changed_.SignalAll();  // with the lock: the inquiry may be destroyed after its last call
         });
   }
 
@@ -165,7 +178,7 @@ class Inquiry {
                                           [](const auto& attempt) { return attempt.is_live; }));
   }
 
-  // When another agent is asked beside the one that is late; never if there is none.
+  // The time to hedge: to ask another agent besides the late one; never if there is none.
   [[nodiscard]] absl::Time HedgeTimeOf(const Question<Request, Response>& question) const {
     const bool may = error_.ok() && !question.winner.has_value() && HasSpare(question) &&
                      LiveCount(question) == 1;
@@ -194,7 +207,7 @@ class Inquiry {
     attempt.is_live = false;
     --live_count_;
     if (!error_.ok() || question.winner.has_value()) {
-      return;  // nobody waits for it any more
+      return;  // the question has its answer already
     }
     if (attempt.status.ok()) {
       question.winner = end.attempt;
@@ -237,7 +250,7 @@ class Inquiry {
   bool is_cancelled_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
-// One question to each part about its shards, put to its replicas.
+// Makes one question for each part about its shards, for the part's replicas.
 template <typename Request, typename Response>
 Questions<Request, Response> QuestionsToParts(const QueryTarget& target) {
   Questions<Request, Response> questions(target.parts.size());
@@ -253,8 +266,8 @@ Questions<Request, Response> QuestionsToParts(const QueryTarget& target) {
   return questions;
 }
 
-// Returns some agents, each of another address: first ones of their parts before second ones. The
-// turn decides with which part they begin.
+// Returns some agents with distinct addresses: the first replica of each part before the second
+// ones. The turn selects the part to begin with.
 std::vector<AgentAssignment> AnyAgents(const QueryTarget& target) {
   const std::vector<FramePart>& parts = target.parts;
   std::vector<AgentAssignment> agents;
@@ -277,8 +290,8 @@ std::vector<AgentAssignment> AnyAgents(const QueryTarget& target) {
   return agents;
 }
 
-// Puts the questions, and adds their answers to `result`, in order, by add(index, answer, result).
-// Its error says that the answer makes no sense.
+// Asks the questions, and adds their answers to `result`, in order, by add(index, answer, result).
+// An error of `add` means that the answer is invalid.
 template <typename T, typename Request, typename Response, typename AddFn>
 QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation& cancellation,
                     Method<Request, Response> method, Questions<Request, Response> questions,

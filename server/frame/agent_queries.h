@@ -1,6 +1,6 @@
 // Questions to the agents of a dataset, outside of frames. Each part is asked of its first replica,
-// all at the same time, in the name of the client's request. The next one is asked if that fails,
-// and beside it if it has not answered after half a second, or a quarter of the client's time.
+// all at the same time, with the trace identity of the client's request. The next replica is asked
+// if that fails, or if it has not answered after half a second or a quarter of the client's time.
 
 #ifndef ISOSCOPE_SERVER_FRAME_AGENT_QUERIES_H_
 #define ISOSCOPE_SERVER_FRAME_AGENT_QUERIES_H_
@@ -27,23 +27,24 @@
 
 namespace isoscope::server {
 
-// Whom to ask. Both outlive the question.
+// The agents to ask. Both references outlive the question.
 struct QueryTarget {
   const std::string& dataset_id;
   const std::vector<FramePart>& parts;  // all shards of the dataset, unless some are missing
-  // Where one agent is enough, equal turns begin with the same one, and all in turn with all.
+  // If one agent is enough, `turn` selects the first one to ask: successive turns use all in
+  // rotation.
   std::size_t turn = 0;
 };
 
-// An agent that had not answered when another one did.
+// An agent that was slower than another one with the same question.
 struct OutrunAgent {
   AgentIdentity agent;
   absl::Duration waited;  // since it was asked
 };
 
-// How agents did.
+// The failures and delays of agents in one query.
 struct QueryReport {
-  std::vector<AgentFailure> failures = {};  // also of those that another one stood in for
+  std::vector<AgentFailure> failures = {};  // includes agents that another one replaced
   std::vector<OutrunAgent> outrun = {};
 };
 
@@ -60,15 +61,16 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation);
 
-// Where a surface is.
+// The extent of a surface.
 struct ActiveExtent {
   std::int64_t active_block_count = 0;
-  std::optional<math::IndexBox> cells;  // of the box around these blocks; not set if there are none
+  std::optional<math::IndexBox> cells;  // box around the active blocks; not set if there are none
 };
 
-// Returns the blocks of the volume that are active for any of some isovalues and not wholly outside
-// of `clip`, also those of missing shards. Asks one agent of any part, because every agent knows
-// all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+// Returns the number of blocks that are active for any of some isovalues and not wholly outside of
+// `clip`, and their box. Blocks of missing shards count too. Asks one agent of any part, because
+// every agent knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED,
+// CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<double>& isovalues,
@@ -82,15 +84,15 @@ struct ShownPoint {
   volume::BlockId block_id = 0;
 };
 
-// What the agents know about a point.
+// The agents' answer for a point.
 struct PointAnswer {
   std::optional<math::Vec3d> gradient;  // of the field; not set where it is not finite
-  std::optional<int> shard_index;       // of the block; not set if no part has it
+  std::optional<int> shard_index;       // shard of the block; not set if no part has it
 };
 
-// Returns what the agents know about each of some points, at most rpc::kMaxPickedPixels. Each agent
-// answers for the cells and blocks in its shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
-// DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+// Returns the agents' answers for some points, at most rpc::kMaxPickedPixels. Each agent answers
+// for the cells and blocks in its shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS,
+// DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
                                                  const std::vector<ShownPoint>& points,
                                                  const base::TraceContext& identity,

@@ -1,7 +1,7 @@
-// The events of a frame's agents, from their threads to the frame's own.
+// The events of a frame's agents, passed from their threads to the thread of the frame.
 //
-// That thread sleeps until every part at the earliest stage can have said that it is done, or
-// pixels or an error have come: with hundreds of agents it is not woken for each.
+// The frame's thread sleeps until every part at the earliest stage may have ended it, or until
+// pixels or an error arrive. So with hundreds of agents it does not wake for each event.
 
 #ifndef ISOSCOPE_SERVER_FRAME_EVENT_QUEUE_H_
 #define ISOSCOPE_SERVER_FRAME_EVENT_QUEUE_H_
@@ -52,14 +52,15 @@ struct FrameEvent {
 
   AgentEvent said;
   Content content = {};
-  // The stage that it ends, if it is the agent's next word; not set: the frame must look at once.
+  // The stage that the event ends if it is the agent's next word; not set: the frame must look at
+  // once.
   std::optional<FrameStage> ended_stage = std::nullopt;
 };
 
 // In order of arrival. Thread-safe.
 class EventQueue {
  public:
-  // Agents' threads call it, which nobody could tell of an exception.
+  // Agents' threads call it, which can't handle an exception.
   void Push(FrameEvent event) noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
     bool wakes = false;
     {
@@ -79,8 +80,8 @@ class EventQueue {
     }
   }
 
-  // Says how many events that end `stage` the frame needs to go on, at least 1. Whatever else comes
-  // makes the queue ready. A thread that is woken for nothing costs as much as an event.
+  // Sets the number of events that end `stage` before the frame can go on, at least 1. Any other
+  // event makes the queue ready. A needless wake-up costs as much as an event.
   void SetNeeded(const FrameProtocol::Awaited& needed) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     needed_ = needed;
@@ -93,9 +94,9 @@ class EventQueue {
     return IsReady();
   }
 
-  // Waits until the queue is ready, or until `wake`, and returns all events that have come; none
-  // may have. Returns the cancellation's error if it fires first. RESOURCE_EXHAUSTED if there was
-  // no memory for an event.
+  // Waits until the queue is ready, or until `wake`, and returns all events that have come; there
+  // may be none. Returns the cancellation's error if it fires first. RESOURCE_EXHAUSTED if there
+  // was no memory for an event.
   absl::StatusOr<std::deque<FrameEvent>> PopAll(absl::Time wake,
                                                 const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -112,19 +113,19 @@ class EventQueue {
     if (has_lost_one_) {
       return base::NoMemory("an agent's message");
     }
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());  // what has come stays, for TakeAll
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());  // the events stay for TakeAll
     events.swap(events_);
     has_urgent_one_ = false;
     return events;
   }
-  // Returns the events that have come and nobody has waited for.
+  // Returns the events that have come and were not popped.
   std::deque<FrameEvent> TakeAll() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     return std::exchange(events_, {});
   }
 
  private:
-  // A stream ends right after its frame is done.
+  // A stream ends right after its frame is done, so that end is not urgent.
   [[nodiscard]] bool IsUrgent(const FrameEvent& event) const ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
     return event.ended_stage != needed_.stage && event.ended_stage != FrameStage::kDone;
   }
@@ -143,7 +144,7 @@ class EventQueue {
 // The listener of one attempt.
 class QueueingListener final : public AgentListener {
  public:
-  // stage: that the agent begins with. Queue and gate outlive the listener.
+  // stage: the first stage of the attempt. Queue and gate outlive the listener.
   QueueingListener(AttemptId id, FrameStage stage, EventQueue* queue, ReadGate* gate)
       : id_(id), queue_(queue), gate_(*gate), stage_(stage) {}
 

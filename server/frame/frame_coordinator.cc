@@ -1,13 +1,14 @@
 // One thread runs a frame. It waits for the events of the agents, gives each to the protocol, and
-// does what the protocol commands:
+// executes the commands of the protocol:
 //
 //   1. Begin the links of all parts; prepare the known active blocks meanwhile.
-//   2. Composite what waits until the frame can go on. Then wait for events.
-//   3. Handle each event. What counts goes to the reduction, or to the queue of pixels.
-//   4. At the end of a step: wait for its pixels, compute what follows, tell each part its blocks.
+//   2. Composite the waiting pixels until the frame can go on. Then wait for events.
+//   3. Handle each event. Its content goes to the reduction, or to the queue of pixels.
+//   4. At the end of a step: wait for its pixels, compute the next blocks, tell each part its
+//      blocks.
 //   5. From 2, until all parts have ended and all pixels are composited.
 //
-// A frame that fails cancels all agents and waits until their streams have ended, so that nobody
+// A frame that fails cancels all agents and waits until their streams have ended, so that no agent
 // works for it when RunFrame returns.
 
 #include "server/frame/frame_coordinator.h"
@@ -33,7 +34,7 @@
 namespace isoscope::server {
 namespace {
 
-// Between two looks for parts that are late, of a frame that has spare replicas.
+// The interval of checks for late parts, in a frame that has spare replicas.
 constexpr absl::Duration kWatchInterval = absl::Milliseconds(10);
 
 FrameStage FirstStage(const FrameSetup& setup) {
@@ -111,7 +112,7 @@ class Frame {
     while (protocol_.awaited().stage != FrameStage::kEnded) {
       ISOSCOPE_RETURN_IF_ERROR(HandleNextEvents());
       if (protocol_.awaited().stage == FrameStage::kEnded) {
-        // The frame goes on if a part had sent damaged pixels last.
+        // The frame continues if the last pixels of a part were damaged: the part is repeated.
         ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
       }
     }
@@ -138,7 +139,7 @@ class Frame {
     return watches ? Do(protocol_.Watch(absl::Now(), phase_start_), nullptr) : absl::OkStatus();
   }
 
-  // Works on what has arrived until the frame can go on, until `wake`, or until nothing is left.
+  // Composites pixels until an event lets the frame go on, until `wake`, or until none are left.
   void CompositeUntilEvent(absl::Time wake) {
     const absl::Time end = std::min(wake, cancellation_.deadline());
     while (!queue_.is_ready() && !pixels_.empty() && !cancellation_.is_cancelled() &&
@@ -159,7 +160,7 @@ class Frame {
     return Do(*commands, &event);
   }
 
-  // event: that the commands answer
+  // event: the event that the commands answer
   absl::Status Do(const Commands& commands, FrameEvent* event) {
     for (const Command& command : commands) {
       switch (command.kind) {
@@ -216,8 +217,8 @@ class Frame {
     return Do(commands, nullptr);
   }
 
-  // Returns once all pixels that have arrived are in the image. What was damaged is not, and its
-  // part is repeated.
+  // Returns once all valid pixels that have arrived are in the image. Damaged pixels are left out,
+  // and their part is repeated.
   absl::Status FinishCompositing() {
     base::TraceScope trace(setup_.trace, "finish compositing");
     const std::vector<AgentEvent> damages = pixels_.Finish();
@@ -321,9 +322,9 @@ class Frame {
   absl::Time phase_start_;
   base::TraceTime phase_trace_start_;  // if there is a trace
   absl::Time last_arrival_;
-  ReadGate gate_;                   // outlives the links, and what they send
+  ReadGate gate_;                   // outlives the links, and the messages that they deliver
   EventQueue queue_;                // outlives the links
-  std::deque<FrameEvent> arrived_;  // taken out of it, and not handled yet
+  std::deque<FrameEvent> arrived_;  // taken out of the queue, and not handled yet
   FrameProtocol protocol_;
   std::vector<std::vector<Link>> links_;  // of the attempts
   Reduction reduction_;

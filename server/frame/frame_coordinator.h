@@ -1,7 +1,7 @@
 // One frame in the coordinator: fan out, reduce, composite. No gRPC types.
 //
-// frame_protocol says what happens next, reduction has what the agents have sent, and RunFrame
-// drives both: its own are the threads, the clock and the links.
+// FrameProtocol decides the next action, Reduction holds the results of the agents, and RunFrame
+// drives both. RunFrame owns the threads, the clock and the links.
 
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_COORDINATOR_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_COORDINATOR_H_
@@ -46,8 +46,8 @@ struct FrameResult : ReducedFrame {
 struct FrameOutcome : AgentReport {
   absl::Status status = absl::OkStatus();  // OK: `result` is complete
   FrameResult result = {};
-  // The parts that nobody could do when the frame failed, ascending: the one that ended it, and
-  // those that were lost with it. Empty if the same would happen to other parts.
+  // The parts that no agent could do when the frame failed, ascending: the one that ended it, and
+  // those that were lost with it. Empty if the same error would occur in other parts.
   std::vector<std::size_t> lost_parts = {};
 };
 
@@ -56,10 +56,10 @@ using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>
     int part_index, int replica_index, AgentListener* listener)>;
 
 // Runs one frame to its end. Blocks; a cancellation wakes it. An agent that fails is replaced by
-// the next replica of its part; without one the frame ends with AgentFailure::ToStatus, and the
-// others are cancelled. The frame ends no later than the deadline of the cancellation, with a
-// DEADLINE_EXCEEDED that names the agents that had not answered. The setup's arena decodes and
-// composites bands in parallel, as they arrive.
+// the next replica of its part. Without a replica the frame ends with AgentFailure::ToStatus, and
+// the other agents are cancelled. The frame ends no later than the deadline of the cancellation,
+// with a DEADLINE_EXCEEDED that names the agents that had not answered. The setup's arena decodes
+// and composites bands in parallel, as they arrive.
 FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                       const base::Cancellation& cancellation);
 

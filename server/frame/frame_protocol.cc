@@ -16,16 +16,16 @@ using Kind = Command::Kind;
 
 // A part that takes less is never too slow: a second attempt costs about as much.
 constexpr absl::Duration kMinSlowDuration = absl::Milliseconds(40);
-// An attempt that takes longer than this share of its time to the deadline gets company.
+// An attempt that takes longer than this share of its time to the deadline is hedged.
 constexpr int kDeadlineShare = 4;
 
-// Returns true if another agent might do better. The frame's own end is none of these.
+// Returns true if another agent might succeed. The frame's own end is no failure of an agent.
 bool IsRepeatable(const absl::Status& status) {
   return !absl::IsCancelled(status) && !absl::IsDeadlineExceeded(status);
 }
 
 // Returns true if a picture without the part may be wanted: its agents are gone, or its shards are
-// damaged. Else the same would happen to the others.
+// damaged. Other errors would occur in the other parts too.
 bool IsLoss(const absl::Status& status) {
   return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
          absl::IsDataLoss(status);
@@ -36,7 +36,7 @@ struct WordRule {
   std::optional<FrameStage> ends;
 };
 constexpr std::array<WordRule, 6> kWords = {{
-    // by AgentWord
+    // indexed by AgentWord
     {"ray hits", FrameStage::kSelectingOccluders},
     {"pixels", std::nullopt},
     {"the end of the occluders", FrameStage::kRenderingOccluders},
@@ -54,7 +54,7 @@ absl::Status OfLastAgent(const absl::Status& error, std::size_t attempt_count) {
   absl::Status of_last(error.code(), absl::StrCat(error.message(), " (the last of ", attempt_count,
                                                   " agents that serve it)"));
   error.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) {
-    of_last.SetPayload(url, payload);  // when to retry
+    of_last.SetPayload(url, payload);  // the retry delay
   });
   return of_last;
 }
@@ -82,7 +82,7 @@ Commands FrameProtocol::Begin() {
   return commands;
 }
 
-// REQUIRES: there is one.
+// REQUIRES: the part has a next replica.
 Command FrameProtocol::TryNextReplica(std::size_t part_index) {
   std::vector<Attempt>& attempts = parts_[part_index].attempts;
   attempts.push_back({.stage = first_stage_});
@@ -97,7 +97,7 @@ void FrameProtocol::NoteBegun(AttemptId id, AgentIdentity agent, absl::Time now)
 absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
   Attempt& attempt = AttemptOf(event.from);
   if (event.word == AgentWord::kDamaged) {
-    // Else another attempt has sent all pixels, or will.
+    // Otherwise another attempt has sent all pixels, or will.
     const bool counts = attempt.is_live || parts_[event.from.part].winner == event.from.replica;
     return counts ? Fail(event.from, event.status) : Commands{};
   }
@@ -111,7 +111,7 @@ absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
     return absl::IsDeadlineExceeded(event.status) ? absl::StatusOr<Commands>(event.status)
                                                   : Fail(event.from, event.status);
   }
-  // A step begins once all parts are there.
+  // A step begins once all parts have reached its stage.
   const bool is_asked = step_ >= std::min(attempt.stage, FrameStage::kRenderingVisible);
   if (event.word == AgentWord::kPixels) {
     const bool draws = attempt.stage == FrameStage::kRenderingOccluders ||
@@ -134,11 +134,11 @@ absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
   }
 }
 
-// The attempt is at step 2 or 3.
+// REQUIRES: the attempt is at step 2 or 3.
 Commands FrameProtocol::ReachStage(AttemptId id) {
   Part& part = parts_[id.part];
   const FrameStage stage = AttemptOf(id).stage;
-  if (part.stage >= stage) {  // an earlier attempt has said the same
+  if (part.stage >= stage) {  // an earlier attempt has reached the stage already
     return step_ >= stage ? Commands{Send(id)} : Commands{};
   }
   part.stage = stage;
@@ -171,8 +171,8 @@ Commands FrameProtocol::Win(AttemptId id) {
   return commands;
 }
 
-// Tries the part elsewhere if nobody else works on it; if there is no other agent, the frame ends
-// with the error.
+// Tries the part on another agent if no other attempt is under way. If there is no other agent, the
+// frame ends with the error.
 absl::StatusOr<Commands> FrameProtocol::Fail(AttemptId id, const absl::Status& status) {
   Part& part = parts_[id.part];
   NoteFailure(id, std::min(AttemptOf(id).stage, FrameStage::kDone), status);
@@ -251,8 +251,8 @@ Commands FrameProtocol::Watch(absl::Time now, absl::Time step_begin) {
   return commands;
 }
 
-// Returns true if a part takes twice as long as the slowest of the others, which are at least as
-// many as those that are not there yet.
+// Returns true if a part takes twice as long as the slowest of the parts that have arrived, and
+// those are at least half of all.
 bool FrameProtocol::IsSlow(const Part& part, absl::Time now, absl::Time step_begin) const {
   std::size_t behind = 0;
   absl::Duration slowest = kMinSlowDuration / 2;
@@ -283,7 +283,7 @@ bool FrameProtocol::IsLost(std::size_t part_index) const {
 }
 
 absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late, absl::Time now) {
-  for (const AgentEvent& event : late) {  // what had come has been answered
+  for (const AgentEvent& event : late) {  // the events that have come count as answers
     Attempt& attempt = AttemptOf(event.from);
     Part& part = parts_[event.from.part];
     if (attempt.is_live && EndedStage(event.word, event.status) == attempt.stage) {

@@ -57,7 +57,7 @@ struct AttemptId {
   friend bool operator==(const AttemptId&, const AttemptId&) = default;
 };
 
-// kDamaged: the driver says so, whose decoder found it. It may come when the attempt is done.
+// kDamaged comes from the driver, whose decoder found it. It may come after the attempt is done.
 enum class AgentWord { kRayHits, kPixels, kOccludersDone, kFrameDone, kEnd, kDamaged };
 
 struct AgentEvent {
@@ -89,19 +89,19 @@ struct Command {
 };
 using Commands = std::vector<Command>;
 
-// Who can work on the parts.
+// The replicas that can work on the parts.
 struct ReplicaSetup {
-  // How many replicas can work on each part; at least 1.
+  // Number of replicas that can work on each part; at least 1.
   std::vector<int> replica_counts;
-  // Returns true if a replica that a part is tried on no longer answers. Null: nobody knows.
+  // Returns true if a replica with an attempt of the part no longer answers. Null: this is unknown.
   std::function<bool(int part_index, int replica_index)> is_lost;
-  // Asked before a part that is only slow is also tried on a replica. Null: never.
+  // Called before a part that is only slow is also tried on a replica. Null: never hedge.
   std::function<bool(int part_index, int replica_index)> may_hedge;
 };
 
 // A frame's report on its agents.
 struct AgentReport {
-  // The agents that failed, also those whose part another one then did.
+  // The agents that failed, including those that a replica replaced.
   std::vector<AgentFailure> failures = {};
   // The agents whose part a replica finished first.
   std::vector<AgentIdentity> outrun = {};
@@ -123,22 +123,22 @@ class FrameProtocol {
   // An agent has spoken. An error ends the frame. DEADLINE_EXCEEDED: an agent's own deadline has
   // passed; DeadlineError returns the frame's error.
   absl::StatusOr<Commands> Handle(const AgentEvent& event);
-  // The step begins: what its agents are told is known. Returns a kSend for each attempt that is
-  // there, in the order of the parts.
+  // Begins the step once its messages to agents are known. Returns a kSend for each attempt that
+  // has reached it, in the order of the parts.
   Commands BeginStep(FrameStage stage);
-  // Some time has passed: begins a second attempt of each part whose first one is late.
-  // step_begin: when the last step had begun.
+  // Checks the clock: begins a second attempt of each part whose first one is late. step_begin:
+  // start of the last step.
   Commands Watch(absl::Time now, absl::Time step_begin);
 
-  // The frame has failed. `late`: the events that had come, and were not handled.
+  // Call after the frame has failed. `late`: the events that had come, and were not handled.
   //
   // Returns the error of a passed deadline, which names the agents that have not answered.
   absl::Status DeadlineError(absl::Span<const AgentEvent> late, absl::Time now);
   // Returns the parts that no agent can do, ascending: the one that ended the frame, and those that
-  // were lost with it. A rack is lost as a whole: some of its agents have said so, and others no
-  // longer answer. REQUIRES: has_lost_part().
+  // were lost with it. A whole rack may be lost: some of its agents have reported errors, and
+  // others no longer answer. REQUIRES: has_lost_part().
   std::vector<std::size_t> LostParts(absl::Span<const AgentEvent> late);
-  // False if the same would have happened to other parts.
+  // False if the same error would have occurred in other parts.
   [[nodiscard]] bool has_lost_part() const { return lost_part_.has_value(); }
 
   // The frame goes on when `count` parts, at least 1, have ended `stage`. kEnded: it is over.
@@ -170,7 +170,7 @@ class FrameProtocol {
     absl::Time stage_begin = {};
     std::optional<std::size_t> winner = std::nullopt;  // among attempts
 
-    // How far the frame can count on the part: its stage, or that of its winner.
+    // The stage that the frame can count on: the stage of the part, or that of its winner.
     [[nodiscard]] FrameStage progress() const {
       return winner.has_value() ? attempts[*winner].stage : stage;
     }

@@ -1,3 +1,13 @@
+// A frame of a call, after its ticket has a place:
+//
+// 1. FindTarget finds the dataset, chooses the replicas of each part, and resolves the camera.
+// 2. Attempt begins every part on an agent, runs RunFrame, and collects traces and active blocks.
+// 3. Learn reports the agents to the replica board: done, failed, late, or outrun by a replica.
+// 4. If parts are lost and the request allows a partial picture, Run starts again without them.
+//
+// Invariant: `parts` keeps its order, so that a part's index is the same in RunFrame and in
+// Attempt.
+
 #include "server/frame/frame_runner.h"
 
 #include <algorithm>
@@ -172,7 +182,7 @@ absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const Query
   return rpc::ResolveCamera(geometry.Bounds(), &asked->request, &asked->spec, surface_bounds);
 }
 
-// One try of a frame with some parts: begins them on agents, and learns how the agents did.
+// One try of a frame with some parts: begins them on agents, and records the agents' success.
 class FrameRunner::Attempt {
  public:
   // All of them outlive the attempt.
@@ -188,7 +198,7 @@ class FrameRunner::Attempt {
     begin_.set_frame_number(identity.number);
     begin_.set_dataset_id(target.dataset->dataset.dataset_id());
     *begin_.mutable_request() = asked.request;
-    begin_.mutable_request()->clear_allow_partial();  // nothing to an agent
+    begin_.mutable_request()->clear_allow_partial();  // without effect on an agent
     begin_.mutable_request()->clear_dataset_id();     // older agents refuse it
     begin_.mutable_request()->clear_selection();      // likewise
     begin_.mutable_color_dataset_ids()->Assign(target.selected.color_dataset_ids.begin(),
@@ -278,7 +288,7 @@ class FrameRunner::Attempt {
                              *identity_.request, trace_target, listener);
   }
 
-  // Remembers which agents did well, so that the next frames begin with those.
+  // Records which agents succeeded, so that the next frames prefer those.
   void Learn(const FrameOutcome& outcome) {
     using PartOutcome = CoordinatorMetrics::PartOutcome;
     CoordinatorMetrics& metrics = runner_.metrics_;
@@ -322,11 +332,11 @@ class FrameRunner::Attempt {
   const std::vector<FramePart>& parts_;
   const std::string active_key_;
   const std::shared_ptr<const ActiveBlocks> active_;
-  internal::BeginFrame begin_;                     // but for the part
+  internal::BeginFrame begin_;                     // without the fields of a part
   std::deque<isoscope::v1::ProcessTrace> traces_;  // each keeps its address
   std::vector<ReplicaBoard::Lease> leases_;
   std::map<std::string, absl::Time> begins_;  // of the first try on each agent, by address
-  std::set<std::string> slow_;                // addresses of agents that others were faster than
+  std::set<std::string> slow_;                // addresses of agents that a replica outran
 };
 
 absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, const AskedFrame& asked,
@@ -341,8 +351,8 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, cons
     if (!goes_on) {
       return result;
     }
-    // From the beginning: a part that was lost has left some of its pixels in the picture.
-    std::reverse(lost_parts.begin(), lost_parts.end());  // those that stay keep their places
+    // Starts again with an empty image: a lost part has left some of its pixels in the picture.
+    std::reverse(lost_parts.begin(), lost_parts.end());  // keeps the other indices valid
     for (const std::size_t lost : lost_parts) {
       parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(lost));
     }

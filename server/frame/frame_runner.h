@@ -1,5 +1,5 @@
 // Runs frames for the calls of IsosurfaceService: counts them, finds dataset and agents, and keeps
-// what frames share.
+// the state that frames share.
 
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
@@ -49,12 +49,12 @@ struct FrameRunnerOptions {
   AgentRegistry* registry = nullptr;       // outlives the runner
   int max_concurrent_frames = 4;           // >= 1
   int max_queued_frames = 32;              // >= 0
-  std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
+  std::shared_ptr<tbb::task_arena> arena;  // for the coordinator's own computations
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
-  // Those of the agents, if all of them share this process; else null.
+  // Mailboxes of the agents, if all of them share this process; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   std::shared_ptr<AuditLog> audit = nullptr;  // null: none is kept
-  // The runner takes memory for frames of this size at start. Not set: as frames come.
+  // The runner allocates frames of this size at start. Not set: it allocates on demand.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
@@ -68,25 +68,25 @@ struct FrameTarget {
   SelectedVolume selected;  // `dataset` is its dataset
 };
 
-// What a client asks for: as agents read it, and converted. The two always say the same.
+// A client's request as agents read it, and its conversion. The two always agree.
 struct AskedFrame {
   isoscope::v1::RenderIsosurfaceRequest request;
   frame::FrameSpec spec;
 };
 
-// Lets caps show the surface. Caps with the samples have a colour, but no normal, so planes and
-// picks ask for those of the surface.
+// Makes caps carry the normal of the surface. Caps that show samples have a colour, but no normal,
+// so planes and picks request those of the surface.
 void ShowSurfacesOnCaps(AskedFrame* asked);
 
-// A frame apart from what it draws: who asks, until when, and who looks on. All that it points to
-// outlives the frame.
+// A frame apart from its content: caller, deadline and observers. All objects that it points to
+// outlive the frame.
 struct FrameIdentity {
   std::int64_t number = 0;
   const base::TraceContext* request = nullptr;
   const Caller* caller = nullptr;
   const base::Cancellation* cancellation = nullptr;
-  std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
-  base::TraceRecorder* trace = nullptr;    // null: none is asked for
+  std::atomic<FrameStep>* step = nullptr;  // null: no observer
+  base::TraceRecorder* trace = nullptr;    // null: no trace was asked for
   base::TraceTime trace_zero = {};         // of the axis
   // Gets the traces of the agents, in their order, if `trace` is set.
   std::vector<isoscope::v1::ProcessTrace>* agent_traces = nullptr;
@@ -97,12 +97,11 @@ class FrameRunner {
  public:
   explicit FrameRunner(const FrameRunnerOptions& options);
 
-  // Takes a place for a frame of `client`, a token's name or a peer. RESOURCE_EXHAUSTED if there is
-  // none, which says when to come again, or if the frame can never fit the memory limit. Does not
-  // block.
+  // Takes a place for a frame of `client`, a token's name or a peer. RESOURCE_EXHAUSTED with a
+  // retry delay if there is none, or if the frame can never fit the memory limit. Does not block.
   absl::StatusOr<Admission::Place> Admit(const std::string& client, const frame::FrameSpec& spec,
                                          Delivery delivery, bool has_trace = false);
-  // The line of frames: what has a place is scheduled there.
+  // The queue of frames, for scheduling a frame that has a place.
   [[nodiscard]] Admission* admission() { return &admission_; }
 
   // Takes the memory of a frame, and waits until it is free. Errors as CoordinatorMemory.
@@ -111,13 +110,13 @@ class FrameRunner {
       const base::Cancellation& cancellation) {
     return memory_.ReserveFrame(spec, delivery, cancellation, TraceBytes(has_trace));
   }
-  // How many spans the coordinator records of a frame with a trace. Its agents may have three times
-  // as many.
+  // The most spans that the coordinator records of a frame with a trace. Its agents may have three
+  // times as many.
   [[nodiscard]] std::size_t max_own_spans() const {
     return std::min(memory_.max_trace_spans() / 4, base::TraceRecorder::kMaxSpans);
   }
 
-  // The same for an export.
+  // Takes the memory of an export; the same otherwise.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveExportMemory(
       std::size_t agent_count, const base::Cancellation& cancellation) {
     return memory_.ReserveExport(agent_count, cancellation);
@@ -132,10 +131,11 @@ class FrameRunner {
   absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked);
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
-  // With allow_partial, `parts` loses those that no agent could do, and the frame is of the others.
+  // With allow_partial, `parts` loses those that no agent could do, and the frame shows the others.
   absl::StatusOr<FrameResult> Run(const FrameIdentity& identity, const AskedFrame& asked,
                                   const FrameTarget& target, std::vector<FramePart>* parts);
-  // Says which shards a frame of `parts` lacks, and how much of the surface it has, if it does.
+  // Sets the missing shards of a frame of `parts`, if any, and the share of the surface that it
+  // has.
   absl::Status AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
                                 const FrameTarget& target, const std::vector<FramePart>& parts,
                                 isoscope::v1::RenderStatistics* statistics);
@@ -145,26 +145,26 @@ class FrameRunner {
     return replicas_.Choose(dataset.replica_sets, dataset.dataset.dataset_id());
   }
 
-  // Logs and counts agents that failed (frame 0: in an export or a query), and tells the registry
-  // about those that were lost or have changed.
+  // Logs and counts agents that failed (frame 0: in an export or a query), and reports to the
+  // registry those that were lost or have changed.
   void ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
                       const std::vector<AgentFailure>& failures);
 
-  // The same for a query, and notes agents that were late.
+  // Does the same for a query, and also counts late agents.
   void ReportQuery(const base::TraceContext& request, const QueryReport& report);
-  // The turn of a query that one agent can answer.
+  // Returns the turn of a query that one agent can answer (QueryTarget::turn).
   std::size_t NextTurn() { return next_turn_.fetch_add(1, std::memory_order_relaxed); }
   // Counts a call that has ended, and writes its line of the audit log.
   void EndRequest(RequestMethod method, const AuditRecord& record,
                   const base::TraceContext& request, const absl::Status& status,
                   absl::Duration duration);
-  // Null: none is kept.
+  // Null: there is no audit log.
   [[nodiscard]] AuditLog* audit() const { return options_.audit.get(); }
 
   // The frames that have a place.
   [[nodiscard]] FrameBoard* board() { return &board_; }
   [[nodiscard]] CoordinatorMetrics* metrics() { return &metrics_; }
-  // What the metrics do not count themselves, but for agents and datasets.
+  // The gauges that the metrics do not count themselves, except those of agents and datasets.
   [[nodiscard]] CoordinatorGauges gauges() const;
 
  private:
@@ -176,7 +176,8 @@ class FrameRunner {
   static absl::StatusOr<SelectedVolume> Select(const std::shared_ptr<const DatasetState>& found,
                                                AskedFrame* asked);
 
-  // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
+  // Resolves the camera of the frame. Asks an agent for the box of the surface if the camera fits
+  // it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
                            const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                            AskedFrame* asked);
@@ -190,7 +191,7 @@ class FrameRunner {
   ActiveBlocksCache active_blocks_;
   ReplicaBoard replicas_;
   const std::shared_ptr<image::FrameImagePool> images_;
-  Admission admission_;  // last: its threads use the members above
+  Admission admission_;  // comes last: its threads use the members above
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

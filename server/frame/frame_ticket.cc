@@ -18,14 +18,14 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// The room in a message for all but picture and planes.
+// Bytes reserved in a message for all fields but picture and planes.
 constexpr std::size_t kOtherFieldsBytes = base::kMiB;
 
 // The bytes of an answer in parts that are copied to be sent.
 constexpr std::size_t kPartsUnderWayBytes = 2 * base::kMiB;
 
-// Returns when a frame that begins now must end so that its client still hears which agent is late.
-// A client whose own clock runs out first learns nothing.
+// Returns when a frame that begins now must end, so that its client still receives the name of a
+// late agent. If the client's own deadline passed first, it would not.
 absl::Time EndOf(const FrameClaim& claim) {
   constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
   constexpr int kMarginShare = 10;                                // of the client's time
@@ -151,7 +151,7 @@ void FrameTicket::CountAnswer(std::size_t bytes) const {
 
 void FrameTicket::KeepMemoryOfAnswer(std::size_t answer_bytes) {
   if (memory_.has_value()) {
-    // gRPC copies a whole answer, and of one in parts a few parts.
+    // gRPC copies a whole answer; of an answer in parts it copies only a few parts.
     memory_->ShrinkTo(answer_bytes +
                       (claim_.delivery == Delivery::kWhole ? answer_bytes : kPartsUnderWayBytes));
   }
@@ -186,7 +186,7 @@ void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& stat
     CountSteps(statistics);
   }
   on_board_.reset();
-  // Before the client gets its answer: its next request finds both free.
+  // Before the client gets its answer, so that its next request finds a free place and share.
   turn_.GiveBack();
   slot_.reset();
 }

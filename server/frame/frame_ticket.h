@@ -1,14 +1,15 @@
-// The ticket of a call for a frame: all that the call holds and leaves behind, whatever it draws.
+// The ticket of a call for a frame: its place, memory, log lines and counts, apart from its
+// drawing.
 //
-// 1. TakePlace, on gRPC's thread, asks first the limits of the caller's token: a caller above them
-//    must not take a place that another could have. Then the frame is counted. It is refused if too
-//    many are in work or wait, or if it can never fit the memory limit.
-// 2. Schedule lets it wait for its turn. Run is the work on a frame thread: Prepare waits for the
+// 1. TakePlace, on gRPC's thread, first checks the limits of the caller's token: a caller above
+//    them must not take a place that another could have. Then the frame is counted. It is refused
+//    if too many are in work or wait, or if it can never fit the memory limit.
+// 2. Schedule queues it for its turn. Run is the work on a frame thread. Prepare waits for the
 //    memory of the frame, then finds dataset, camera and view, which may wait for a probe of the
 //    agents.
-// 3. At the end of Run the frame is counted and logged. It gives its place to another one before
-//    the client gets the answer, so that the client's next request finds it free. Its memory but
-//    that of the response is given back next, the rest when gRPC is done with the response.
+// 3. At the end of Run the frame is counted and logged. It returns its place before the client gets
+//    the answer, so that the client's next request finds it free. All memory but that of the
+//    response is returned next, the rest when gRPC is done with the response.
 
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_TICKET_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_TICKET_H_
@@ -40,7 +41,7 @@
 
 namespace isoscope::server {
 
-// Who asks for a frame.
+// The origin of a request for a frame.
 struct FrameOrigin {
   base::TraceContext request;
   std::string client;            // as gRPC names the peer
@@ -53,8 +54,8 @@ struct FrameClaim {
   const char* noun = "frame";  // in logs and messages: "frame" or "pick"
   std::string dataset = {};
   bool has_trace = false;
-  // One of many frames of a view that moves. It leaves room for the exact one after it, and only
-  // its failure is logged.
+  // True for a frame of an interactive stream in motion. It leaves room for the exact one after it,
+  // and is logged only if it fails.
   bool is_moving = false;
   Delivery delivery = Delivery::kWhole;
   absl::Time client_deadline = absl::InfiniteFuture();
@@ -66,17 +67,17 @@ struct FrameClaim {
 class FrameTicket {
  public:
   // The frame ends a tenth of the client's time, at most 200 ms, before `client_deadline`, so that
-  // the client still hears which agent is late; and `max_duration` from now at the latest. The
-  // runner outlives the ticket.
+  // the client still receives the name of a late agent. It ends `max_duration` from now at the
+  // latest. The runner outlives the ticket.
   FrameTicket(FrameRunner* runner, const FrameOrigin& origin, const FrameClaim& claim);
 
   // Takes a place for the frame; does not block. PERMISSION_DENIED and RESOURCE_EXHAUSTED as
   // IsosurfaceService says, INVALID_ARGUMENT if the answer can't fit one message.
   absl::Status TakePlace(const frame::FrameSpec& spec);
 
-  // Calls `work` on a frame thread when the turn of the frame has come. A frame that may not wait
-  // so long (admission.h) has it called at once on another thread: Run then gives the reason.
-  // `work` owns the ticket. REQUIRES: the frame has a place.
+  // Calls `work` on a frame thread when the turn of the frame has come. If the frame loses its
+  // place before (admission.h), calls `work` at once on another thread: Run then returns the
+  // reason. `work` owns the ticket. REQUIRES: the frame has a place.
   void Schedule(std::function<void()> work);
   void Cancel() { turn_.Cancel(); }
 
@@ -91,26 +92,26 @@ class FrameTicket {
     EndWork(asked.spec, status, response->statistics());
     return status;
   }
-  // In Run: takes the memory of the frame, then finds its target (FrameRunner). Blocks.
+  // Call in Run: takes the memory of the frame, then finds its target (FrameRunner). Blocks.
   //
-  // trace: null: none is asked for
+  // trace: null: no trace was asked for
   absl::StatusOr<FrameTarget> Prepare(AskedFrame* asked, base::TraceRecorder* trace);
-  // In Run: the frame as the runner knows it. Points into the ticket.
+  // Call in Run: the frame as the runner knows it. Points into the ticket.
   [[nodiscard]] FrameIdentity Identity() const;
 
-  // Checks the bytes of picture and planes against the most that one message holds.
+  // Checks the bytes of picture and planes against the limit of one message.
   [[nodiscard]] absl::Status CheckAnswerBytes(std::size_t bytes) const;
   // Counts bytes of picture and planes that are sent.
   void CountAnswer(std::size_t bytes) const;
 
-  // Gives back all memory but that of an answer of so many bytes, which is on its way. Call when
+  // Returns all memory above that of an answer of `answer_bytes`, which is being sent. Call when
   // the images are gone.
   void KeepMemoryOfAnswer(std::size_t answer_bytes);
-  // Hands over the memory of the frame, but for all above `bytes`, to the owner of an answer that
+  // Transfers the memory of the frame, at most `bytes` of it, to the owner of an answer that
   // outlives the call; none if none was reserved. Call when the images are gone.
   std::optional<base::MemoryBudget::Reservation> TakeMemory(std::size_t bytes);
 
-  // Who asked for what. The dataset's id is known once Prepare has found it.
+  // The record of caller and request. The dataset's id is known once Prepare has found it.
   [[nodiscard]] AuditRecord audit_record() const;
   // Counts a call that has ended, and writes its line of the audit log.
   void EndRequest(RequestMethod method, const absl::Status& status) const;
@@ -120,11 +121,11 @@ class FrameTicket {
   [[nodiscard]] const base::Cancellation& cancellation() const { return turn_.cancellation(); }
 
  private:
-  // Takes what the caller's token limits. Errors as Caller.
+  // Takes a frame from the limits of the caller's token. Errors as Caller.
   absl::Status TakeShare();
   absl::Status TakePlaceUncounted(const frame::FrameSpec& spec);
   void BeginWork();
-  // Logs and counts the frame, and gives its place away.
+  // Logs and counts the frame, and returns its place.
   void EndWork(const frame::FrameSpec& spec, const absl::Status& status,
                const isoscope::v1::RenderStatistics& statistics);
   // Counts a frame that ended, or that lost its place before its turn.
@@ -141,11 +142,11 @@ class FrameTicket {
   absl::Status lost_turn_;          // why the turn did not come
   std::optional<CallerSlot> slot_;  // of the caller's frames
   std::optional<FrameBoard::Entry> on_board_;
-  std::int64_t frame_number_ = 0;  // of work that has begun
-  // Of the dataset that was found.
+  std::int64_t frame_number_ = 0;  // number of the frame; 0: its work has not begun
+  // Name and id of the dataset that was found.
   std::string dataset_name_;
   std::string dataset_id_;
-  // Given back when gRPC is done with the response.
+  // Returned when gRPC is done with the response.
   std::optional<base::MemoryBudget::Reservation> memory_;
 };
 

@@ -1,6 +1,6 @@
-// The picks of one call: the points that some pixels show. A pick is a frame of the smallest region
-// that holds its pixels. The agents then tell which shards hold the blocks that the pixels show,
-// and the gradients there.
+// The picks of one call: the surface points at some pixels. A pick is a frame of the smallest
+// region that holds its pixels. The agents then tell the shards of the blocks at these pixels, and
+// the gradients there.
 
 #ifndef ISOSCOPE_SERVER_FRAME_PICK_JOB_H_
 #define ISOSCOPE_SERVER_FRAME_PICK_JOB_H_

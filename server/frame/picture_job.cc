@@ -19,7 +19,7 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// How a picture is encoded: its name in a trace, and its field.
+// An encoding of a picture: its name in a trace, and its field.
 struct Encoding {
   const char* name = "no picture";
   std::string* (v1::RenderIsosurfaceResponse::*field)() = nullptr;
@@ -39,22 +39,22 @@ Encoding EncodingOf(frame::ImageFormat format) {
   return {};
 }
 
-// Whether planes were asked for that `output` does not have yet.
+// Returns true if planes were asked for that `output` does not have yet.
 bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
   return (wanted.depth && output.depth.empty()) ||
          (wanted.surface_index && output.surface_index.empty()) ||
          (wanted.position && output.position.empty()) || (wanted.normal && output.normal.empty());
 }
 
-// Whether a picture of this spec is shaded from an image that carries the plane of normals. Caps
-// with samples and layers have none, and steps of a colour map travel in their place.
+// Returns true if a picture of this spec is shaded from an image that carries the plane of normals.
+// Caps with samples and layers have no normals, and steps of a colour map are sent in their place.
 bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& layers) {
   const bool shows_samples = spec.caps.has_value() && spec.caps->map.has_value();
   return picture::NeedsDeferredShading(spec) && layers.empty() && !shows_samples &&
          !frame::ShowsGradient(spec);
 }
 
-// Tells how the surfaces were coloured.
+// Records the colouring of each surface.
 void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geometry,
                   v1::RenderIsosurfaceResponse* response) {
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
@@ -184,7 +184,7 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
   if (!has_picture || parts_.size() == part_count) {
     return absl::OkStatus();
   }
-  // The planes lack shards that the picture has.
+  // The picture has shards that the planes lack.
   ReleaseImages();
   *output = FrameOutput();
   statistics->Clear();
@@ -222,7 +222,7 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   return absl::OkStatus();
 }
 
-// Makes the picture of what was drawn in `window`, in the arena of the caller.
+// Finishes and encodes the pixels that were drawn in `window`, in the arena of the caller.
 absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
                                          const frame::DrawnWindow& window,
                                          const view::View& drawn_view, FrameOutput* output,
@@ -232,7 +232,8 @@ absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
   if (spec.output.normal && is_picture && CarriesNormalPlane(spec, layers_)) {
     output->normal = NormalPlane(drawn_);
   }
-  // With several samples what is drawn shows the same, finer; with a margin it shows more.
+  // With several samples the drawn image has the same content at a finer step; with a margin it has
+  // more.
   if (depth_grid_side_ > 0 && (is_picture || !spec.region.has_value())) {
     depth_grid_ = MakeDepthGrid(drawn_, drawn_view, depth_grid_side_);
   }
@@ -288,7 +289,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   return absl::OkStatus();
 }
 
-// Lets the agents draw a window. To them it is a frame of its own, without samples and effects.
+// Lets the agents draw a window. They see a frame of its own, without samples and effects.
 absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
                                              const frame::DrawnWindow& window, Content content) {
   AskedFrame of_window = asked_;

@@ -7,14 +7,14 @@
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
 //
-// A picture with several samples, or with effects that look around, is drawn in a larger window
-// (core/frame/drawn_window) and finished by picture_finish. Planes are those of one sample, so a
-// frame with samples and planes is drawn twice. Normals travel in place of colours: a frame with a
-// picture and normals is drawn twice, too. The picture of a frame with lights or a color_by is
-// computed from normals (core/picture/deferred_shading).
+// A picture with several samples, or with effects that read neighbouring pixels, is drawn in a
+// larger window (core/frame/drawn_window) and finished by picture_finish. Planes are those of one
+// sample, so a frame with samples and planes is drawn twice. Normals replace colours in the
+// messages of agents: a frame with a picture and normals is drawn twice, too. The picture of a
+// frame with lights or a color_by is computed from normals (core/picture/deferred_shading).
 //
-// A trace (with_trace) has the times of all this: the coordinator's own from a recorder that the
-// job passes down, the agents' from their streams. Its zero is the call's begin.
+// A trace (with_trace) has the times of all these steps. The coordinator's own times come from a
+// recorder that the job passes down, the agents' from their streams. The call's begin is time zero.
 
 #ifndef ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
 #define ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
@@ -40,8 +40,8 @@
 
 namespace isoscope::server {
 
-// Holds the images, which its destructor clears for their pool: destroy it once the client has its
-// answer. For one thread at a time.
+// Holds the images. Its destructor clears them for their pool, so destroy it once the client has
+// its answer. For one thread at a time.
 class PictureJob {
  public:
   using Request = isoscope::v1::RenderIsosurfaceRequest;
@@ -68,8 +68,8 @@ class PictureJob {
     std::vector<isoscope::v1::ProcessTrace> of_agents = {};
   };
 
-  // What pixels are drawn for. Pictures have colours, or normals to shade; planes have normals if
-  // they are asked for.
+  // Pixels for the picture, or for the planes. Pictures have colours, or normals to shade; planes
+  // have normals if they are asked for.
   enum class Content { kPicture, kPlanes };
 
   PictureJob(std::shared_ptr<FrameTicket> ticket, AskedFrame asked, int depth_grid_side);
@@ -98,10 +98,10 @@ class PictureJob {
   const int depth_grid_side_;
   std::optional<DepthGrid> depth_grid_;
   std::unique_ptr<Trace> trace_;  // null: none is asked for
-  std::vector<FramePart> parts_;  // of the target, without those that were lost on the way
+  std::vector<FramePart> parts_;  // of the target, without those that were lost meanwhile
   image::FrameImage image_;
-  image::FrameImage drawn_;   // if the picture is another one
-  image::LayerStack layers_;  // of what was drawn
+  image::FrameImage drawn_;   // if it differs from image_
+  image::LayerStack layers_;  // layers of the drawn image
 };
 
 }  // namespace isoscope::server

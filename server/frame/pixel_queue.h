@@ -1,9 +1,9 @@
 // The pixels of a frame that have arrived and wait to be composited.
 //
-// The frame's own thread takes them before it waits for events, and threads of the arena help when
-// much lies there. Agents of this process wait for memory that the queued pixels hold, and an arena
-// may have no thread to spare: one of one thread never has. So without the frame's thread nobody
-// would go on. Each arrival wakes it, though that costs: with more images under way they leave the
+// The frame's own thread composites them before it waits for events, and threads of the arena help
+// if many wait. The frame's thread must take part: agents of this process wait for memory that the
+// queued pixels hold, and an arena may have no spare thread; an arena of one thread never has. Each
+// arrival wakes it, at a cost. Without that more images would be under way and leave the
 // processor's caches, which costs more.
 
 #ifndef ISOSCOPE_SERVER_FRAME_PIXEL_QUEUE_H_
@@ -37,10 +37,10 @@
 
 namespace isoscope::server {
 
-// The frame's thread calls it; helpers are its own.
+// Only the frame's thread calls it; the queue starts its helpers itself.
 class PixelQueue {
  public:
-  // Calls on_damage once there is something for Finish to return: any thread, no lock is held.
+  // Calls on_damage once Finish has something to return: on any thread, with no lock held.
   // Reduction and arena outlive the queue.
   PixelQueue(Reduction* reduction, tbb::task_arena* arena, std::function<void()> on_damage)
       : reduction_(*reduction), arena_(*arena), on_damage_(std::move(on_damage)) {}
@@ -72,7 +72,7 @@ class PixelQueue {
     Push(std::move(arrivals));
   }
 
-  // Composites on this thread what arrived first, unless nothing waits.
+  // Composites the earliest arrival on this thread, unless nothing waits.
   void CompositeOne() {
     arena_.execute([this] { CompositeNext(); });
   }
@@ -81,8 +81,8 @@ class PixelQueue {
     return arrivals_.empty();
   }
 
-  // Returns once all that has arrived is in the reduction, but for what was damaged. Returns a
-  // kDamaged for each of these.
+  // Returns once all valid pixels that have arrived are in the reduction. Returns a kDamaged for
+  // each damaged arrival.
   std::vector<AgentEvent> Finish() ABSL_LOCKS_EXCLUDED(mutex_) {
     arena_.execute([&] {
       while (CompositeNext()) {
@@ -95,8 +95,8 @@ class PixelQueue {
     damages.swap(damages_);
     return damages;
   }
-  // Drops the pixels that nobody has begun to composite, and waits for the rest. Allocates nothing.
-  // In the arena: one of one thread has nobody else to run the tasks.
+  // Drops the pixels whose compositing has not begun, and waits for the rest. Allocates nothing.
+  // Runs in the arena, because an arena of one thread has no other thread for the tasks.
   void Abandon() noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
     if (!std::exchange(has_tasks_, false)) {
       return;
@@ -106,18 +106,18 @@ class PixelQueue {
     try {
       arena_.execute([&] { helpers_.wait(); });
     } catch (const std::bad_alloc&) {
-      // A task has thrown it. All are done, and the frame has failed anyhow.
+      // A task has thrown it. All tasks are done, and the frame has failed already.
     }
   }
 
  private:
   // A full tile of a band has about as many bytes.
   static constexpr std::size_t kFullTileBytes = 1024;
-  // Tiles that one thread composites in some hundred microseconds. To wake another one takes as
-  // long.
+  // One thread composites this many tiles in some hundred microseconds. Waking another thread takes
+  // as long.
   static constexpr std::size_t kTilesPerHelper = 512;
 
-  // A band, or all of an agent's step.
+  // A band, or all pixels of an agent's step.
   struct Arrival {
     AttemptId from;
     std::variant<std::string, image::DrawnPixels> pixels;
@@ -125,8 +125,8 @@ class PixelQueue {
     std::size_t tile_count = 0;                  // about
   };
 
-  // Calls threads of the arena to help if the pixels are more than the frame's own thread
-  // composites in the time that it takes to wake another one.
+  // Calls threads of the arena to help if compositing takes the frame's own thread longer than
+  // waking another one.
   void Push(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(mutex_) {
     has_tasks_ = true;
     std::size_t more_helpers = 0;
@@ -149,7 +149,7 @@ class PixelQueue {
       });
     }
   }
-  // Takes what arrived first, unless another thread has.
+  // Takes the earliest arrival, unless another thread has.
   std::optional<Arrival> Pop() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     if (arrivals_.empty()) {
@@ -160,7 +160,7 @@ class PixelQueue {
     waiting_tiles_ -= arrival->tile_count;
     return arrival;
   }
-  // Composites what arrived first; false if nothing waits. The pixels and their memory are free
+  // Composites the earliest arrival; false if nothing waits. The pixels and their memory are free
   // when it returns.
   bool CompositeNext() ABSL_LOCKS_EXCLUDED(mutex_) {
     const std::optional<Arrival> arrival = Pop();
@@ -209,7 +209,7 @@ class PixelQueue {
   std::size_t helper_count_ ABSL_GUARDED_BY(mutex_) = 0;
   std::vector<AgentEvent> damages_ ABSL_GUARDED_BY(mutex_);
   tbb::task_group helpers_;
-  bool has_tasks_ = false;  // since helpers_ was waited for
+  bool has_tasks_ = false;  // since the last wait for helpers_
 };
 
 }  // namespace isoscope::server

@@ -1,5 +1,5 @@
-// Bounds the pixels of a frame that have arrived and wait to be composited: an agent's next message
-// is read once there is room. Meanwhile gRPC's flow control stops the agent.
+// Bounds the pixels of a frame that have arrived and wait to be composited. An agent's next message
+// is read once there is room; until then gRPC's flow control stops the agent.
 
 #ifndef ISOSCOPE_SERVER_FRAME_READ_GATE_H_
 #define ISOSCOPE_SERVER_FRAME_READ_GATE_H_
@@ -19,7 +19,7 @@ namespace isoscope::server {
 // Thread-safe. Outlives its holds.
 class ReadGate {
  public:
-  // Bytes that wait. The destructor takes them off, and may call functions of WhenRoom.
+  // Bytes that wait. The destructor subtracts them, and may call functions of WhenRoom.
   class Hold {
    public:
     Hold(Hold&& other) noexcept
@@ -39,7 +39,8 @@ class ReadGate {
     std::size_t bytes_;
   };
 
-  // The gate is shut while more than `max_bytes` wait: by one message of each agent at most.
+  // The gate is shut while more than `max_bytes` wait. Each agent may exceed the limit by one
+  // message.
   explicit ReadGate(std::size_t max_bytes) : max_bytes_(max_bytes) {}
   ReadGate(const ReadGate&) = delete;
   ReadGate& operator=(const ReadGate&) = delete;
@@ -49,7 +50,7 @@ class ReadGate {
   // Calls `read` once, as soon as the gate is open: at once, or when a hold ends, on its thread.
   void WhenRoom(std::function<void()> read) ABSL_LOCKS_EXCLUDED(mutex_);
 
-  // From now on the gate is open, whatever waits: nobody composites any more.
+  // Opens the gate for good: compositing has ended.
   void Open() ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:

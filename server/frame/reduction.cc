@@ -116,7 +116,7 @@ std::vector<Reduction::Selection> Reduction::SelectBlocks(const Fn& select) cons
   return selections;
 }
 
-// Calls fn(part index) for every part, in parallel: a message is encoded while others are sent.
+// Calls fn(part index) for every part, in parallel: one message is encoded while others are sent.
 // Isolated: this thread must not draw for an agent of this process that has its message already.
 template <typename Fn>
 void Reduction::ForEachPart(const Fn& fn) const {

@@ -1,14 +1,14 @@
-// The reduces of one frame: the answers of its agents become blocks to draw, and the picture.
+// Reduces the answers of a frame's agents to the blocks to draw, and to the picture.
 //
 //   step  of the agents       reduce                     gives each part
 //   1     ray hits            union of sets              its occluding blocks
 //   2     occluders' pixels   the nearest fragment wins  its blocks that the occluders do not hide
 //   3     the other pixels    the nearest fragment wins  -
 //
-// They are associative, commutative and idempotent, so neither the number of agents nor the order
-// of arrival shows in the result, and what comes twice counts once. All that follows from a reduce
-// is computed once, and each part is told its own. So these messages do not grow with the number of
-// agents (docs/architecture.md).
+// These reduces are associative, commutative and idempotent. So the result does not depend on the
+// number of agents or the order of arrival, and a repeated answer counts once. The consequences of
+// a reduce are computed once, and each part is told its own. So these messages do not grow with the
+// number of agents (docs/architecture.md).
 
 #ifndef ISOSCOPE_SERVER_FRAME_REDUCTION_H_
 #define ISOSCOPE_SERVER_FRAME_REDUCTION_H_
@@ -49,40 +49,40 @@ struct ReductionSetup {
   // The active blocks, if they are known: then no agent may be asked to report them. May be null.
   std::shared_ptr<const ActiveBlocks> active;
   image::FrameImagePool* images = nullptr;
-  tbb::task_arena* arena = nullptr;      // for what is computed
-  base::TraceRecorder* trace = nullptr;  // null: none is asked for
+  tbb::task_arena* arena = nullptr;      // for the computations
+  base::TraceRecorder* trace = nullptr;  // null: no trace was asked for
 };
 
 struct ReducedFrame {
   image::FrameImage image;
-  // The translucent fragments, max_layers + 1 at most for a pixel; some may lie behind the image.
+  // The translucent fragments, at most max_layers + 1 for a pixel; some may lie behind the image.
   image::LayerStack layers;
-  // Those of the setup, or those that the agents reported. Null with kNone.
+  // The active blocks of the setup, or those that the agents reported. Null with kNone.
   std::shared_ptr<const ActiveBlocks> active;
   std::int64_t ray_hit_block_count = 0;
 };
 
-// Only what composites is thread-safe: its callers share locks of rows.
+// Only the functions that composite are thread-safe: their callers share locks of rows.
 class Reduction {
  public:
   // image: empty, of the view's size
   Reduction(const ReductionSetup& setup, std::size_t part_count, image::FrameImage image);
 
-  // What a part draws in steps 2 and 3; ascending.
+  // The blocks that a part draws in steps 2 and 3; ascending.
   struct PartBlocks {
     std::vector<volume::BlockId> occluders;
     std::vector<volume::BlockId> visible;
     std::string open_pixels;  // EncodeOpenPixels of `visible`; empty with a mask
   };
-  // Told as soon as a part's blocks are known; several threads call it at once.
+  // Called as soon as a part's blocks are known; several threads call it at once.
   using PartReady = std::function<void(std::size_t part_index, PartBlocks* blocks)>;
 
-  // `active`: those of the part, if they were asked for.
+  // `active`: the active blocks of the part, if they were asked for.
   void AddRayHits(std::size_t part_index, const std::vector<volume::BlockId>& hits,
                   std::vector<volume::BlockId> active);
   // The union of the hits that have come.
   [[nodiscard]] const volume::BlockSet& ray_hits() const { return hits_; }
-  // Does what SelectOccluders needs of known active blocks; else nothing.
+  // Prepares the data of known active blocks for SelectOccluders; else does nothing.
   void Prepare();
   void SelectOccluders(const PartReady& ready);
   void SelectVisible(const PartReady& ready);
@@ -90,11 +90,11 @@ class Reduction {
 
   // INTERNAL if they are not of the frame's size, as the next two functions require.
   [[nodiscard]] absl::Status CheckSize(const image::DrawnPixels& pixels) const;
-  // Makes the image the frame's, and gives back the empty one. REQUIRES: nothing is composited yet.
+  // Makes the image the frame's, and returns the empty one. REQUIRES: nothing is composited yet.
   void Adopt(image::DrawnPixels* pixels) { std::swap(reduced_.image, pixels->image); }
   // in_parallel: by tasks of the caller's arena
   absl::Status CompositeDrawn(const image::DrawnPixels& pixels, bool in_parallel);
-  // DATA_LOSS if it is damaged; nothing is changed then.
+  // DATA_LOSS if the band is damaged; then nothing changes.
   absl::Status CompositeBand(absl::string_view band);
   [[nodiscard]] bool has_layers() const { return has_layers_; }
 
@@ -103,7 +103,7 @@ class Reduction {
  private:
   struct Selection {
     std::vector<volume::BlockId> blocks;
-    std::vector<image::PixelMask> open;  // the pixels that each could win; or none
+    std::vector<image::PixelMask> open;  // the pixels that each block could win; or none
   };
   template <typename Fn>
   [[nodiscard]] std::vector<Selection> SelectBlocks(const Fn& select) const;
@@ -114,7 +114,7 @@ class Reduction {
   const ReductionSetup setup_;
   const image::FragmentOrder order_;
   const view::Clipper clipper_;
-  const bool has_layers_;                               // step 2 then draws only opaque surfaces
+  const bool has_layers_;                               // then step 2 draws only opaque surfaces
   volume::BlockSet hits_;                               // of all parts so far
   std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by part
   volume::BlockSet occluding_;

@@ -14,7 +14,7 @@ namespace {
 namespace v1 = isoscope::v1;
 
 std::int32_t Scaled(std::int32_t value, double scale, std::int32_t least) {
-  // Values that are out of range stay so, for the checks of every request.
+  // Values that are out of range stay out of range, so that the checks of every request find them.
   return value <= least ? value
                         : std::max(least, static_cast<std::int32_t>(std::lround(value * scale)));
 }

@@ -10,12 +10,12 @@
 
 namespace isoscope::server {
 
-// INVALID_ARGUMENT if a state can't be rendered as it is, because of what it asks to be sent.
+// INVALID_ARGUMENT if a state can't be rendered because of the output that it asks for.
 absl::Status CheckInteractiveOutput(const isoscope::v1::ViewState& state);
 
-// Returns the request of a moving frame: a JPEG of one sample, whose sides, and what is measured in
-// its pixels, are smaller by `quality.scale`. A region keeps its size, because its borders would
-// fall between pixels.
+// Returns the request of a moving frame: a JPEG of one sample. Its sides, and lengths in pixels,
+// are multiplied by `quality.scale`. A region keeps its size, because its borders would fall
+// between pixels.
 isoscope::v1::RenderIsosurfaceRequest MovingRequest(
     const isoscope::v1::RenderIsosurfaceRequest& request, const MovingQuality& quality);
 

@@ -46,15 +46,15 @@ const v1::InteractResponse* InteractOutbox::BeginWrite(absl::Time now) {
   if (waiting_.front().memory.has_value()) {
     in_flight_.memory.emplace(*std::move(waiting_.front().memory));
   }
-  // The error of an exact frame waited as one, but needs no acknowledgement as one.
+  // The error of an exact frame waited as an exact answer, but needs no acknowledgement as one.
   schedule_.OnSent(++sent_count_, now, waiting_.front().is_of_exact_work);
   waiting_.pop_front();
   v1::InteractResponse& message = in_flight_.message;
   message.set_frame_number(sent_count_);
   if (message.has_error()) {
-    schedule_.OnShown(sent_count_, now);  // there is nothing to show
+    schedule_.OnShown(sent_count_, now);  // the client shows nothing for an error
   } else if (!message.is_exact()) {
-    constexpr std::int64_t kMaxUnshown = 1000;  // the client may leave frames unanswered
+    constexpr std::int64_t kMaxUnshown = 1000;  // the client may never acknowledge frames
     moving_.insert(sent_count_);
     moving_.erase(sent_count_ - kMaxUnshown);
   }

@@ -1,8 +1,8 @@
-// The answers of an interactive stream on their way to its client. No gRPC, no threads, no clock of
-// its own. Tells the schedule what became of each.
+// The answers of an interactive stream that wait for their client. No gRPC, no threads, no clock of
+// its own. Tells the schedule the end of each answer.
 //
-// One answer is written at a time. Others wait: one frame and one error at most, because a newer
-// one replaces a waiting one of its kind. So a slow client holds one message in the network and two
+// One answer is written at a time. At most one frame and one error wait, because a newer one
+// replaces a waiting one of its kind. So a slow client holds one message in the network and two
 // here.
 
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_OUTBOX_H_
@@ -26,11 +26,11 @@ namespace isoscope::server {
 struct InteractAnswer {
   isoscope::v1::InteractResponse message = {};
   bool is_of_exact_work = false;
-  // Of the message and of gRPC's copy, until it is written: slow clients must not add up to more
-  // than the coordinator may have.
+  // Memory of the message and of gRPC's copy, until it is written: slow clients together must not
+  // exceed the coordinator's memory.
   std::optional<base::MemoryBudget::Reservation> memory = std::nullopt;
 
-  // Puts the error in place of a frame.
+  // Replaces the frame by the error.
   void SetError(const absl::Status& status);
 };
 
@@ -40,20 +40,20 @@ class InteractOutbox {
   // `schedule` outlives the outbox.
   explicit InteractOutbox(InteractiveSchedule* schedule) : schedule_(*schedule) {}
 
-  // Lets an answer wait. Drops a frame that is older than one before it, and all after Close.
+  // Queues an answer. Drops a frame that is older than one before it, and every answer after Close.
   void Push(InteractAnswer answer, absl::Time now);
-  // Begins the write of the next answer, which then has its frame_number. It lives until EndWrite.
-  // Null: one is under way, or none waits.
+  // Begins the write of the next answer, and sets its frame_number. The result is valid until
+  // EndWrite. Null: a write is under way, or no answer waits.
   const isoscope::v1::InteractResponse* BeginWrite(absl::Time now);
   void EndWrite();
-  // Drops what waits. From now on nothing is written.
+  // Drops the waiting answers. From now on nothing is written.
   void Close();
 
-  // Whether a frame that was sent is a moving one, and was not shown.
+  // Returns true if a sent frame is a moving one, and was not shown.
   [[nodiscard]] bool IsUnshownMoving(std::int64_t frame_number) const {
     return moving_.contains(frame_number);
   }
-  // The client has shown a frame. Returns what IsUnshownMoving said of it.
+  // Records that the client has shown a frame. Returns IsUnshownMoving as it was before.
   bool NoteShown(std::int64_t frame_number) { return moving_.erase(frame_number) > 0; }
 
   [[nodiscard]] bool is_writing() const { return is_writing_; }

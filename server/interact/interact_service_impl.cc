@@ -1,6 +1,6 @@
 // Events of a stream come on gRPC's threads (a message, the end of a write, the alarm, a
 // cancellation) and on frame threads (a frame has ended). Each takes mutex_, tells the schedule,
-// and then does what the schedule says (Proceed):
+// and then calls Proceed, which executes the schedule's decision:
 //
 //   event                        tells               then
 //   view state                   OnState             Proceed
@@ -10,10 +10,11 @@
 //   alarm                        -                   Proceed
 //   write done                   -                   next answer
 //
-// The end: the client closes its side, cancels, or sends a wrong message, the server stops, the
-// token is withdrawn, or the stream makes room for another caller's (CutOff). Then frames in work
-// are cancelled, nothing new begins, and once neither frame nor write is under way the stream
-// finishes. The call lives until OnDone, and as long as frames or alarms refer to it.
+// The stream ends when the client closes its side, cancels, or sends a wrong message. It also ends
+// when the server stops, the token is withdrawn, or the stream makes room for another caller's
+// (CutOff). Then frames in work are cancelled and no new ones begin. Once neither frame nor write
+// is under way, the stream finishes. The call lives until OnDone, and as long as frames or alarms
+// refer to it.
 
 #include "server/interact/interact_service_impl.h"
 
@@ -51,9 +52,9 @@ namespace {
 namespace v1 = isoscope::v1;
 
 constexpr double kMaxFramesPerSecond = 120;
-// In which a client must take an answer.
+// A client must take an answer within this time.
 constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
-// The same once the coordinator has ended the stream.
+// The same limit after the coordinator has ended the stream.
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 // The depth grid of an exact frame, which is warped when the view begins to move.
 constexpr int kExactGridSide = 256;
@@ -93,7 +94,7 @@ struct AuditedFrame {
   std::optional<absl::StatusCode> code;  // none: there was no line
 };
 
-// The next alarm. One that is too early asks again.
+// The next alarm. An alarm that rings too early is set again.
 struct Wake {
   absl::Time time = absl::InfiniteFuture();
   std::unique_ptr<grpc::Alarm> alarm;
@@ -244,7 +245,7 @@ class InteractServiceImpl::InteractCall final
     return absl::OkStatus();
   }
 
-  // Does what the schedule says.
+  // Executes the schedule's decision.
   void Proceed() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     while (!end_.has_value()) {
       const absl::Time now = absl::Now();
@@ -299,10 +300,10 @@ class InteractServiceImpl::InteractCall final
 
   // Answers a frame that got no place.
   void Refuse(const FrameStart& start, absl::Status status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // The exact frame meets the same error, and tells it.
+    // The exact frame gets the same error, and reports it.
     bool is_told = start.is_exact || absl::IsInvalidArgument(status);
     if (absl::IsInvalidArgument(status)) {
-      // A wrong state counts as a frame: it was worked on, and is answered.
+      // A wrong state counts as a frame: the coordinator has worked on it and answers it.
       const absl::Status counted = options_.runner->metrics()->CountRefusal(
           TokenLimit::kFrameRate, origin_.caller.TakeFrame(/*is_moving=*/!start.is_exact));
       is_told = start.is_exact || counted.ok();
@@ -317,7 +318,7 @@ class InteractServiceImpl::InteractCall final
     }
   }
 
-  // On a frame thread.
+  // Runs on a frame thread.
   void Draw(FrameTicket* ticket, std::shared_ptr<PictureJob> job, const FrameStart& start)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     const absl::Time begin = absl::Now();
@@ -334,7 +335,7 @@ class InteractServiceImpl::InteractCall final
     if (status.ok()) {
       answer.message.set_is_exact(start.is_exact);
       if (!start.is_exact) {
-        // Nobody reads them, dozens of times a second.
+        // Not worth their bytes, dozens of times a second.
         answer.message.mutable_frame()->mutable_statistics()->clear_agents();
       }
       if (job->depth_grid().has_value()) {
@@ -343,7 +344,7 @@ class InteractServiceImpl::InteractCall final
     } else {
       answer.SetError(status);
     }
-    job.reset();  // with the images
+    job.reset();  // the images go with it
     if (auto memory = ticket->TakeMemory(2 * answer.message.ByteSizeLong()); memory.has_value()) {
       answer.memory.emplace(*std::move(memory));
     }
@@ -351,8 +352,8 @@ class InteractServiceImpl::InteractCall final
     const base::MutexLock lock(&mutex_);
     Audit(*ticket, status);
     frames_.erase(start.work);
-    // A frame that was replaced is not missed. A moving one that fails is followed by an exact one
-    // that does, too.
+    // A frame that was replaced needs no answer. A failed moving frame is followed by an exact one,
+    // which fails too and reports it.
     const bool is_told = status.ok() || (start.is_exact && !absl::IsCancelled(status));
     schedule_.OnWorkEnded(start.work, is_told, end);
     if (status.ok() && !start.is_exact) {
@@ -365,7 +366,7 @@ class InteractServiceImpl::InteractCall final
     FinishIfIdle();
   }
 
-  // Writes a line of the audit log for the first frame of a dataset, and whenever what comes of the
+  // Writes a line of the audit log for the first frame of a dataset, and whenever the status of the
   // frames changes: dozens come a second.
   void Audit(const FrameTicket& ticket, const absl::Status& status)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -435,7 +436,7 @@ class InteractServiceImpl::InteractCall final
       return;
     }
     end_->is_told = true;
-    slot_.reset();  // before the client hears of the end, and opens another stream
+    slot_.reset();  // before the client receives the end, and may open another stream
     AuditRecord& record = audited_.record;
     record.caller = origin_.caller.name();
     record.certificate = origin_.certificate;

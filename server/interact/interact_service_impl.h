@@ -1,6 +1,6 @@
-// InteractService over gRPC's callback API. What is drawn and when is decided by
-// interactive_schedule, how finely by rate_control, what is sent by interact_outbox. Frames are
-// picture jobs, as those of IsosurfaceService.
+// InteractService over gRPC's callback API. InteractiveSchedule decides which frame is drawn and
+// when, RateControl how finely, and InteractOutbox which answer is sent. Frames are picture jobs,
+// as those of IsosurfaceService.
 
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_SERVICE_IMPL_H_
@@ -29,7 +29,7 @@ class InteractServiceImpl final : public isoscope::v1::InteractService::Callback
   grpc::ServerBidiReactor<isoscope::v1::InteractRequest, isoscope::v1::InteractResponse>* Interact(
       grpc::CallbackServerContext* context) override;
 
-  // For a server that stops: its clients would keep the streams open.
+  // Ends all streams when the server stops: clients would keep them open.
   void EndStreams();
 
  private:

@@ -1,5 +1,5 @@
-// The interactive streams that are open. A caller (Caller::HostKey) may have all of them while
-// nobody else wants one. Then its newest ends for a caller that has at least two fewer. No gRPC.
+// The interactive streams that are open. One caller (Caller::HostKey) may have all of them until
+// another asks for one. Then its newest ends for a caller that has at least two fewer. No gRPC.
 
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_STREAMS_H_
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_STREAMS_H_
@@ -23,15 +23,15 @@
 
 namespace isoscope::server {
 
-// Thread-safe. `Stream` is, too, and has End(status) and CutOff(reason, status), which ends a
-// stream that its client wants. They are called without a lock.
+// Thread-safe. `Stream` is thread-safe too. It has End(status), and CutOff(reason, status) for a
+// stream that its client still wants. Both are called without a lock.
 template <typename Stream>
 class InteractStreams {
  public:
   static constexpr std::size_t kMaxStreams = 256;
 
-  // RESOURCE_EXHAUSTED if there are too many streams, UNAVAILABLE if the server stops. Ends
-  // another's stream if that makes room.
+  // RESOURCE_EXHAUSTED if there are too many streams, UNAVAILABLE if the server stops. May end
+  // another caller's stream to make room.
   absl::Status Add(const std::string& caller, const std::shared_ptr<Stream>& stream)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     std::shared_ptr<Stream> evicted;
@@ -65,7 +65,7 @@ class InteractStreams {
     return absl::OkStatus();
   }
 
-  // Does nothing to a stream that made room, or was not added.
+  // No effect on a stream that was cut off or never added.
   void Remove(const std::string& caller, const std::shared_ptr<Stream>& stream)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
@@ -79,7 +79,7 @@ class InteractStreams {
     }
   }
 
-  // Ends all streams with UNAVAILABLE, now and later.
+  // Ends all streams with UNAVAILABLE, present and future ones.
   void EndAll() ABSL_LOCKS_EXCLUDED(mutex_) {
     Streams streams;
     {
@@ -102,7 +102,7 @@ class InteractStreams {
                             base::ErrorReason::kServerStops);
   }
   static absl::Status AllAreOpen(const std::string& why) {
-    // People close pages in minutes.
+    // Users keep a page open for minutes, so faster retries gain nothing.
     constexpr absl::Duration kFullDelay = absl::Seconds(5);
     return base::WithRetryDelay(
         absl::ResourceExhaustedError(absl::StrCat(kMaxStreams, " interactive streams are open, ",
@@ -111,7 +111,7 @@ class InteractStreams {
   }
 
   base::Mutex mutex_;
-  // By caller, in the order of their arrival. No list is empty.
+  // By caller, in the order of arrival. No list is empty.
   std::map<std::string, Streams> streams_ ABSL_GUARDED_BY(mutex_);
   std::size_t count_ ABSL_GUARDED_BY(mutex_) = 0;
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;

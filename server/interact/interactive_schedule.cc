@@ -1,12 +1,13 @@
 // The rules, in the order in which Next applies them:
 //
-// 1. Cancel. A frame in work whose state was replaced, or a moving frame of a view that has come to
-//    rest, is cancelled if less than half of its expected time has passed. Never two in a row, so
-//    that a steady drag still shows frames; and no quick moving frames (kWorthCancelling).
+// 1. Cancel. A frame in work is cancelled if its state was replaced, or if it is a moving frame of
+//    a view at rest. But only while less than half of its expected time has passed, and never two
+//    in a row, so that a steady drag still shows frames. Quick moving frames stay
+//    (kWorthCancelling).
 // 2. Pause. After an error nothing begins for a while (kErrorPause).
-// 3. Exact. A view that rests gets its exact frame, once, when nothing is in work. It waits if an
-//    exact one before it waits for the network, or if two were sent and not shown (kExactCredits).
-// 4. Moving. A view that moves gets a frame of its newest state, once the one before is drawn and
+// 3. Exact. A view at rest gets its exact frame, once, when nothing is in work. It waits while an
+//    earlier exact frame waits for the network, or two were sent and not shown (kExactCredits).
+// 4. Moving. A view in motion gets a frame of its newest state, once the frame before is drawn, and
 //    while credits allow.
 //
 //   state 1   moving 1: drawn, encoded, sent ..... shown
@@ -163,7 +164,7 @@ InteractiveSchedule::Step InteractiveSchedule::Next(absl::Time now) {
     if (MayBeginExact()) {
       step.start = Begin(/*is_exact=*/true, now);
     } else {
-      step.wake = NextExpiry();  // unless the end of what is in work brings us back before
+      step.wake = NextExpiry();  // unless a frame in work ends before, and asks again
     }
     return step;
   }

@@ -13,10 +13,10 @@
 
 namespace isoscope::server {
 
-// A frame that is to be drawn now.
+// A frame to draw now.
 struct FrameStart {
-  std::int64_t work = 0;      // its number among the frames that were begun: 1, 2, ...
-  std::int64_t sequence = 0;  // the state that it shows
+  std::int64_t work = 0;      // number of the work, in order of begin: 1, 2, ...
+  std::int64_t sequence = 0;  // sequence of the state that it shows
   bool is_exact = false;
 };
 
@@ -25,24 +25,24 @@ class InteractiveSchedule {
  public:
   // A view rests when no state has come for this long.
   static constexpr absl::Duration kRestDelay = absl::Milliseconds(120);
-  // A frame that was sent this long ago counts as shown, so that a stalled client holds nothing.
+  // A frame that was sent this long ago counts as shown, so that a stalled client blocks no others.
   static constexpr absl::Duration kShownTimeout = absl::Seconds(2);
-  // One frame is drawn at a time, while the one before is encoded. Two that are drawn at a time
-  // share cores and agents: they come no faster, and each shows an older state.
+  // One frame is drawn at a time, while the one before is encoded. Two drawn at a time would share
+  // cores and agents: they come no faster, and each shows an older state.
   static constexpr int kMaxInWork = 2;
   static constexpr int kMinCredits = 2;
   static constexpr int kMaxCredits = 8;
-  // Exact frames that were sent and not shown yet. They have credits of their own, so that moving
-  // frames on their way hold none up.
+  // The most exact frames that were sent and not shown. They have their own credits, so that moving
+  // frames on their way delay none.
   static constexpr int kExactCredits = 2;
-  // After an error nothing begins for so long: a client of wrong states hears of some only.
+  // After an error nothing begins for this long, so a client of wrong states gets only some errors.
   static constexpr absl::Duration kErrorPause = absl::Milliseconds(100);
-  // A moving frame that takes less is not worth cancelling: by the time that the next one is
-  // complete, it would have been shown long ago.
+  // A moving frame that takes less is not worth cancelling: it would be shown long before the next
+  // one is complete.
   static constexpr absl::Duration kWorthCancelling = absl::Milliseconds(100);
 
-  // A new state, which replaces all before it. REQUIRES: `sequence` is greater than every one
-  // before.
+  // Sets a new state, which replaces all before it. REQUIRES: `sequence` is greater than every
+  // earlier one.
   void OnState(std::int64_t sequence, bool is_at_rest, absl::Time now);
   // The picture of the work is drawn, and is now encoded.
   void OnDrawn(std::int64_t work);
@@ -50,13 +50,13 @@ class InteractiveSchedule {
   void OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now);
   // An answer is an error.
   void OnError(absl::Time now) { pause_end_ = now + kErrorPause; }
-  // An answer was handed to the network, under the number that the client will name. `is_exact`: it
-  // is an exact frame, or the error of one.
+  // An answer was passed to the network, under the number that the client will acknowledge.
+  // `is_exact`: it is an exact frame, or the error of one.
   void OnSent(std::int64_t frame_number, absl::Time now, bool is_exact = false);
-  // An answer that waited was replaced by a newer one, and will not be sent.
+  // A waiting answer was replaced by a newer one, and will not be sent.
   void OnDropped(bool is_exact = false);
   // The client has shown a frame. Returns the time since it was sent; none if it was shown before,
-  // is far too long ago, or was never sent.
+  // was sent far too long ago, or was never sent.
   std::optional<absl::Duration> OnShown(std::int64_t frame_number, absl::Time now);
   // The most frames under way, kMinCredits to kMaxCredits: in work, waiting, or sent and not shown.
   void SetCredits(int credits);
@@ -65,10 +65,10 @@ class InteractiveSchedule {
     std::vector<std::int64_t> cancel;  // works to cancel
     std::optional<FrameStart> start;
     std::vector<std::int64_t> overdue;  // frames that count as shown from now on
-    // When to ask again if nothing happens before. Infinite future: not needed.
+    // When to call Next again if no event comes before. Infinite future: not needed.
     absl::Time wake = absl::InfiniteFuture();
   };
-  // Decides what to do now. Ask again after each start, until there is none.
+  // Decides the next action. Call again after each start, until there is none.
   Step Next(absl::Time now);
 
   [[nodiscard]] int under_way_count() const {
@@ -93,7 +93,7 @@ class InteractiveSchedule {
 
   // Returns the frames that timed out.
   std::vector<std::int64_t> Expire(absl::Time now);
-  // Whether another frame may be drawn, and whether the client has room for an exact one.
+  // Return true if another frame may be drawn, and if the client has room for an exact one.
   [[nodiscard]] bool MayDraw() const;
   [[nodiscard]] bool MayBeginExact() const;
   // When the oldest frame that was sent counts as shown; infinite future if there is none.
@@ -104,8 +104,8 @@ class InteractiveSchedule {
   std::int64_t newest_ = 0;
   absl::Time newest_time_;
   bool newest_rests_ = false;
-  std::int64_t moving_started_ = 0;  // the newest state of which a frame was begun
-  std::int64_t exact_started_ = 0;   // the same of exact frames
+  std::int64_t moving_started_ = 0;  // newest state whose moving frame was begun
+  std::int64_t exact_started_ = 0;   // newest state whose exact frame was begun
 
   std::int64_t next_work_ = 1;
   std::map<std::int64_t, Work> in_work_;
@@ -116,9 +116,9 @@ class InteractiveSchedule {
   int credits_ = kMinCredits;
   absl::Time pause_end_ = absl::InfinitePast();
   int waiting_count_ = 0;
-  int waiting_exact_count_ = 0;           // of those
-  std::map<std::int64_t, Sent> sent_;     // and not shown yet
-  std::map<std::int64_t, Sent> overdue_;  // the last kMaxOverdue of those that timed out
+  int waiting_exact_count_ = 0;           // among the waiting ones
+  std::map<std::int64_t, Sent> sent_;     // sent and not shown yet
+  std::map<std::int64_t, Sent> overdue_;  // the last kMaxOverdue that timed out
 };
 
 }  // namespace isoscope::server

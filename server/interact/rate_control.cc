@@ -1,18 +1,18 @@
-// Two ladders, and the coarser of their sizes counts.
+// The setting comes from two ladders, one for the network and one for the machine. The coarser of
+// their sizes applies.
 //
-// Of an unknown connection the round trip must be learned before frames queue on it. So a stream
+// The round trip of an unknown connection must be measured before frames queue on it. So a stream
 // begins with small frames. If the first is shown quickly, the finest setting follows at once. Else
 // the setting is refined in short steps until frames first queue.
 //
-// The network's: if a frame is shown later than the round trip of an idle connection by more than a
-// frame's period, frames queue on the way. So the load is that delay over the period (at least
-// 30 ms, below which delays are noise). Nothing foretells the load of a finer setting, so it is
-// tried when the present one leaves half of the room.
+// Network ladder. If a frame is shown later than the round trip of an idle connection by more than
+// a frame's period, frames queue on the way. So the load is that delay over the period (at least 30
+// ms, below which delays are noise). The load of a finer setting can't be predicted, so it is tried
+// when the present one leaves half of the room.
 //
-// The machine's: the load is the time of drawing over the period; the picture is encoded while the
-// next one is drawn. A frame's time has a
-// part that does not depend on its size (rays, extraction, messages), so a size of half the pixels
-// is taken to save a third.
+// Machine ladder. The load is the time of drawing over the period; the picture is encoded while the
+// next one is drawn. A part of a frame's time does not depend on its size (rays, extraction,
+// messages). So half the pixels are assumed to save a third.
 
 #include "server/interact/rate_control.h"
 
@@ -39,12 +39,12 @@ constexpr std::array<NetworkStep, 8> kNetworkSteps = {{{85, 1, 192},
                                                        {40, 0.25, 48}}};
 constexpr std::array<double, 5> kSizes = {1, 0.75, 0.5, 0.375, 0.25};
 
-// Where an unknown connection begins, and the delay below which it is a fast one.
+// The first step of an unknown connection, and the delay below which a connection is fast.
 constexpr std::size_t kFirstNetworkStep = 5;
 constexpr absl::Duration kFastDelay = absl::Milliseconds(20);
 
 constexpr int kOverloadsToCoarsen = 3;
-constexpr double kSevereLoad = 2;  // at once
+constexpr double kSevereLoad = 2;  // above this the ladder reacts at once
 constexpr double kRoomToRefine = 0.9;
 constexpr absl::Duration kDelayNoise = absl::Milliseconds(30);
 constexpr absl::Duration kSpan = absl::Seconds(5);
@@ -55,7 +55,7 @@ void QualityLadder::OnLoad(double load, double finer_load, absl::Time now) {
   if (load > 1) {
     ++overload_count_;
     const bool is_due = overload_count_ >= kOverloadsToCoarsen || load > kSevereLoad;
-    // After a step, frames of the setting before are still on their way.
+    // After a step, frames of the previous setting are still on their way.
     if (!is_due || step_ + 1 >= step_count_ || now - last_change_ < absl::Milliseconds(250)) {
       return;
     }

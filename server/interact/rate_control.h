@@ -11,9 +11,9 @@
 
 namespace isoscope::server {
 
-// A position on a ladder of settings, 0 the finest. It goes coarser quickly and finer slowly. A
-// step to a finer setting that has to be taken back doubles the wait before the next one, so that
-// it does not oscillate. Thread-compatible.
+// A position on a ladder of settings, 0 the finest. It coarsens quickly and refines slowly. A
+// refinement that has to be undone doubles the wait before the next one, so that it does not
+// oscillate. Thread-compatible.
 class QualityLadder {
  public:
   static constexpr absl::Duration kStartHold = absl::Milliseconds(150);
@@ -28,8 +28,8 @@ class QualityLadder {
     hold_ = kStartHold;
     is_starting_ = true;
   }
-  // `load`: what the present setting takes, as a share of what there is; above 1 it is too fine.
-  // `finer_load`: the same of the next finer setting, as far as it can be foreseen.
+  // `load`: use of the present setting as a share of the capacity; above 1 it is too fine.
+  // `finer_load`: the predicted load of the next finer setting.
   void OnLoad(double load, double finer_load, absl::Time now);
   [[nodiscard]] std::size_t step() const { return step_; }
 
@@ -45,8 +45,8 @@ class QualityLadder {
 
 struct MovingQuality {
   int jpeg_quality = 85;
-  double scale = 1;           // of the sides of the picture
-  int depth_grid_side = 192;  // the longer side
+  double scale = 1;           // factor for the sides of the picture
+  int depth_grid_side = 192;  // points on the longer side
 };
 
 // Thread-compatible.
@@ -59,17 +59,17 @@ class RateControl {
   // REQUIRES: > 0.
   void SetTarget(double frames_per_second) { period_ = absl::Seconds(1 / frames_per_second); }
 
-  // A moving frame took `duration` from its start to its picture, before which the next one could
-  // not begin.
+  // A moving frame took `duration` from its start to its picture; the next one could not begin
+  // before.
   void OnDrawn(absl::Duration duration, absl::Time now);
-  // A moving frame was shown `delay` after it was sent, of which the client took `decode`.
+  // A moving frame was shown `delay` after it was sent. `decode`: the client's share of that.
   void OnShown(absl::Duration delay, absl::Duration decode, absl::Time now);
 
   // A moving frame was not shown within InteractiveSchedule::kShownTimeout.
   void OnOverdue(absl::Time now);
 
   [[nodiscard]] MovingQuality quality() const;
-  // The frames that should be under way, >= 2: more where the round trip is longer than a frame.
+  // The frames that should be under way, >= 2: more if the round trip is longer than a frame.
   [[nodiscard]] int credits() const;
   // The least delay of the last 5 to 10 seconds, without decoding.
   [[nodiscard]] absl::Duration round_trip() const;
@@ -78,7 +78,7 @@ class RateControl {
   absl::Duration period_ = absl::Seconds(1 / kDefaultFramesPerSecond);
   QualityLadder network_;
   QualityLadder size_;
-  bool is_known_ = false;  // a frame was shown
+  bool is_known_ = false;  // a frame has been shown
   absl::Duration mean_drawn_;
   // Least delays of this span of 5 seconds and of the one before.
   std::optional<absl::Duration> least_;

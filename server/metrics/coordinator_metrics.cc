@@ -1,3 +1,9 @@
+// Counters and histograms are atomics, updated where the event happens. Collect reads them when a
+// monitor asks, adds the gauges, and gives each family its name, unit suffix and help.
+//
+// Series by caller and by agent are bounded: names above the limit share one series. Failures that
+// operators watch for have a series from the start, with the value 0 (IsExpected).
+
 #include "server/metrics/coordinator_metrics.h"
 
 #include <algorithm>
@@ -9,7 +15,7 @@
 namespace isoscope::server {
 namespace {
 
-// By number.
+// Indexed by RequestMethod.
 constexpr std::array<const char*, 10> kMethodNames = {
     "RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface",
     "Interact",         "ListDatasets",           "GetDataset",  "GetHistogram",
@@ -53,8 +59,8 @@ std::string LabelOf(FrameStage stage) {
   return label;
 }
 
-// Whether a failure is counted from 0 on. A series that begins with its first failure would hide it
-// from `increase` and `rate`.
+// Returns true if the failure is counted from 0 on. A series that begins with its first failure
+// would hide that failure from `increase` and `rate`.
 bool IsExpected(FrameStage stage, absl::StatusCode code) {
   return stage < FrameStage::kDone &&
          (code == absl::StatusCode::kUnavailable || code == absl::StatusCode::kDeadlineExceeded ||

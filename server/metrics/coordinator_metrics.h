@@ -1,5 +1,5 @@
-// All metrics of a coordinator. docs/operations.md has them in a table, which a test compares with
-// what Collect gives.
+// All metrics of a coordinator. docs/operations.md lists them in a table; a test compares it with
+// the output of Collect.
 
 #ifndef ISOSCOPE_SERVER_METRICS_COORDINATOR_METRICS_H_
 #define ISOSCOPE_SERVER_METRICS_COORDINATOR_METRICS_H_
@@ -38,16 +38,16 @@ const char* NameOf(RequestMethod method);
 enum class TokenLimit { kFrameRate, kFrames, kStreams, kExports, kBytes };
 inline constexpr std::size_t kTokenLimitCount = 5;
 
-// Why an export or an interactive stream was ended before its time.
+// The reason for ending an export or an interactive stream early.
 enum class CutReason { kTooSlow, kTooLong, kMadeRoom, kTokenWithdrawn };
 inline constexpr std::size_t kCutReasonCount = 4;
 
-// Numbers that others keep, as they are when they are asked for.
+// Present values that other objects keep.
 struct CoordinatorGauges {
   int working_frames = 0;
   int queued_frames = 0;
   int waiting_clients = 0;  // of the queued frames
-  int outside_clients = 0;  // refused, and expected again
+  int outside_clients = 0;  // refused, and expected to retry
   int max_working_frames = 0;
   int max_queued_frames = 0;
   int reachable_agents = 0;
@@ -64,24 +64,24 @@ struct CoordinatorGauges {
   std::int64_t audit_failures = 0;
 };
 
-// Updated while the coordinator works, by atomics and locks that nobody holds for long.
+// Updated while the coordinator works, by atomics and locks that are held only briefly.
 // Thread-safe.
 struct CoordinatorMetrics {
-  // Callers and agents that have series of their own.
+  // The most callers, and agents, that have a series of their own.
   static constexpr std::size_t kMaxCallers = 32;
   static constexpr std::size_t kMaxAgents = 64;
 
   CoordinatorMetrics();
 
   void CountRequest(RequestMethod method, const absl::Status& status, absl::Duration duration);
-  // Counts a frame or a pick that ended after it had waited for a thread. A moving frame is one of
-  // a view. `caller`: name of the token; "" without one.
+  // Counts a frame or a pick that ended after it had waited for a thread. `is_moving`: a frame of
+  // an interactive stream in motion. `caller`: name of the token; "" without one.
   void CountFrame(const absl::Status& status, absl::Duration duration, bool is_moving,
                   absl::string_view caller);
   // Counts a call if `status` refuses it. Returns `status`.
   absl::Status CountRefusal(TokenLimit limit, absl::Status status);
   void CountCut(CutReason reason) { cuts_[static_cast<std::size_t>(reason)].Add(); }
-  // Counts a frame that got no place, for its caller alone.
+  // Counts a frame that got no place, in its caller's series only.
   void CountRefused(absl::string_view caller);
   enum class PartOutcome { kDone, kFailed, kOutrun };
   // Counts a part of a frame on an agent.
@@ -89,13 +89,13 @@ struct CoordinatorMetrics {
   void CountAgentFailure(FrameStage stage, const absl::Status& status);
 
   base::Counter done_frames;
-  base::Counter failed_frames;     // but for cancelled ones
+  base::Counter failed_frames;     // except cancelled ones
   base::Counter cancelled_frames;  // by the client, or because a newer view replaced it
-  base::Counter refused_frames;    // too many were in work and waiting, or came before
-  base::Counter displaced_frames;  // of those, waited and made room for another client
-  base::Counter expired_frames;    // of failed ones, whose deadline passed in the queue
+  base::Counter refused_frames;    // too many were in work or waiting, or others had priority
+  base::Counter displaced_frames;  // evicted while waiting; among the refused ones
+  base::Counter expired_frames;    // the deadline passed in the queue; among the failed ones
   base::Counter rate_limited_frames;
-  base::Counter too_large_frames;          // for the memory limit
+  base::Counter too_large_frames;          // above the memory limit
   base::DurationHistogram frame_duration;  // of exact frames and picks
   base::DurationHistogram moving_frame_duration;
   base::DurationHistogram queue_wait;
@@ -109,13 +109,13 @@ struct CoordinatorMetrics {
   base::Counter response_bytes;
   base::Counter active_blocks_hits;
   base::Counter active_blocks_misses;
-  base::Counter repeated_parts;  // of frames that ended well all the same
-  base::Counter hedged_parts;    // also begun on a replica, because the agent was slow
-  base::Counter outrun_parts;    // a replica was done first
+  base::Counter repeated_parts;  // of frames that succeeded all the same
+  base::Counter hedged_parts;    // begun on a replica too, because the agent was slow
+  base::Counter outrun_parts;    // a replica finished first
   base::Counter partial_frames;
   base::Gauge unsent_bytes;  // of answers that wait for their clients
 
-  // Returns all of the above and `gauges`, with the metrics of the process.
+  // Returns the values above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const CoordinatorGauges& gauges) const;
 
  private:

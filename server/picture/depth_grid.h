@@ -1,5 +1,5 @@
-// A coarse grid of the depths of a picture, from which a client draws its pixels as a newer camera
-// would see them, while the next frame is on its way. No gRPC types.
+// A coarse grid of a picture's depths. With it a client warps the picture to a newer camera, until
+// the next frame arrives. No gRPC types.
 
 #ifndef ISOSCOPE_SERVER_PICTURE_DEPTH_GRID_H_
 #define ISOSCOPE_SERVER_PICTURE_DEPTH_GRID_H_

@@ -50,7 +50,7 @@ void StoreVector(const std::array<float, 3>& v, std::size_t pixel, std::string* 
 
 bool IsBackground(std::uint64_t key) { return image::OwnerOf(key) == image::kNoOwner; }
 
-// Without branches, so that compilers turn it into SIMD.
+// Without branches, so that compilers vectorise it.
 void FillDepthRow(const image::FrameImage& image, int y, const view::Unprojection& unprojection,
                   std::string* plane) {
   const std::size_t begin = image.IndexOf(0, y);

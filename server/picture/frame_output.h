@@ -1,5 +1,4 @@
-// What comes back of a drawn frame: its picture in the format asked for, and its planes. No gRPC
-// types.
+// The output of a drawn frame: its picture in the requested format, and its planes. No gRPC types.
 
 #ifndef ISOSCOPE_SERVER_PICTURE_FRAME_OUTPUT_H_
 #define ISOSCOPE_SERVER_PICTURE_FRAME_OUTPUT_H_
@@ -17,7 +16,8 @@
 
 namespace isoscope::server {
 
-// Bytes as isoscope.v1.RenderIsosurfaceResponse describes them. What was not asked for is empty.
+// Bytes as isoscope.v1.RenderIsosurfaceResponse describes them. Outputs that were not requested are
+// empty.
 struct FrameOutput {
   std::string image;  // in the format of the spec
   std::string depth;
@@ -33,9 +33,9 @@ struct FrameOutput {
 // The surface index of the background.
 inline constexpr std::uint8_t kBackgroundSurface = 255;
 
-// Encodes the picture, over the spec's background colour. Works in parallel, in the
-// tbb::task_arena of the caller. REQUIRES: the image carries colours. RESOURCE_EXHAUSTED if memory
-// runs out. Empty for ImageFormat::kNone.
+// Encodes the picture, over the spec's background colour. Works in parallel, in the tbb::task_arena
+// of the caller. REQUIRES: the image carries colours. RESOURCE_EXHAUSTED if memory runs out. Empty
+// for ImageFormat::kNone.
 absl::StatusOr<std::string> EncodePicture(const image::FrameImage& image,
                                           const frame::FrameSpec& spec);
 
@@ -47,17 +47,17 @@ void FillPlanes(const image::FrameImage& image, const frame::FrameSpec& spec,
 // Returns the plane of normals of an image that carries them (FrameSpec::sends_normals).
 std::string NormalPlane(const image::FrameImage& image);
 
-// What one pixel shows.
+// The surface point at one pixel.
 struct PixelPoint {
   float distance = 0;
-  math::Vec3d position;  // of float32 values
+  math::Vec3d position;  // rounded to float32
   std::uint32_t surface_index = 0;
   std::uint32_t block_id = 0;
   std::optional<math::Vec3d> normal;  // not set if the surface has none, or the image carries none
 };
 
 // Returns the values that the planes have at pixel (x, y) of the picture; none for the background.
-// `carries_normals`: whether the image carries normals in place of colours.
+// `carries_normals`: the image carries normals in place of colours.
 std::optional<PixelPoint> PointAt(const image::FrameImage& image, int x, int y,
                                   const view::View& view, const image::FragmentOrder& order,
                                   bool carries_normals);

@@ -1,10 +1,10 @@
 // The stages, in this order:
 //
-//   0. Deferred shading turns normals into colours, if they came in place of them.
-//   1. Ambient occlusion darkens what was drawn, in all samples and in the margin.
-//   2. Silhouettes are drawn over that.
-//   3. Translucent layers are blended over it: they neither cast nor receive.
-//   4. Samples: each pixel is the mean of its own; or the region without its margin.
+//   0. Deferred shading turns normals into colours, if the agents sent normals instead.
+//   1. Ambient occlusion darkens the drawn pixels, in all samples and in the margin.
+//   2. Silhouettes are drawn over them.
+//   3. Translucent layers are blended over both: they neither cast nor receive occlusion.
+//   4. Samples: each pixel becomes the mean of its own. A region loses its margin.
 
 #include "server/picture/picture_finish.h"
 

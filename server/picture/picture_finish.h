@@ -17,25 +17,25 @@ namespace isoscope::server {
 
 // All objects that it points to outlive the call.
 struct PictureSetup {
-  const frame::FrameSpec* spec = nullptr;      // as the client asked for it
+  const frame::FrameSpec* spec = nullptr;      // as in the client's request
   const frame::DrawnWindow* window = nullptr;  // the spec's
   const view::View* drawn_view = nullptr;      // of the window
   image::FragmentOrder order;
-  image::LayerStack* layers = nullptr;  // of what was drawn
+  image::LayerStack* layers = nullptr;  // layers of the drawn image
   image::FrameImagePool* images = nullptr;
 };
 
 struct FinishedPicture {
   image::FrameImage image;
-  // Drawn pixels in which more translucent layers would show than the spec allows.
+  // Drawn pixels that have more translucent layers than the spec allows.
   std::int64_t truncated_pixel_count = 0;
 };
 
-// Makes the picture of what was drawn: of the spec's size, to be encoded over the background.
-// Depths and owners are those of the nearest fragment of each pixel, however translucent, if the
-// frame has planes; those of the opaque ones if it has none. With several samples the picture has
-// neither. Each stage computes a pixel from composited pixels of the whole viewport alone,
-// so neither agents, tiles nor regions can show.
+// Finishes the drawn image: a picture of the spec's size, to be encoded over the background. If the
+// frame has planes, depths and owners are those of the nearest fragment of each pixel, however
+// translucent. Else they are those of the opaque fragments. With several samples the picture has
+// neither. Each stage computes a pixel from composited pixels of the whole viewport alone, so the
+// result does not depend on agents, tiles or regions.
 //
 // Works in parallel, in the tbb::task_arena of the caller. Changes `drawn` and the layers, and
 // takes `drawn` if it is the picture. REQUIRES: `drawn` has the window's size; it and the layers

@@ -1,8 +1,8 @@
-// What happens to pixels between the agents and the picture, at 1024 x 1024: the pixel codec, depth
-// compositing, the occlusion map and its tests, on one thread unless a name says otherwise.
+// The path of pixels from the agents to the picture, at 1024 x 1024: the pixel codec, depth
+// compositing, the occlusion map and its tests. One thread unless a name says otherwise.
 //
 // The picture is a bumpy sphere with holes, its blocks 12 pixels wide: smooth depth and shading, as
-// isosurfaces have. `agents` is among how many its blocks are dealt at random.
+// isosurfaces have. `agents`: the number of agents that own its blocks at random.
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
-// What the coordinator makes of composited pixels, for a picture of 1024 x 1024 that a bumpy sphere
-// covers to three quarters: ambient occlusion, silhouettes, the mean of samples; on one thread.
-// `samples` is per side.
+// The coordinator's work on composited pixels, for a picture of 1024 x 1024 with a bumpy sphere on
+// three quarters of it: ambient occlusion, silhouettes, the mean of samples. One thread. `samples`
+// is per side.
 
 #include <cmath>
 #include <cstdint>

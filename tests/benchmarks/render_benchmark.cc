@@ -75,7 +75,7 @@ const Blocks& BlocksOf(std::int64_t block_edge) {
   return blocks;
 }
 
-// A cell in the middle of the volume is so many pixels wide.
+// Width in pixels of a cell in the middle of the volume.
 view::View MakeView(double cell_px) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {kSamples, kSamples, kSamples};

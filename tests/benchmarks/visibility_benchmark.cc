@@ -40,8 +40,8 @@ volume::BlockLayout MakeLayout() {
   return *std::move(layout);
 }
 
-// Active blocks: a shell around a sphere that fills the volume's middle, or one in so many
-// anywhere.
+// Returns active blocks: a shell around a sphere that fills the volume's middle, or one block
+// in a given number at random places.
 volume::BlockSet MakeShell(const volume::BlockLayout& layout) {
   volume::BlockSet active(layout.block_count());
   for (std::int64_t id = 0; id < layout.block_count(); ++id) {
@@ -98,8 +98,8 @@ void BM_OccludingBlocks(benchmark::State& state) {
 }
 BENCHMARK(BM_OccludingBlocks)->Unit(benchmark::kMillisecond);
 
-// What every agent does for a frame besides walking its rays: the active blocks of the whole table,
-// the set-up of the rays, the listing of the hits.
+// An agent's work for a frame besides walking its rays: the active blocks of the whole table, the
+// set-up of the rays, the listing of the hits.
 void BM_SelectWithoutRays(benchmark::State& state) {
   const view::View view = MakeView();
   const volume::BlockLayout layout = MakeLayout();

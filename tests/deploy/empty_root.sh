@@ -24,5 +24,5 @@ mapfile -t mirrors < <(grep -lsE "^(Suites:|deb .*) ${release}[a-z-]*( |\$)" \
 # As images are made: with /bin in /usr from the start, so without the program that moves it there, and its Perl.
 mmdebstrap --variant=minbase --hook-dir=/usr/share/mmdebstrap/hooks/merged-usr --include=usr-is-merged "$@" \
   "$release" "$folder" "${mirrors[@]}" >/dev/null
-# Whoever installs in it asks the same servers.
+# Installations in it use the same package servers.
 cp /etc/resolv.conf "$folder/etc/resolv.conf"

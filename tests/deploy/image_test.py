@@ -31,10 +31,10 @@ PROGRAMS = pathlib.Path(sys.argv[1]).resolve()
 TARGET = sys.argv[2] if len(sys.argv) > 2 else "cli-cpu"
 MAX_BYTES = 250_000_000
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-# What debian:bookworm-slim leaves out, now and when packages are installed.
+# Files that debian:bookworm-slim omits, now and when packages are installed.
 SLIM = ["path-exclude=/usr/share/doc/*", "path-include=/usr/share/doc/*/copyright", "path-exclude=/usr/share/man/*",
         "path-exclude=/usr/share/info/*", "path-exclude=/usr/share/locale/*", "path-exclude=/usr/share/lintian/*"]
-# Outside of the image: another address of the machine than the one that loopback has. Prints what it got.
+# Outside of the image: uses another address of the machine than the loopback one. Prints the response.
 VISIT = """
 import json, sys, urllib.request
 address = sys.argv[1]
@@ -53,7 +53,7 @@ def must(*command, **options):
 
 
 def size(*folders):
-    """What files have, as engines count it, and not the blocks of a disk."""
+    """Returns the size of files, as engines count it, and not that of their disk blocks."""
     return sum(int(line.split()[0]) for line in must("du", "--bytes", "-sx", *folders).splitlines())
 
 

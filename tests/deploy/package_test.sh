@@ -46,7 +46,7 @@ inside() {
   }
   install_in_root() { in_root apt-get install -y --no-install-recommends "$@"; }
   version_in_root() { in_root dpkg-query --show --showformat='${Version}' "$1"; }
-  # What maintainer scripts ask of systemd. apt gives them a PATH of its own.
+  # Records the maintainer scripts' calls of systemd. apt gives them its own PATH.
   local asked="$root/asked" systemctl="$root/usr/bin/systemctl"
   printf '#!/bin/sh\necho "$*" >>/asked\n' >"$systemctl"
   chmod 755 "$systemctl"

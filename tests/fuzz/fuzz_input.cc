@@ -8,7 +8,7 @@
 
 #include "core/base/coding.h"
 
-// What HDF5 and ITK keep of a damaged file, and OpenSSL of a thread that gRPC or Asio ended.
+// Known leaks: HDF5 and ITK after a damaged file, and OpenSSL in a thread that gRPC or Asio ended.
 extern "C" const char* __lsan_default_suppressions();
 extern "C" const char* __lsan_default_suppressions() {
   return "leak:libhdf5\nleak:libITK\nleak:libcrypto\n";

@@ -1,6 +1,6 @@
-// What the fuzz drivers share: they take an input apart, state what must hold, and name seeds.
+// Common parts of the fuzz drivers: they split an input, state invariants, and name seeds.
 //
-// A driver defines LLVMFuzzerTestOneInput, as libFuzzer knows it, and Seeds. libFuzzer runs it with
+// A driver defines LLVMFuzzerTestOneInput, libFuzzer's entry, and Seeds. libFuzzer runs it with
 // clang; replay_main.cc runs it with any compiler (docs/lab/fuzzing.md).
 
 #ifndef ISOSCOPE_TESTS_FUZZ_FUZZ_INPUT_H_

@@ -27,7 +27,7 @@
 #include "tests/fuzz/fuzz_input.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
-// Of the sanitizers, where there are some.
+// Function of the sanitizers; null without them.
 extern "C" void __sanitizer_set_death_callback(void (*callback)()) __attribute__((weak));
 
 namespace isoscope::fuzz {
@@ -47,7 +47,7 @@ void SaveInput() {
     if (write(file, input_data, input_size) == static_cast<ssize_t>(input_size)) {
       constexpr char kText[] = "the input is in ";
       constexpr char kEnd[] = "\n";
-      // There is nobody to tell if standard error is gone.
+      // Without standard error there is no place for a message.
       ssize_t ignored = write(STDERR_FILENO, kText, sizeof(kText) - 1);
       ignored = write(STDERR_FILENO, crash_path.c_str(), crash_path.size());
       ignored = write(STDERR_FILENO, kEnd, sizeof(kEnd) - 1);

@@ -37,9 +37,9 @@
 namespace isoscope {
 namespace {
 
-// Of 255.
+// Levels out of 255.
 constexpr int kMaxLevelDifference = 6;
-// Of all pixels: silhouettes of these pictures are some percent of them.
+// Share of all pixels: silhouettes of these pictures take some percent of them.
 constexpr double kMaxDifferentShare = 0.003;
 // Mean over pixels and channels, in levels: a slight but wide change of the shading.
 constexpr double kMaxMeanDifference = 0.25;

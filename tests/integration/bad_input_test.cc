@@ -353,7 +353,7 @@ TEST_F(BadInputTest, RequestsOnTheWireAreCheckedLikeFlags) {
     int x, y, width, height;
     std::vector<std::string> parts;
   };
-  // Of a viewport of 40 x 30 pixels.
+  // Regions of a viewport of 40 x 30 pixels.
   for (const BadRegion& bad :
        std::vector<BadRegion>{{0, 0, 0, 0, {"region.width_px is 0", "[1, 40]"}},
                               {-1, 0, 1, 1, {"region.x is -1", "[0, 39]"}},

@@ -225,7 +225,8 @@ TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
   EXPECT_THAT(refused.err, HasSubstr("--rate is 0: must lie in [1, 120]"));
 }
 
-// More clients than the coordinator has places: those that come again as told all get the picture.
+// More clients than the coordinator has places: those that retry after its delay all get the
+// picture.
 TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
   const std::string dataset = folder_.Sub("dataset");
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));

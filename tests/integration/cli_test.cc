@@ -161,7 +161,7 @@ TEST_F(CliTest, RawFileWithHeaderAndBigEndianIsTheSameVolumeAsNrrd) {
     const std::string text = MustRun({"info", Path(name)});
     EXPECT_TRUE(absl::StrContains(text, "43 x 37 x 29 of int16")) << text;
   }
-  // What the files say of themselves, before they are cut.
+  // The range from the files' headers, before they are partitioned.
   const json range = ParseJson(MustRun({"info", Path("from_nrrd"), "--json"}))
                          .at("datasets")
                          .at(0)

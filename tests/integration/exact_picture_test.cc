@@ -253,7 +253,7 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
   inline static std::unique_ptr<DatasetDirectories> directories_;
 };
 
-// What holds of one back end.
+// Properties of a single back end.
 class CpuExactPictureTest : public ExactPictureTest {};
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfGeneratedFields) {
@@ -321,7 +321,7 @@ TEST_P(ExactPictureTest, ARegionIsTheCropOfTheWholeCulledAndNotForAnyNumberOfAge
   EXPECT_GT(covered_pixel_count, 3 * kFieldViewCount * 500);
 }
 
-// Above 16384 pixels a side nobody can draw the whole. Regions that overlap must agree instead.
+// Above 16384 pixels a side the whole can't be drawn. Overlapping regions must agree instead.
 TEST_P(ExactPictureTest, OverlappingRegionsOfAViewportThatNobodyCanDrawAgree) {
   const Volume volume = Gyroid();
   Datasets datasets(volume, directories_.get(), renderer_.get());
@@ -414,8 +414,8 @@ TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
   EXPECT_EQ(difference.owners, 0);
 }
 
-// What agents and coordinator keep between frames: everything, nothing, or a part that changes all
-// the time. Views and levels go there and back.
+// The caches of agents and coordinator keep everything, nothing, or a part that changes all the
+// time. Views and levels alternate.
 TEST_P(ExactPictureTest, NoPixelAndNoTriangleDependsOnWhatWasKept) {
   const Volume volume = Gyroid();
   Datasets datasets(volume, directories_.get(), renderer_.get());
@@ -562,7 +562,7 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfSeveralSurfaces) {
         ExpectSame(result, reference);
       }
     }
-    // Of the two that are one level, the earlier one shows everywhere.
+    // Two surfaces have one level: the earlier one is visible everywhere.
     EXPECT_EQ(surfaces_seen, (std::set<std::uint32_t>{0, 1}));
   }
 }

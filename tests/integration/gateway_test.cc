@@ -260,7 +260,7 @@ class GatewayTest : public ::testing::Test {
   }
 
   [[nodiscard]] static const std::string& address() { return gateway_->address; }
-  // The picture that everybody must get.
+  // The picture that every client must get.
   static std::string ExpectedPng() {
     const absl::StatusOr<v1::RenderIsosurfaceResponse> response =
         testing::Render(cluster_->address(), testing::SmallRequest());
@@ -521,7 +521,7 @@ ServerProcess StartGatewayWith(const std::string& coordinator,
   return {.process = *std::move(process), .address = address.substr(0, address.find(' '))};
 }
 
-// What stands behind "?token=" up to the next parameter.
+// Returns the text after "?token=" up to the next parameter.
 std::string TokenIn(const std::string& text) {
   const std::size_t begin = text.find("?token=");
   const std::string token = begin == std::string::npos ? "" : text.substr(begin + 7);
@@ -553,7 +553,7 @@ TEST_F(GatewayTest, TheTokenToAskForComesByFileOrVariableAndTheOldNamesWorkWithA
       {{"ISOSCOPE_GATEWAY_TOKEN=secret"}, {}, false},
       {{}, {"--gateway-token-file", folder_->Sub("token")}, false},
       {{"ISOSCOPE_GATEWAY_TOKEN_FILE=" + folder_->Sub("token")}, {}, false},
-      // What is sent is another thing.
+      // The token to send does not count.
       {{"ISOSCOPE_GATEWAY_TOKEN=secret", "ISOSCOPE_TOKEN=other"}, {}, false},
       {{"ISOSCOPE_TOKEN=secret"}, {}, true},
       {{}, {"--token", "secret"}, true},
@@ -776,7 +776,7 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
   const std::string token = TokenIn(*line);
   EXPECT_EQ(token.size(), 32U) << *line;
   EXPECT_EQ(Get(host, "/").result_int(), 200U);
-  // Whoever else is on this machine gets nothing.
+  // Other users of this machine get nothing.
   EXPECT_EQ(Get(host, kRender).result_int(), 401U);
   EXPECT_EQ(Get(host, "/v1/capabilities").result_int(), 401U);
   EXPECT_EQ(Viewer(host, "/v1/interact", "http://" + host).status(), 401U);
@@ -1237,7 +1237,7 @@ TEST(GatewayServerTest, AViewerThatDoesNotReadIsDroppedAndOthersGoOn) {
   }
   ASSERT_TRUE(frame.has_value());
   fakes.flood.AwaitEnd();
-  // What lies in the buffers of the sockets still comes, and then the end without a close.
+  // Data in the buffers of the sockets still arrives, and then the end without a close.
   EXPECT_EQ(stalled.ReadClose().first, 0);
 }
 

@@ -167,7 +167,7 @@ TEST_F(GatewayTlsTest, UsersHaveTheRightsOfTheirTokens) {
   const Response picture = Get(kRender, "Bearer user");
   EXPECT_EQ(HeaderOf(picture, "Cache-Control"), "private, no-cache");
   EXPECT_EQ(picture.body().substr(1, 3), "PNG");
-  // What no header may carry never reaches one.
+  // Text that a header can't carry never reaches one.
   for (const std::string& hostile :
        {std::string("a%0d%0ab"), std::string("%00"), std::string("%c3%a9"), std::string("a%20b"),
         std::string(4000, 'x')}) {

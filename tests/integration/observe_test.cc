@@ -351,7 +351,7 @@ TEST_F(ObserveTest, ATraceOfSeveralFramesIsRefusedBeforeAnyWork) {
   }
 }
 
-// What GET /metrics of 127.0.0.1 answers.
+// Returns the answer of GET /metrics at 127.0.0.1.
 std::string Scrape(const std::string& address) {
   const std::vector<std::string> parts = absl::StrSplit(address, ':');
   int port = 0;

@@ -177,7 +177,7 @@ TEST_F(PictureTest, LikeRefusesOtherSamplesChangedPicturesAndPicturesWithoutARec
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_TRUE(absl::StrContains(result.err, "3 of 6,300 pixels differ")) << result.err;
 
-  // Of another revision they may differ: they are counted.
+  // Pictures of another revision may differ: the differing pixels are counted.
   client::PictureRecord older = recorded.record;
   older.picture_revision = "1 cpu";
   ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("older.png"), repainted(older)));

@@ -327,7 +327,7 @@ TEST_F(PartialFrameTest, TheCommandLineWarnsAndTheReturnOfTheAgentMakesThePictur
   EXPECT_THAT(result.err, AllOf(HasSubstr("shard 1 is missing"), HasSubstr("% of the active")));
   partial.emplace_back("--quiet");
   EXPECT_THAT(RunIsoscope(partial).err, HasSubstr("shard 1 is missing")) << "never silently";
-  // What may lack something is not kept as if it could be made again.
+  // A partial picture has no record, because it can't be reproduced.
   const auto again = RunIsoscope({"render", "--server", coordinator_.address, "--like",
                                   directory_->Sub("p.png"), "--output", directory_->Sub("q.png")});
   EXPECT_NE(again.exit_code, 0);

@@ -258,7 +258,7 @@ TEST_F(SecurityTest, AnAgentAcceptsOnlyCoordinators) {
   EXPECT_THAT(Caller(agent_.address, suite_->only_ca)
                   .CallRaw("/isoscope.internal.v1.PartitionAgentService/DescribeShards"),
               StatusIs(absl::StatusCode::kUnavailable));
-  // Health is for everybody with a certificate.
+  // Any certificate gives access to health.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const rpc::Dialing dialing, rpc::MakeDialing(suite_->client, ""));
   EXPECT_THAT(rpc::ProbeHealth(agent_.address, dialing, kPatience), IsOk());
 }

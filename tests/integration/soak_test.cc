@@ -57,8 +57,8 @@ using testing::LocalCluster;
 
 constexpr int kRoundCount = 40;  // of a bounded run
 constexpr int kViewCount = 4;    // of a round
-// Of a round of small frames: the frames, how often the volume is cut, and how often the cluster of
-// a cut gets another limit.
+// Counts of a round of small frames: frames, partitionings of the volume, and new memory limits for
+// the cluster of a partitioning.
 constexpr int kSmallFrameCount = 8;
 constexpr int kCutCount = 3;
 constexpr int kWakeCount = 2;
@@ -306,7 +306,7 @@ T EnvironmentNumber(const char* name, T otherwise) {
   return value;
 }
 
-// Of the first round. Long runs are new each time.
+// The seed of the first round. Long runs have new seeds each time.
 std::uint64_t FirstSeed(bool is_long) {
   return EnvironmentNumber<std::uint64_t>(
       "ISOSCOPE_SOAK_SEED",

@@ -37,8 +37,8 @@ using testing::WriteFile;
 constexpr math::Index3 kDims{24, 20, 16};
 constexpr std::size_t kSliceBytes = std::size_t{24} * 20 * sizeof(std::int16_t);
 
-// What a source of each kind is written from: all samples, int16, and those which the files hold
-// already, if any. Files that stay as they are, are not touched.
+// The samples for a source of each kind: all samples, int16, and the samples that its files already
+// hold, if any. Files with unchanged samples are not written.
 struct Samples {
   std::string now;
   std::string before;
@@ -153,7 +153,7 @@ void WriteVtiCells(const std::string& folder, const Samples& samples) {
   WriteVtiArray(folder + "/v.vti", kDims, "CellData", "", samples.now);
 }
 
-// Of the other component no sample reaches the isovalue.
+// The other component has no sample at the isovalue.
 void WriteVtiComponents(const std::string& folder, const Samples& samples) {
   std::string tuples;
   for (std::size_t at = 0; at < samples.now.size(); at += 2) {
@@ -216,7 +216,8 @@ void WriteRaw(const std::string& folder, const Samples& samples) {
 
 class SourceTest : public ::testing::TestWithParam<Source> {
  protected:
-  // What a command writes to its --output from `input`. The cache is the test's own.
+  // Returns the file that a command writes to its --output from `input`. The cache is the test's
+  // own.
   std::string Output(const std::string& command, const std::string& input,
                      const std::vector<std::string>& more) {
     std::vector<std::string> arguments{command, input,      "--isovalue",

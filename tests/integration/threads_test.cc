@@ -43,7 +43,7 @@ constexpr std::int64_t kMemoryLimit = 1024 * base::kMiB;
 #else
 constexpr std::int64_t kMemoryLimit = 256 * base::kMiB;
 #endif
-// Of a frame that takes milliseconds.
+// For a frame that takes milliseconds.
 constexpr absl::Duration kDeadline = absl::Seconds(60);
 
 // Restricts this thread, and the processes that it starts, to one CPU while it lives.
@@ -70,7 +70,7 @@ class OneCpu {
 
 class ThreadsTest : public ::testing::Test {
  protected:
-  // The dataset, cut into so many shards.
+  // The dataset, partitioned into this many shards.
   std::string Dataset(int shard_count) {
     const std::string directory = directory_.Sub(absl::StrCat("shards-", shard_count));
     if (!io::PathExists(directory)) {

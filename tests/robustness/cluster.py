@@ -35,7 +35,7 @@ class HarnessError(Exception):
 
 
 class Ports:
-    """Free ports below those that systems give to clients: whoever is dead keeps his."""
+    """Free ports below those that systems assign to clients: a dead server keeps its port."""
 
     def __init__(self, seed):
         self._chance = random.Random(seed ^ os.getpid())
@@ -57,7 +57,7 @@ class Ports:
 
 
 def answers(port):
-    """Whether somebody listens."""
+    """Returns true if a process listens there."""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=0.5):
             return True
@@ -100,7 +100,7 @@ class Process:
         raise HarnessError(f"{self.name} does not listen on port {self.port} after {timeout} s: {self.tail()}")
 
     def check(self):
-        """Reports an exit that nobody asked for, once."""
+        """Reports an unexpected exit, once."""
         with self._lock:
             code = self._process.poll() if self._process and self.is_wanted else None
             if code is None:

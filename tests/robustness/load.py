@@ -9,8 +9,8 @@ from robustness.pool import Client, FrameFailed, grpc
 
 # A deadline that most faults outlast, and one that most end in.
 DEADLINES_S = (1.0, 2.5, 5.0)
-# A call without a deadline of its own: the server's limit holds. The library would wait this long, so a server that
-# forgets a call shows.
+# A call without its own deadline: the server's limit applies. The library would wait this long, which reveals a server
+# that never answers.
 PATIENCE_S = 60.0
 PATIENT_SHARE = 0.2
 PAUSE_AFTER_ERROR_S = 0.05

@@ -24,7 +24,7 @@ GRACE_S = 1.0
 
 @dataclasses.dataclass
 class Answer:
-    """What a client saw. Times are of time.monotonic(), seconds."""
+    """A client's observation of one request. Times are those of time.monotonic(), seconds."""
 
     request: str  # its name in the pool
     method: str

@@ -53,7 +53,7 @@ class Quiet:
             time.sleep(0.05)
 
     def _ask_all(self, client, coordinator):
-        """What caches kept during the storm must be right, and no fault is to blame any more."""
+        """Judges answers from caches that were filled during the storm; no fault excuses an error any more."""
         time.sleep(AFTERMATH_S)
         for request in self._pool:
             answer = self._load.ask(client, request, coordinator, DEADLINE_S)

@@ -13,7 +13,7 @@ MAX_FINDINGS = 200
 
 
 class Report:
-    """What was seen. Thread-safe."""
+    """The observations of a run. Thread-safe."""
 
     def __init__(self):
         self._lock = threading.Lock()
@@ -90,12 +90,12 @@ class Report:
             }
 
     def codes(self):
-        """How many answers had which code, for people."""
+        """Returns the number of answers by code, as text."""
         with self._lock:
             return ", ".join(f"{code} {count}" for code, count in self._codes.most_common())
 
     def end_of_run(self):
-        """What may have changed while the cluster ended."""
+        """Returns the values that may have changed while the cluster ended."""
         return {"totals": self.totals(), "findings": self.findings}
 
     def _table(self):
@@ -124,7 +124,7 @@ class Report:
 
 
 def to_text(data):
-    """The table for people, of what Report.to_json returns."""
+    """Returns the table of the result of Report.to_json, as text."""
     counts = ("count", "answers", "exact", "partial", "altered", "garbled", "wrong", "hung")
     columns = ("fault", *counts, "other", "slowest", "errors")
     lines = []

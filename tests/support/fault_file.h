@@ -21,9 +21,8 @@ enum class ReadFault {
 std::unique_ptr<io::RandomAccessFile> MakeFaultyFile(std::unique_ptr<io::RandomAccessFile> file,
                                                      ReadFault fault, std::int64_t fault_offset);
 
-// What lies behind a descriptor, as a file that claims to have `size_bytes`; it closes it. The
-// system itself then fails: /proc/self/mem has holes that read as EIO, a pipe keeps readers
-// waiting.
+// Returns a descriptor as a file that claims to have `size_bytes`; it closes the descriptor. So the
+// system itself fails: /proc/self/mem has holes that read as EIO, a pipe blocks its readers.
 std::unique_ptr<io::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
                                                          const std::string& path);
 

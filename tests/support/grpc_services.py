@@ -9,7 +9,8 @@ _KINDS = {
 
 
 def _methods(module):
-    """Of the one service of a module of messages: (service, method, its kind, type of requests, of responses)."""
+    """Yields (service, method, its kind, type of requests, of responses) for the single service of a module of
+    messages."""
     (service,) = module.DESCRIPTOR.services_by_name.values()
     for name in service.methods_by_name:
         types = (getattr(module, name + end) for end in ("Request", "Response"))

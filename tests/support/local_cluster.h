@@ -63,7 +63,7 @@ class LocalCluster {
 
   [[nodiscard]] const agent::BlockCache& cache() const { return *cache_; }
 
-  // Agents and coordinator forget what they kept; the agents' cache is one of `cache_bytes` anew.
+  // Clears the caches of agents and coordinator; the agents get a new cache of `cache_bytes`.
   void ForgetAll(std::size_t cache_bytes);
 
   // From now on each part has two agents, and frames lose the first ones somewhere on the way.

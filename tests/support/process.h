@@ -52,7 +52,7 @@ class Process {
   // printed, if it runs on.
   absl::StatusOr<int> Wait(absl::Duration timeout);
 
-  // What it has printed so far.
+  // The output so far.
   [[nodiscard]] std::string out() const;
   [[nodiscard]] std::string err() const;
   // The first line on standard error that contains `text`, once it is there. FAILED_PRECONDITION if

@@ -49,11 +49,11 @@ std::string Triple(const math::Vec3d& v) {
 
 constexpr absl::string_view kLoopback = "127.0.0.1:";
 
-// A port of 127.0.0.1 that is bound, but not listened on: the kernel gives it to nobody who asks
-// for any port, and a server may still listen on it by its number (SO_REUSEADDR).
+// A port of 127.0.0.1 that is bound, but not listened on. The kernel does not assign it to other
+// processes, but a server may still listen on it by its number (SO_REUSEADDR).
 class HeldPort {
  public:
-  // `port` 0: any that is free. Null if it can't be had, as where somebody listens on it.
+  // `port` 0: any free one. Null if the port is in use.
   static std::shared_ptr<const HeldPort> Bind(int port) {
     const int socket_fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     const int yes = 1;
@@ -83,8 +83,8 @@ class HeldPort {
   const int port_;
 };
 
-// Holds the port of "127.0.0.1:PORT", and names it in the address if it was 0. Null for other
-// addresses, and for a port that somebody listens on.
+// Holds the port of "127.0.0.1:PORT", and writes it into the address if it was 0. Null for other
+// addresses, and for a port in use.
 std::shared_ptr<const HeldPort> HoldPortOf(std::string* address) {
   int port = 0;
   if (!absl::StartsWith(*address, kLoopback) ||

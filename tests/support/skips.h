@@ -1,5 +1,5 @@
-// Skips a test where something is missing on this machine, counted, so that nobody takes a skipped
-// test for one that passed. tests/support/skips.py is the same for Python and shells.
+// Skips a test if this machine lacks something, and counts the skip, so that it is not mistaken for
+// success. tests/support/skips.py is the same for Python and shells.
 //
 //   ISOSCOPE_REQUIRE  reasons, separated by commas: such a skip is a failure ("all": each one)
 //   ISOSCOPE_SKIPS    a file that gets a line "reason<TAB>message" for each skip

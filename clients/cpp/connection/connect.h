@@ -1,4 +1,4 @@
-// The door of the client: from an address, files of TLS and a token to calls.
+// The entry point of the client: connects to an address, with TLS files and a token.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_CONNECT_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_CONNECT_H_
@@ -19,22 +19,22 @@ struct ConnectOptions {
   std::string address;  // HOST:PORT of a coordinator, or of `isoscope serve`
   // `ca_file` switches TLS on. gRPC reads the files again when they change.
   rpc::TransportFlags transport = {};
-  // Goes with each call; at most one of the two. Both empty: none.
+  // Sent with each call; at most one of the two. Both empty: none.
   std::string token = {};
   std::string token_file = {};
 };
 
-// Whether a token may go to `address`: in plaintext it stays on this machine, unless the flags are
-// insecure.
+// Returns true if a token may be sent to `address`: in plaintext only on this machine, unless the
+// flags allow insecure connections.
 bool MaySendToken(const rpc::TransportFlags& transport, absl::string_view address);
 
-// The channel dials with the first call, so a server that is not there is an error of that call.
+// The channel connects at the first call, so an unreachable server is an error of that call.
 //
 // `interrupt`: outlives the client; null: calls end with their timeouts only.
 //
 // INVALID_ARGUMENT: the address, the combination of files, the token, or a token that would leave
-// this machine in plaintext. NOT_FOUND, PERMISSION_DENIED, FAILED_PRECONDITION: of the files.
-// Thread-safe.
+// this machine in plaintext. NOT_FOUND, PERMISSION_DENIED, FAILED_PRECONDITION: errors of the
+// files. Thread-safe.
 absl::StatusOr<std::unique_ptr<ServiceClient>> Connect(const ConnectOptions& options,
                                                        cli::Interrupt* interrupt = nullptr);
 

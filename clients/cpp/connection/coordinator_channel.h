@@ -1,6 +1,6 @@
-// The layer below the two clients of a coordinator: ServiceClient, whose calls block, and the web
-// gateway's CoordinatorClient, whose calls never do. It has their stubs, and sets up their calls.
-// It shows gRPC, so only the sources of those two include it.
+// The common layer of the two clients of a coordinator: ServiceClient, whose calls block, and the
+// web gateway's CoordinatorClient, whose calls never do. It holds their stubs, and sets up their
+// calls. It exposes gRPC, so only the sources of those two include it.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_COORDINATOR_CHANNEL_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_COORDINATOR_CHANNEL_H_
@@ -27,7 +27,7 @@ namespace isoscope::client {
 // Thread-safe.
 class CoordinatorChannel {
  public:
-  // `address`: for messages; "" for an in-process channel. `token`: of calls that have none of
+  // `address`: for messages; "" for an in-process channel. `token`: for calls without a token of
   // their own; empty: none.
   CoordinatorChannel(std::shared_ptr<grpc::Channel> channel, std::string address,
                      std::string token);
@@ -42,8 +42,8 @@ class CoordinatorChannel {
   [[nodiscard]] const std::string& address() const { return address_; }
   [[nodiscard]] const std::string& token() const { return token_; }
 
-  // The error of a call that nobody answered: UNAVAILABLE that names the address, and ends in
-  // `advice`. Other errors stay as they are, and so do all of an in-process channel.
+  // Returns the error of a call without an answer: UNAVAILABLE that names the address, and ends in
+  // `advice`. Other errors, and all errors of an in-process channel, are returned unchanged.
   [[nodiscard]] absl::Status NameAddress(const absl::Status& status,
                                          absl::string_view advice = "") const;
 
@@ -57,11 +57,11 @@ class CoordinatorChannel {
   const std::unique_ptr<isoscope::v1::InteractService::Stub> interact_;
 };
 
-// How a call is made.
+// Options of one call.
 struct CallSetup {
   std::string token = {};                            // empty: the channel's own
   absl::Time deadline = absl::InfiniteFuture();      // infinite: none
-  const base::TraceContext* identity = nullptr;      // the trace that it belongs to; null: none
+  const base::TraceContext* identity = nullptr;      // the trace of the call; null: none
   const base::Cancellation* cancellation = nullptr;  // outlives the call; null: none
 };
 

@@ -20,8 +20,8 @@ namespace {
 
 constexpr std::int64_t kMaxPictureBytes = 2 * base::kGiB;
 
-// Flags that do not decide a pixel. A flag that is not here decides one: a new flag is refused
-// beside --like until somebody thinks of it.
+// Flags that do not affect a pixel. All other flags do: a new flag is refused with --like until it
+// is added here.
 constexpr auto kFlagsBesideLike = std::to_array<absl::string_view>(
     {"input",       "server",  "dataset",         "dims",       "type",     "spacing",
      "origin",      "endian",  "header-bytes",    "shards",     "threads",  "memory-limit",
@@ -34,7 +34,7 @@ absl::Status WithPath(const std::string& path, const absl::Status& status) {
   return {status.code(), absl::StrCat("--like '", path, "': ", status.message())};
 }
 
-// Row by row, which pixels of an annotated picture lie in no box.
+// Returns, row by row, true for the pixels of an annotated picture that lie in no box.
 std::vector<bool> PlainPixels(const RecordedPng& recorded, int width, int height) {
   std::vector<bool> is_plain(static_cast<std::size_t>(width) * static_cast<std::size_t>(height),
                              true);

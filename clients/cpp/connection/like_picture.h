@@ -1,4 +1,4 @@
-// A picture made again from the record in another one, and compared with it: `render --like`.
+// Repeats a picture from the record in another one, and compares the two: `render --like`.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_LIKE_PICTURE_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_LIKE_PICTURE_H_
@@ -17,25 +17,25 @@
 
 namespace isoscope::client {
 
-// The picture at `path` with its record. Errors name the path; as SplitRecordedPng, and as
+// Reads the picture at `path` with its record. Errors name the path; as SplitRecordedPng and
 // io::ReadWholeFile.
 absl::StatusOr<RecordedPng> ReadRecordedPng(const std::string& path);
 
-// UsageError if a flag is given that the record decides: every flag of `set` but those that say
-// where the samples are, where the result goes, and how the work is done.
+// UsageError if a flag of `set` contradicts the record. Allowed are the flags for the place of the
+// samples, the output, and the execution.
 absl::Status CheckOnlyFlagsBesideLike(const cli::FlagSet& set);
 
-// FAILED_PRECONDITION unless the samples and the grid of `dataset` are those of the record.
+// FAILED_PRECONDITION unless samples and grid of `dataset` are those of the record.
 absl::Status CheckSameSamples(const PictureRecord& record, const isoscope::v1::Dataset& dataset);
 
-// The picture revision of the agents that serve the dataset; "" if none is known.
+// Returns the picture revision of the agents that serve the dataset; "" if none is known.
 std::string PictureRevisionOf(const isoscope::v1::GetClusterStatusResponse& cluster,
                               const isoscope::v1::Dataset& dataset);
 
 struct PictureComparison {
   bool has_same_bytes = false;
   std::int64_t different_count = 0;
-  std::int64_t compared_count = 0;  // pixels; of an annotated picture those beside the annotations
+  std::int64_t compared_count = 0;  // pixels; without annotated ones
   int largest_difference = 0;       // of one channel, 0 to 255
 };
 
@@ -44,8 +44,8 @@ struct PictureComparison {
 absl::StatusOr<PictureComparison> ComparePictures(const RecordedPng& recorded,
                                                   absl::string_view plain_png);
 
-// One line for people. FAILED_PRECONDITION, with that line, if pixels differ though both pictures
-// have one revision: somebody has changed the file, or the promise of exactness is broken.
+// Returns one line for the user. FAILED_PRECONDITION, with that line, if pixels differ although
+// both pictures have one revision: the file was changed, or the guarantee of exactness is violated.
 absl::StatusOr<std::string> DescribeComparison(const PictureComparison& comparison,
                                                const std::string& like_path,
                                                const std::string& like_revision,

@@ -1,4 +1,4 @@
-// Meshes from the service into sinks and files.
+// Receives meshes from the service, into sinks and files.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_MESH_EXPORT_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_MESH_EXPORT_H_
@@ -17,10 +17,10 @@
 
 namespace isoscope::client {
 
-// Called with the vertices and triangles that have come, before each chunk is added to them.
+// Called with the counts of vertices and triangles so far, before each chunk is added to them.
 using MeshProgress = std::function<void(std::int64_t vertex_count, std::int64_t triangle_count)>;
 
-// Gives the surfaces of the request to `sink` as they come; does not call its Finish. `progress`
+// Passes the surfaces of the request to `sink` as they arrive; does not call its Finish. `progress`
 // may be null. Errors as ServiceClient::ExportIsosurface, MeshDecoder and the sink.
 absl::Status ReceiveMesh(const isoscope::v1::ExportIsosurfaceRequest& request,
                          absl::Duration timeout, ServiceClient* client, MeshSink* sink,
@@ -33,8 +33,8 @@ struct MeshFileSummary {
 };
 
 // Writes the surfaces of the request to a file, in the format of its suffix: .ply, .stl, .obj, .glb
-// or .vtp. The file appears whole or not at all. INVALID_ARGUMENT: another suffix. Else errors of
-// writing and as ReceiveMesh.
+// or .vtp. The file appears complete or not at all. INVALID_ARGUMENT: another suffix. Else errors
+// of writing and as ReceiveMesh.
 absl::StatusOr<MeshFileSummary> WriteMeshFile(const isoscope::v1::ExportIsosurfaceRequest& request,
                                               const std::string& path, absl::Duration timeout,
                                               ServiceClient* client);

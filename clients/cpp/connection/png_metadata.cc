@@ -1,5 +1,5 @@
-// The text is JSON in an iTXt chunk that is not compressed, so that any program that lists a PNG's
-// text shows it:
+// The text is JSON in an uncompressed iTXt chunk, so that any program that lists a PNG's text can
+// read it:
 //
 //   {"format": "isoscope-picture", "format_version": 1,
 //    "picture_revision": "3 cpu",
@@ -7,9 +7,9 @@
 //    "request": {"isovalue": 60, "camera": {...}, "viewport": {...}},
 //    "annotated": {"plain_png_sha256": "...", "boxes": [[x, y, width, height], ...]}}
 //
-// `request` is RenderIsosurfaceRequest in proto3's JSON with the names of the .proto, whatever
-// fields it has: a field that is added later comes along. It holds the camera that was used, also
-// where the request left it to the server. Numbers are written so that reading gives the same bits.
+// `request` is RenderIsosurfaceRequest in proto3's JSON with the names of the .proto, and with all
+// its fields, including future ones. It holds the resolved camera, also if the request left it to
+// the server. Numbers are written so that reading restores the same bits.
 
 #include "clients/cpp/connection/png_metadata.h"
 
@@ -61,7 +61,7 @@ absl::Status CheckDepth(absl::string_view text) {
   return absl::OkStatus();
 }
 
-// FAILED_PRECONDITION if `json` has a member that is not among `known`.
+// FAILED_PRECONDITION if `json` has a member outside of `known`.
 absl::Status CheckMembers(const Json& json, absl::string_view prefix,
                           std::initializer_list<absl::string_view> known) {
   for (const auto& [name, value] : json.items()) {
@@ -123,7 +123,7 @@ absl::Status ReadRequest(const Json& json, isoscope::v1::RenderIsosurfaceRequest
   const auto status = google::protobuf::util::JsonStringToMessage(json.dump(), request);
   if (!status.ok()) {
     const std::string message(status.message().data(), status.message().size());
-    // The library says "Cannot find field" and which.
+    // The library's message is "Cannot find field" with the name.
     return message.find("annot find") != std::string::npos
                ? FromNewerVersion(absl::StrCat("a member in 'request' (", message, ")"))
                : Malformed(absl::StrCat("'request': ", message));
@@ -131,7 +131,7 @@ absl::Status ReadRequest(const Json& json, isoscope::v1::RenderIsosurfaceRequest
   return absl::OkStatus();
 }
 
-// The text of a chunk if it is the record; "" else.
+// Returns the text of a chunk if it is the record, else "".
 absl::StatusOr<absl::string_view> RecordText(const PngChunk& chunk) {
   const absl::string_view data = chunk.data;
   const std::size_t end = data.find('\0');
@@ -139,7 +139,7 @@ absl::StatusOr<absl::string_view> RecordText(const PngChunk& chunk) {
       data.substr(0, end) != kPictureRecordKeyword || end == absl::string_view::npos) {
     return absl::string_view();
   }
-  if (chunk.type == "tEXt") {  // as programs write it that copy text
+  if (chunk.type == "tEXt") {  // programs that copy text write it so
     return data.substr(end + 1);
   }
   // iTXt: compression flag and method, language and translated keyword, each ended by a zero.

@@ -1,5 +1,5 @@
-// The record of a picture: how it was made, as text in its PNG (docs/format/picture.md). With it
-// `isoscope render --like` makes the picture again.
+// The record of a picture: all inputs of its pixels, as text in its PNG (docs/format/picture.md).
+// With it `isoscope render --like` repeats the picture.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_PNG_METADATA_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_PNG_METADATA_H_
@@ -20,40 +20,41 @@ namespace isoscope::client {
 // The keyword of the iTXt chunk.
 inline constexpr absl::string_view kPictureRecordKeyword = "isoscope";
 
-// What was drawn over a picture after it had come.
+// The annotations that were drawn over a received picture.
 struct AnnotatedPicture {
-  std::string plain_png_sha256;        // of the PNG before, without a record: 64 hex digits
-  std::vector<view::PixelRect> boxes;  // outside them the pixels are those of before
+  std::string plain_png_sha256;        // of the PNG without annotations and record: 64 hex digits
+  std::vector<view::PixelRect> boxes;  // pixels outside them are unchanged
 
   friend bool operator==(const AnnotatedPicture&, const AnnotatedPicture&) = default;
 };
 
-// All that decides the pixels.
+// All inputs that affect the pixels.
 struct PictureRecord {
-  std::string picture_revision;                   // code, back end and driver that drew it
+  std::string picture_revision;                   // code, back end and driver of the agents
   std::string samples_digest;                     // of samples and grid
-  isoscope::v1::RenderIsosurfaceRequest request;  // DecidingPart of it
+  isoscope::v1::RenderIsosurfaceRequest request;  // reduced by DecidingPart
   std::optional<AnnotatedPicture> annotated = std::nullopt;
 };
 
-// `request` without the members that do not decide a pixel: the dataset's name, culling, ray seed.
+// Returns `request` without the members that do not affect a pixel: the dataset's name, culling,
+// ray seed.
 isoscope::v1::RenderIsosurfaceRequest DecidingPart(
     const isoscope::v1::RenderIsosurfaceRequest& request);
 
-// The JSON of a record: the same record gives the same text.
+// Returns the JSON of a record; equal records give equal text.
 std::string EncodePictureRecord(const PictureRecord& record);
-// DATA_LOSS if the text is no record; FAILED_PRECONDITION, with its name, if a member of it or of
+// DATA_LOSS if the text is no record. FAILED_PRECONDITION, with its name, if a member of it or of
 // the request is unknown: a newer version made the picture. Safe for any bytes.
 absl::StatusOr<PictureRecord> DecodePictureRecord(absl::string_view text);
 
-// The PNG with the record before its first IDAT. DATA_LOSS if `png` is none.
+// Returns the PNG with the record before its first IDAT. DATA_LOSS if `png` is no PNG.
 absl::StatusOr<std::string> AddPictureRecord(absl::string_view png, const PictureRecord& record);
 
 struct RecordedPng {
   PictureRecord record;
-  std::string plain_png;  // without the record: the bytes that RenderIsosurface gave
+  std::string plain_png;  // without the record: the bytes from RenderIsosurface
 };
-// NOT_FOUND if the PNG carries no record; DATA_LOSS if it is none; else as DecodePictureRecord.
+// NOT_FOUND if the PNG carries no record; DATA_LOSS if it is no PNG; else as DecodePictureRecord.
 absl::StatusOr<RecordedPng> SplitRecordedPng(absl::string_view png);
 
 }  // namespace isoscope::client

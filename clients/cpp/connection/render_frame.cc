@@ -11,10 +11,10 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// One message is copied less often than parts are, but takes memory for the whole twice.
+// A single message is copied less often than parts, but needs memory for the whole twice.
 constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
 
-// The bytes of all planes that the request asks for. The service refuses a size that is negative.
+// Returns the bytes of all requested planes. The service refuses a negative size.
 std::size_t PlaneBytes(const v1::RenderIsosurfaceRequest& request) {
   const v1::OutputOptions& output = request.output();
   const int width =

@@ -1,4 +1,4 @@
-// A frame in the way that fits its size, and its planes as files.
+// Renders a frame with the call that suits its size, and writes its planes to files.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_RENDER_FRAME_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_RENDER_FRAME_H_
@@ -15,28 +15,28 @@
 
 namespace isoscope::client {
 
-// Renders one frame; large planes come in parts. Errors as ServiceClient::RenderIsosurface.
+// Renders one frame; large planes are sent in parts. Errors as ServiceClient::RenderIsosurface.
 absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> RenderFrame(
     const isoscope::v1::RenderIsosurfaceRequest& request, absl::Duration timeout,
     ServiceClient* client);
 
-// Where planes go, as NumPy files (.npy); those that are not set are not written.
+// Paths of planes as NumPy files (.npy); unset ones are not written.
 struct PlaneFiles {
   std::optional<std::string> depth = std::nullopt;
   std::optional<std::string> surface_index = std::nullopt;
   std::optional<std::string> position = std::nullopt;
   std::optional<std::string> normal = std::nullopt;
 
-  // Whether any plane is asked for.
+  // Returns true if any plane is requested.
   [[nodiscard]] bool any_plane() const { return depth || surface_index || position || normal; }
 };
 
-// Asks for these planes, and leaves the picture as it is asked for.
+// Adds these planes to the request, and keeps the requested picture.
 void RequestPlanes(const PlaneFiles& files, isoscope::v1::OutputOptions* options);
 
 // Writes the planes of a response, as arrays of shape height, width and, for vectors, 3. Each file
-// appears whole or not at all. DATA_LOSS: a plane has not the size of the picture, as one that the
-// request did not ask for. Else errors of writing.
+// appears complete or not at all. DATA_LOSS: a plane lacks the size of the picture, for instance
+// because it was not requested. Else errors of writing.
 absl::Status WritePlanes(const PlaneFiles& files,
                          const isoscope::v1::RenderIsosurfaceResponse& response);
 

@@ -1,5 +1,5 @@
-// Calls that a server refuses and that say when to come again (core/base/retry_delay.h): made again
-// at that time, as often as it takes.
+// Repeats calls that a server refuses with a retry delay (core/base/retry_delay.h), after that
+// delay, as often as needed.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_RETRIES_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_RETRIES_H_
@@ -14,19 +14,19 @@
 
 namespace isoscope::client {
 
-// A call without a deadline is made again for so long.
+// A call without a deadline is repeated for this long.
 inline constexpr absl::Duration kMaxRetryTime = absl::Minutes(5);
 
-// Calls `once` until it is not refused, or its refusal tells no time, or one that is not before
-// `deadline` or within kMaxRetryTime; returns its last status. CANCELLED if `interrupt` fires while
-// it waits. Thread-safe.
+// Calls `once` until it is not refused. Stops too if a refusal has no retry delay, or one that ends
+// after `deadline` or kMaxRetryTime. Returns the last status. CANCELLED if `interrupt` fires during
+// a wait. Thread-safe.
 absl::Status CallWithRetries(absl::Time deadline, const base::Cancellation& interrupt,
                              absl::FunctionRef<absl::Status()> once);
 
-// What all calls of this process have met since its begin.
+// Counts over all calls of this process since its start.
 struct RetryCounts {
   std::int64_t refusals = 0;
-  std::int64_t retries = 0;  // refusals that were followed by another try
+  std::int64_t retries = 0;  // refusals followed by another attempt
 };
 RetryCounts CountRetries();
 

@@ -1,3 +1,14 @@
+// A blocking call, in Call:
+//
+// 1. The context gets the deadline, the trace identity, the token and the interrupt (CallContext).
+// 2. The stub's method runs. If the server refuses it with a retry delay, CallWithRetries repeats
+//    it.
+// 3. Explain turns the status into an error with advice: start a server, show a token, ask the
+//    operator with the id of the request.
+//
+// An answer in parts begins anew with each attempt. An export whose chunks were visited is never
+// repeated: the visitor can't undo them.
+
 #include "clients/cpp/connection/service_client.h"
 
 #include <cstdlib>
@@ -23,11 +34,11 @@ namespace v1 = isoscope::v1;
 
 namespace {
 
-// A server ends a frame up to 200 ms before its client's deadline, to say why; with room for the
-// way of the answer.
+// A server ends a frame up to 200 ms before its client's deadline, to report the reason; this
+// leaves time for the answer's transport.
 constexpr absl::Duration kAnswerMargin = absl::Milliseconds(500);
 
-// Whether the servers' logs may say more.
+// Returns true if the servers' logs may have more details.
 bool IsForOperator(const absl::Status& status) {
   return absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status) ||
          absl::IsDataLoss(status) || absl::IsInternal(status) || absl::IsUnknown(status) ||
@@ -93,7 +104,8 @@ absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadl
   }
   absl::Status explained = rpc::ToAbslStatus(status);
   if (absl::IsCancelled(explained)) {
-    // Nobody here cancelled: a server that shuts down ends calls so that it has not begun.
+    // Not cancelled by this process: a server that shuts down ends calls that it has not begun with
+    // this.
     return absl::UnavailableError(absl::StrCat(
         "the server ended the call, as it does when it shuts down (", explained.message(), ")"));
   }
@@ -181,7 +193,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStre
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
     const std::unique_ptr<grpc::ClientReader<v1::RenderIsosurfaceStreamResponse>> reader =
         channel_->isosurface()->RenderIsosurfaceStream(context, in_parts);
-    response.Clear();  // of a try before
+    response.Clear();  // of an earlier attempt
     v1::RenderIsosurfaceStreamResponse message;
     while (reader->Read(&message)) {
       rpc::AppendPart(std::move(*message.mutable_part()), &response);
@@ -227,7 +239,7 @@ absl::Status ServiceClient::ExportIsosurface(
           grpc::StatusCode::DEADLINE_EXCEEDED,
           absl::StrCat("the server sent nothing for ", absl::FormatDuration(max_silence)));
     }
-    // Without its details it is not tried again: what was visited can't be taken back.
+    // Without details it is not retried: visited chunks can't be undone.
     return has_chunks ? grpc::Status(status.error_code(), status.error_message()) : status;
   });
   return visited.ok() ? called : visited;

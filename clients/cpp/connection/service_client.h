@@ -1,7 +1,7 @@
 // Isoscope's public services as blocking calls: the same over the network and in-process.
 //
-// This header declares messages and gRPC without their headers, which take long to compile. Who
-// uses a message includes the message's header.
+// This header declares messages and gRPC without including their headers, which compile slowly. A
+// user of a message includes the message's header.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_SERVICE_CLIENT_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_SERVICE_CLIENT_H_
@@ -44,16 +44,16 @@ namespace isoscope::client {
 
 class CoordinatorChannel;
 
-// The time of a question that servers answer from memory or in one pass over the ranges of blocks.
-// They take a minute at most.
+// The time limit of a question that servers answer from memory or in one pass over the ranges of
+// blocks. Servers need a minute at most.
 inline constexpr absl::Duration kQuestionTimeout = absl::Minutes(2);
-// The time of a frame or a pick, and the longest time in which a server sends nothing of an export.
-// A server keeps a limit of its own, of minutes, and then says which agent is late. This one is for
-// servers that fail to.
+// The time limit of a frame or a pick, and the longest silence of a server during an export. A
+// server has its own limit, of minutes, and then names the late agent. This one is for servers that
+// fail to answer.
 inline constexpr absl::Duration kAnswerTimeout = absl::Hours(1);
 
-// A stream of InteractService, which has no deadline: it lasts as long as its viewer looks at it.
-// One thread reads, any thread writes.
+// A stream of InteractService, without a deadline: it lasts until its viewer closes it. One thread
+// reads, any thread writes.
 class InteractStream {
  public:
   // Cancels a stream that has not ended.
@@ -63,30 +63,30 @@ class InteractStream {
   virtual bool Write(const isoscope::v1::InteractRequest& request) = 0;
   virtual bool Read(isoscope::v1::InteractResponse* response) = 0;
   virtual void Cancel() = 0;
-  // Says that nothing more will be written. Read then returns false soon.
+  // Ends the writes. Read then returns false soon.
   virtual void CloseWrites() = 0;
   // Returns the status of the service. REQUIRES: Read has returned false.
   virtual absl::Status Finish() = 0;
 };
 
-// Every call is part of the trace that the environment variable TRACEPARENT names (W3C Trace
-// Context), if it does. Errors that servers' logs may explain end in the id of the request.
+// Every call belongs to the trace of the environment variable TRACEPARENT (W3C Trace Context), if
+// it is set. Errors that servers' logs may explain end in the id of the request.
 //
 // Every call ends with DEADLINE_EXCEEDED after its `timeout`, and with CANCELLED on an interrupt.
 // Thread-safe.
 class ServiceClient {
  public:
-  // `address`: for messages; "" for an in-process channel. `token`: goes with each call; empty:
-  // none. `interrupt`: outlives the client, and needs no handler of signals: whoever calls its
-  // Trigger() ends all calls, those to come too. Null: calls end with their timeouts only.
+  // `address`: for messages; "" for an in-process channel. `token`: sent with each call; empty:
+  // none. `interrupt`: outlives the client, and needs no signal handler. Its Trigger() ends all
+  // calls, including later ones. Null: calls end with their timeouts only.
   ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
                 cli::Interrupt* interrupt, std::string token);
   ~ServiceClient();
 
-  // For others that speak with the same coordinator.
+  // For other users of the same coordinator.
   [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
 
-  // Errors of the service; UNAVAILABLE says how to start a server if none is there.
+  // Errors of the service; UNAVAILABLE has advice on starting a server.
   absl::StatusOr<isoscope::v1::Dataset> GetDataset(const std::string& name, absl::Duration timeout);
   absl::StatusOr<isoscope::v1::GetHistogramResponse> GetHistogram(
       const isoscope::v1::GetHistogramRequest& request, absl::Duration timeout);
@@ -105,9 +105,9 @@ class ServiceClient {
   // Opens a stream. The client outlives it.
   [[nodiscard]] std::unique_ptr<InteractStream> Interact() const;
 
-  // Calls `visit` for every chunk, in order; an error of it ends the call and is returned. A mesh
-  // may take any time, and `timeout` be infinite, as long as chunks come: DEADLINE_EXCEEDED too if
-  // none does for `max_silence`.
+  // Calls `visit` for every chunk, in order; its error ends the call and is returned. A mesh may
+  // take any time, so `timeout` may be infinite. DEADLINE_EXCEEDED also if no chunk arrives for
+  // `max_silence`.
   absl::Status ExportIsosurface(
       const isoscope::v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
       absl::FunctionRef<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
@@ -119,7 +119,7 @@ class ServiceClient {
   // Makes one call: deadline, interrupt, errors.
   absl::Status Call(absl::Duration timeout,
                     absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;
-  // The answer of a stub's method, tried as Call does.
+  // Returns the answer of a stub's method, with the retries of Call.
   template <typename Response, typename Stub, typename Request>
   absl::StatusOr<Response> CallUnary(Stub* stub,
                                      grpc::Status (Stub::*method)(grpc::ClientContext*,

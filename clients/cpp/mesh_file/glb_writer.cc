@@ -1,13 +1,13 @@
 // The file:
 //
 //   "glTF", 2, length                               12 bytes
-//   length, "JSON", text                            filled up with spaces to a fixed length,
-//                                                   because counts and bounds are known last
+//   length, "JSON", text                            padded with spaces to a fixed length, because
+//                                                   counts and bounds are known last
 //   length, "BIN\0", positions, normals, indices    each of all surfaces
 //
-// A surface is a primitive of the only mesh: accessors of its own into the three arrays, and a
-// material if the file has colours. Example: of surfaces of 10 and 20 vertices, the second one's
-// positions begin at byte 120 of the first array, and its indices count from 0.
+// A surface is a primitive of the single mesh: it has its own accessors into the three arrays, and
+// a material if the file has colours. Example: with surfaces of 10 and 20 vertices, the second
+// one's positions begin at byte 120 of the first array, and its indices count from 0.
 //
 // Sources: glTF 2.0 specification, sections 3.6 (buffers, accessors), 3.9 (materials), 4 (GLB).
 
@@ -38,12 +38,12 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kFileHeadBytes = 12;
 constexpr std::size_t kChunkHeadBytes = 8;
-// Room for what all surfaces share, and for each of them.
+// Bytes reserved for the common part, and for each surface.
 constexpr std::size_t kJsonBytes = 1024;
 // Three floats of a vertex, three indices of a triangle.
 constexpr std::int64_t kGlbVectorBytes = 3 * sizeof(float);
 constexpr std::int64_t kMaxFileBytes = std::numeric_limits<std::uint32_t>::max();
-// Values of the specification.
+// Constants of the specification.
 constexpr int kFloat = 5126;
 constexpr int kUnsignedInt = 5125;
 constexpr int kArrayBuffer = 34962;
@@ -189,7 +189,7 @@ class GlbWriter : public MeshWriter {
                                   const char* shape) {
       Json accessor = {{"bufferView", static_cast<int>(section)}};
       if (first > 0) {
-        accessor["byteOffset"] = first * kGlbVectorBytes;  // a triangle takes as much
+        accessor["byteOffset"] = first * kGlbVectorBytes;  // a triangle has the same size
       }
       accessor["componentType"] = type;
       accessor["count"] = count;

@@ -11,9 +11,9 @@
 
 namespace isoscope::client {
 
-// MeshWriter::Create for GLB. The colour is that of the material. The format ends at 4 GiB: beyond,
-// OUT_OF_RANGE. Coordinates are the world's, although glTF takes its y axis for up and its units
-// for metres.
+// MeshWriter::Create for GLB. Colours become materials. The format is limited to 4 GiB; above it
+// the error is OUT_OF_RANGE. Coordinates are the world's, although glTF defines y as up and metres
+// as units.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateGlb(const MeshFileOptions& options);
 
 }  // namespace isoscope::client

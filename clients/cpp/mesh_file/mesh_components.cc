@@ -42,7 +42,7 @@ absl::StatusOr<DroppedComponents> DropSmallComponents(std::int64_t min_triangles
     Join(triangles[i], triangles[i + 1], parents.data());
     Join(triangles[i], triangles[i + 2], parents.data());
   }
-  // Triangles of each root; a component of more than 2^32 - 1 counts as so large.
+  // Triangles of each root; the count saturates at 2^32 - 1.
   ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> counts,
                             io::FileArray<std::uint32_t>::Create(mesh->directory()));
   ISOSCOPE_RETURN_IF_ERROR(counts.Resize(vertex_count));

@@ -1,4 +1,4 @@
-// Meshes that pass through in pieces, so that none needs to fit into memory.
+// Meshes as streams of pieces, so that no mesh has to fit into memory.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_PIECE_H_
 #define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_PIECE_H_
@@ -12,7 +12,7 @@
 
 namespace isoscope::client {
 
-// The limit of 32-bit vertex indices with a sign, which PLY and VTP have.
+// The limit of signed 32-bit vertex indices, which PLY and VTP use.
 inline constexpr std::int64_t kMaxVertexCount = 0x7fffffff;
 
 // New vertices and new triangles of a mesh, all of one surface.
@@ -40,12 +40,12 @@ class MeshDecoder {
   // triangles:          three vertex indices each, little-endian int64, each of a vertex of this
   //                     surface, in this message or before
   //
-  // DATA_LOSS if the bytes are not that, or the surface is none of the request's, or an earlier
-  // one; OUT_OF_RANGE above kMaxVertexCount vertices.
+  // DATA_LOSS if the bytes have another form, or if the surface is not in the request or precedes
+  // the last one. OUT_OF_RANGE above kMaxVertexCount vertices.
   absl::StatusOr<MeshPiece> Decode(int surface_index, absl::string_view positions,
                                    absl::string_view normals, absl::string_view triangles);
 
-  // Of all surfaces so far.
+  // Vertices of all surfaces so far.
   [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
   [[nodiscard]] std::int64_t triangle_count() const { return triangle_count_; }
 
@@ -66,12 +66,12 @@ class MeshDecoder {
 // vertex_count:       of all pieces before
 // first_vertex:       of the surface
 //
-// DATA_LOSS if the bytes are not that; OUT_OF_RANGE above kMaxVertexCount vertices.
+// DATA_LOSS if the bytes have another form; OUT_OF_RANGE above kMaxVertexCount vertices.
 absl::StatusOr<MeshPiece> DecodeMeshPiece(absl::string_view positions, absl::string_view normals,
                                           absl::string_view triangles, std::int64_t vertex_count,
                                           std::int64_t first_vertex = 0);
 
-// Takes a mesh in pieces: a triangle has only vertices of its own and of earlier pieces.
+// Receives a mesh in pieces: a triangle has only vertices of its own and of earlier pieces. Call
 // Add for every piece, then Finish once. Thread-compatible.
 class MeshSink {
  public:

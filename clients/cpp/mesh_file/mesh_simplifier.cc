@@ -1,3 +1,13 @@
+// Simplification in parts, so that memory is bounded whatever the size of the mesh:
+//
+// 1. WeldEqualPositions joins vertices of one position, which libmeshoptimizer would keep as seams.
+// 2. RunRound goes through the triangles in parts of part_triangle_count, in the order of the
+//    stream. libmeshoptimizer simplifies each part; vertices that parts share are locked.
+// 3. A mesh of several parts gets up to three rounds. Each shifts the borders of the parts, so that
+//    earlier borders are simplified, too.
+//
+// The error budget is split over the rounds, because their errors add up.
+
 #include "clients/cpp/mesh_file/mesh_simplifier.h"
 
 #include <meshoptimizer.h>
@@ -16,7 +26,7 @@ namespace isoscope::client {
 namespace {
 
 constexpr int kMaxRounds = 3;
-// A mesh this close to its aim needs no further round.
+// A mesh this close to its target size needs no further round.
 constexpr double kNearlyThere = 1.02;
 // No bound, for libmeshoptimizer: its errors are relative to the size of the mesh.
 constexpr float kAnyError = 1e10F;
@@ -30,13 +40,13 @@ std::array<std::uint32_t, 3> KeyOf(const float* position) {
   return key;
 }
 
-// Makes vertices of one position one vertex, the first of them, and drops triangles that lose their
-// area by that. Samples that equal the isovalue have such vertices, one for each grid edge that
-// ends there; libmeshoptimizer would leave them alone, as the seams of a texture.
+// Joins vertices of equal position into the first of them, and drops triangles that become
+// degenerate. Samples equal to the isovalue have such vertices, one for each grid edge that ends
+// there. libmeshoptimizer would keep them, as the seams of a texture.
 absl::Status WeldEqualPositions(MeshStore* mesh) {
   const auto vertex_count = static_cast<std::size_t>(mesh->vertex_count());
   const float* const positions = mesh->positions().data();
-  // An open hash table of 1 + vertex.
+  // An open-addressing hash table of 1 + vertex.
   const std::size_t table_size = std::bit_ceil(2 * vertex_count + 1);
   ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> table,
                             io::FileArray<std::uint32_t>::Create(mesh->directory()));
@@ -88,7 +98,7 @@ class Simplifier {
     SimplifyResult result;
     for (int round = 0; round < round_count; ++round) {
       const bool is_whole = mesh_.triangle_count() <= options_.part_triangle_count;
-      // Errors of rounds add up: 1/2, 1/4 and 1/4 of the bound.
+      // Errors of rounds add up, so each gets a share of the bound: 1/2, 1/4 and 1/4.
       const double budget = round_count == 1 ? 1 : round == 0 ? 0.5 : 0.25;
       double error = 0;
       ISOSCOPE_RETURN_IF_ERROR(RunRound(round, round_count, aim, budget, &error));
@@ -103,8 +113,8 @@ class Simplifier {
   }
 
  private:
-  // Simplifies part after part. The first part of every second round is half as long, so that its
-  // borders lie elsewhere.
+  // Simplifies part after part. The first part of every second round has half the length, so that
+  // the borders differ.
   absl::Status RunRound(int round, int round_count, double aim, double budget, double* error) {
     const std::int64_t count = mesh_.triangle_count();
     const bool is_whole = count <= options_.part_triangle_count;
@@ -123,7 +133,7 @@ class Simplifier {
       const auto part = mesh_.triangles().values().subspan(
           static_cast<std::size_t>(3 * begin), static_cast<std::size_t>(3 * (end - begin)));
       const std::size_t index_count = SimplifyPart(part, share, budget, is_whole, error);
-      // Parts only shrink, so this writes behind what was read.
+      // Parts only shrink, so this writes behind the read position.
       std::copy_n(result_.begin(), index_count,
                   mesh_.triangles().data() + static_cast<std::ptrdiff_t>(kept));
       kept += index_count;
@@ -132,8 +142,8 @@ class Simplifier {
     return mesh_.triangles().Resize(kept);
   }
 
-  // Leaves the triangles that stay in result_, by the mesh's vertices, and returns their indices'
-  // number.
+  // Stores the remaining triangles in result_, with the mesh's vertices, and returns the number of
+  // indices.
   std::size_t SimplifyPart(std::span<const std::uint32_t> part, double share, double budget,
                            bool is_whole, double* error) {
     CollectVertices(part);
@@ -162,7 +172,7 @@ class Simplifier {
     return index_count;
   }
 
-  // Gives the part's vertices indices of their own, in the order in which triangles name them.
+  // Numbers the part's vertices in the order in which triangles refer to them.
   void CollectVertices(std::span<const std::uint32_t> part) {
     vertices_.clear();
     positions_.clear();
@@ -186,7 +196,7 @@ class Simplifier {
   const SimplifyOptions& options_;
   MeshStore& mesh_;
   io::FileArray<std::uint32_t> local_plus_one_;  // by vertex of the mesh; 0: not in this part
-  // Of the part in work.
+  // Data of the part in work.
   std::vector<std::uint32_t> vertices_;  // of the mesh, by index in the part
   std::vector<float> positions_;
   std::vector<std::uint32_t> indices_;

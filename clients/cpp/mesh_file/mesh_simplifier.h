@@ -25,16 +25,17 @@ struct SimplifyOptions {
 };
 
 struct SimplifyResult {
-  std::int64_t triangle_count = 0;  // that are left
-  double error = 0;                 // world units, estimated: the sum of what the rounds have added
+  std::int64_t triangle_count = 0;  // that remain
+  double error = 0;                 // world units, estimated: the sum over the rounds
 };
 
-// Removes triangles until `share` of them is left, or a further one would move the surface by more
-// than `max_error`; whichever is first. Vertices that stay keep their place and their normal.
+// Removes triangles until `share` of them is left, or until the next removal would move the surface
+// by more than `max_error`, whichever is first. Remaining vertices keep their positions and
+// normals.
 //
-// A mesh of more than part_triangle_count triangles is worked on in parts, in the order of the
-// stream. The vertices that parts share stay, so there are no cracks; a second and a third round
-// cut the parts elsewhere and so reach what was the border of a part. Deterministic. REQUIRES: one
+// A mesh of more than part_triangle_count triangles is processed in parts, in the order of the
+// stream. Vertices that parts share are kept, so there are no cracks. A second and a third round
+// have other borders between parts, and so simplify the earlier ones. Deterministic. REQUIRES: one
 // of share and max_error.
 absl::StatusOr<SimplifyResult> SimplifyMesh(const SimplifyOptions& options, MeshStore* mesh);
 

@@ -1,4 +1,4 @@
-// A whole surface on disk, mapped into memory, for work that looks at all of it.
+// A whole surface on disk, mapped into memory, for algorithms that need all of it.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_STORE_H_
 #define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_STORE_H_
@@ -16,20 +16,20 @@
 
 namespace isoscope::client {
 
-// Takes 24 bytes of disk for each vertex and 12 for each triangle. Memory holds what the system
-// leaves there. Thread-compatible.
+// Takes 24 bytes of disk for each vertex and 12 for each triangle. The system decides how much of
+// it is in memory. Thread-compatible.
 class MeshStore : public MeshSink {
  public:
-  // Scratch files without a name lie on the file system of `directory`.
+  // Unnamed scratch files lie on the file system of `directory`.
   static absl::StatusOr<std::unique_ptr<MeshStore>> Create(const std::string& directory);
 
   absl::Status Add(const MeshPiece& piece) override;
   absl::Status Finish() override { return absl::OkStatus(); }
 
-  // Gives the mesh on to `sink`, all vertices first, without those that no triangle has; does not
-  // call its Finish. The order stays.
+  // Passes the mesh to `sink`, all vertices first, without those that no triangle uses; does not
+  // call its Finish. The order is preserved.
   //
-  // first_vertex: vertices that the sink has of earlier surfaces
+  // first_vertex: number of vertices of earlier surfaces in the sink
   absl::Status Emit(MeshSink* sink, std::int64_t first_vertex = 0, int surface_index = 0) const;
 
   [[nodiscard]] const std::string& directory() const { return directory_; }

@@ -25,8 +25,8 @@ enum class MeshFormat { kPly, kStl, kObj, kGlb, kVtp };
 absl::StatusOr<MeshFormat> ParseMeshFormat(absl::string_view text);
 absl::string_view NameOf(MeshFormat format);
 
-// The format of a file: `format` if it is given, else that of the name's suffix; PLY for a name
-// without one. INVALID_ARGUMENT if the suffix is that of none, or contradicts `format`.
+// Returns the format of a file: `format` if it is given, else that of the name's suffix; PLY for a
+// name without one. INVALID_ARGUMENT if the suffix is unknown, or contradicts `format`.
 absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
                                         const std::optional<MeshFormat>& format);
 
@@ -39,42 +39,42 @@ struct MeshSurface {
 struct MeshFileOptions {
   std::string path;
   MeshFormat format = MeshFormat::kPly;
-  // At least one, by surface index. A file of several surfaces tells them apart where its format
+  // At least one, by surface index. A file of several surfaces distinguishes them if its format
   // can: by a surface index of vertices (PLY, VTP), objects (OBJ) or primitives (GLB).
   std::vector<MeshSurface> surfaces = std::vector<MeshSurface>(1);
 
-  // If no surface has a colour, the file has none.
+  // Returns false if no surface has a colour: then the file has none.
   [[nodiscard]] bool has_colors() const;
-  // The colour of a surface in a file with colours: its own, or the default one of frames.
+  // Returns the colour of a surface in a file with colours: its own, or the default one of frames.
   [[nodiscard]] frame::Color ColorOf(int surface_index) const;
 };
 
-// INVALID_ARGUMENT if the format can't hold what is asked for: STL has no colours.
+// INVALID_ARGUMENT if the format lacks a requested feature: STL has no colours.
 absl::Status Validate(const MeshFileOptions& options);
 
 // Red, green and blue, rounded to 8 bits.
 std::array<std::uint8_t, 3> ToBytes(const frame::Color& color);
 
-// A MeshSink that is a file. Pieces go to disk as they come, so memory holds one at a time; but
-// STL, whose triangles repeat their corners, keeps all positions in a file that is mapped into
-// memory. `path` appears at Finish, in one step. Without it the destructor removes what was
-// written.
+// A MeshSink that is a file. Pieces go to disk as they arrive, so memory holds one at a time. STL
+// is the exception: its triangles repeat their corners, so it keeps all positions in a file that is
+// mapped into memory. `path` appears at Finish, in one step. Without Finish the destructor removes
+// the written data.
 class MeshWriter : public MeshSink {
  public:
   // REQUIRES: Validate is OK. Errors as io::CreateWritableFile.
   static absl::StatusOr<std::unique_ptr<MeshWriter>> Create(const MeshFileOptions& options);
 
-  // Errors of writing. OUT_OF_RANGE, and what to do, where the format can't hold as many.
+  // Errors of writing. OUT_OF_RANGE, with advice, if the format can't hold as many.
   absl::Status Add(const MeshPiece& piece) final;
 
   [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
   [[nodiscard]] std::int64_t triangle_count() const { return triangle_count_; }
-  // Of the file, once finished.
+  // Size of the finished file.
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
 
  protected:
   MeshWriter() = default;
-  // The counts are those of before.
+  // The counts do not include `piece` yet.
   virtual absl::Status AddPiece(const MeshPiece& piece) = 0;
 
  private:

@@ -42,7 +42,7 @@ class ObjWriter : public MeshWriter {
     return absl::OkStatus();
   }
 
-  // A line may name any vertex before it, so one pass is enough.
+  // A line may refer to any earlier vertex, so one pass is enough.
   absl::Status AddPiece(const MeshPiece& piece) override {
     std::string text;
     if (piece.surface_index != surface_index_ && !piece.positions.empty()) {
@@ -70,8 +70,8 @@ class ObjWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  // An object for each of several surfaces. A triangle may name vertices of other objects, but has
-  // none here.
+  // Writes one object for each of several surfaces. A triangle could refer to vertices of other
+  // objects, but here it does not.
   void BeginSurface(int surface_index, std::string* text) {
     surface_index_ = surface_index;
     line_end_.clear();

@@ -62,7 +62,7 @@ class PlyWriter : public MeshWriter {
     return MakePlyHeader(vertex_count(), triangle_count(), options_.has_colors(), has_indices());
   }
 
-  // Returns what follows the normal of each vertex of a surface.
+  // Returns the bytes after the normal of each vertex of a surface.
   [[nodiscard]] std::string VertexTail(int surface_index) const {
     std::string tail;
     if (options_.has_colors()) {
@@ -86,7 +86,7 @@ std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count
                           bool has_surface_indices) {
   const std::string vertices = absl::StrCat(vertex_count);
   const std::string faces = absl::StrCat(triangle_count);
-  // The comment takes up what the counts leave of their room.
+  // The comment pads the room that the counts leave.
   const std::string padding(kCountDigits - vertices.size() - faces.size(), '.');
   return absl::StrCat(
       "ply\nformat binary_little_endian 1.0\ncomment isoscope ", padding, "\nelement vertex ",

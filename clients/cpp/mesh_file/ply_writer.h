@@ -1,5 +1,5 @@
-// Binary little-endian PLY: vertices with x y z nx ny nz (float) and, if wanted, red green blue
-// (uchar), and of several surfaces surface_index (uchar); faces with a list of three int
+// Binary little-endian PLY. Vertices have x y z nx ny nz (float), with colours red green blue
+// (uchar), and with several surfaces surface_index (uchar). Faces have a list of three int
 // vertex_indices.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_PLY_WRITER_H_
@@ -18,7 +18,7 @@ namespace isoscope::client {
 // MeshWriter::Create for PLY.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreatePly(const MeshFileOptions& options);
 
-// The header for these counts: its length does not depend on them.
+// Returns the header for these counts; its length does not depend on them.
 std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count,
                           bool has_colors = false, bool has_surface_indices = false);
 

@@ -33,7 +33,7 @@ absl::StatusOr<std::unique_ptr<SectionedFile>> SectionedFile::Create(const std::
 }
 
 SectionedFile::~SectionedFile() {
-  // After Finish there is nothing left under these names; before it, an error is on its way.
+  // After Finish no files with these names exist; before it, another error is reported.
   for (const Section& section : later_sections_) {
     io::RemoveRecursively(section.path).IgnoreError();
   }

@@ -1,4 +1,4 @@
-// A file whose header tells counts that are known last, and whose sections all grow at a time.
+// A file whose header has counts that are known last, and whose sections all grow at the same time.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_SECTIONED_FILE_H_
 #define ISOSCOPE_CLIENTS_CPP_MESH_FILE_SECTIONED_FILE_H_
@@ -19,9 +19,9 @@
 
 namespace isoscope::client {
 
-// The first section goes straight behind the header, whose length is fixed; each other one into a
-// file of its own that is joined at the end. So memory stays small whatever the file's size.
-// Without Finish the destructor removes what was written. Thread-compatible.
+// The first section is written directly after the header, whose length is fixed. Each other section
+// has its own file, which is appended at the end. So memory stays small whatever the file's size.
+// Without Finish the destructor removes the written data. Thread-compatible.
 class SectionedFile {
  public:
   // `path` appears at Finish, in one step. section_count >= 1. Errors as io::AtomicFile.
@@ -33,18 +33,18 @@ class SectionedFile {
   SectionedFile& operator=(const SectionedFile&) = delete;
 
   absl::Status Append(std::size_t section, absl::string_view bytes);
-  // Of a section so far; of the first one without the header.
+  // Bytes of a section so far; of the first one without the header.
   [[nodiscard]] std::int64_t section_bytes(std::size_t section) const;
 
-  // Joins the sections. `between[i]` stands between section i and section i + 1 (none where it is
-  // shorter), `tail` behind the last. REQUIRES: header.size() is that of Create.
+  // Joins the sections. `between[i]` is written between section i and section i + 1 (none if it is
+  // shorter), `tail` after the last. REQUIRES: header.size() is that of Create.
   absl::Status Finish(absl::string_view header, const std::vector<std::string>& between = {},
                       absl::string_view tail = "");
-  // Of the whole file, once finished.
+  // Size of the finished file.
   [[nodiscard]] std::int64_t size_bytes() const { return file_->size_bytes(); }
 
  private:
-  // A section that waits in a file of its own.
+  // A section in its own temporary file.
   struct Section {
     std::string path;
     std::unique_ptr<io::WritableFile> file;

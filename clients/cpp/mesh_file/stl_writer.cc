@@ -24,7 +24,7 @@ constexpr std::size_t kFacetBytes = 12 * sizeof(float) + sizeof(std::uint16_t);
 constexpr std::int64_t kMaxTriangleCount = std::numeric_limits<std::uint32_t>::max();
 
 std::string MakeHeader(std::int64_t triangle_count) {
-  // Must not begin with "solid", which the text form does.
+  // Must not begin with "solid", which marks the text format.
   std::string header = "isoscope, binary STL";
   header.resize(kTextBytes, ' ');
   base::AppendLittleEndian(static_cast<std::uint32_t>(triangle_count), &header);

@@ -12,7 +12,7 @@
 namespace isoscope::client {
 
 // MeshWriter::Create for STL: at most 2^32 - 1 triangles. Normals are those of the triangles, 0 for
-// one without an area.
+// degenerate ones.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateStl(const MeshFileOptions& options);
 
 }  // namespace isoscope::client

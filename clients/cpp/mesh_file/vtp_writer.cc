@@ -1,5 +1,5 @@
-// The file is an XML header of a fixed length, which declares the arrays with their offsets, and
-// behind its "_" the arrays, each with its size in bytes (uint64) before it:
+// The file has an XML header of a fixed length, which declares the arrays with their offsets. After
+// its "_" follow the arrays, each preceded by its size in bytes (uint64):
 //
 //   Points, Normals, Colors (if wanted), SurfaceIndex (of several surfaces), connectivity (Int32),
 //   offsets (Int64)
@@ -91,12 +91,12 @@ class VtpWriter : public MeshWriter {
  private:
   [[nodiscard]] bool has_colors() const { return options_.has_colors(); }
   [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
-  // The section of the connectivity; that of surface indices, if there are any, is before it.
+  // Returns the section of the connectivity; that of surface indices, if any, is before it.
   [[nodiscard]] std::size_t connectivity() const {
     return std::size_t{2} + (has_colors() ? 1 : 0) + (has_indices() ? 1 : 0);
   }
 
-  // The declaration of an array; the next one lies behind it.
+  // Returns the declaration of an array; the next one follows it.
   std::string Declare(std::size_t section, absl::string_view type, absl::string_view name,
                       int components, std::int64_t* offset) const {
     std::string text =

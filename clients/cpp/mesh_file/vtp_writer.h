@@ -11,8 +11,8 @@
 
 namespace isoscope::client {
 
-// MeshWriter::Create for VTP. Point data: "Normals", "Colors" (uint8) if wanted, and of
-// several surfaces "SurfaceIndex" (uint8).
+// MeshWriter::Create for VTP. Point data: "Normals"; with colours "Colors" (uint8); with several
+// surfaces "SurfaceIndex" (uint8).
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateVtp(const MeshFileOptions& options);
 
 }  // namespace isoscope::client

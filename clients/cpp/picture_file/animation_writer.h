@@ -12,7 +12,7 @@
 
 namespace isoscope::client {
 
-// How an animation runs. It repeats for ever.
+// Options of an animation. It repeats without end.
 struct AnimationOptions {
   int width_px = 0;
   int height_px = 0;
@@ -21,12 +21,12 @@ struct AnimationOptions {
   bool has_alpha = false;  // true if a frame may have a pixel that is not opaque
 };
 
-// Takes PNGs, all of one size, in order. Without Finish nothing is left behind. Thread-compatible.
+// Takes PNGs, all of one size, in order. Without Finish no file is left. Thread-compatible.
 class AnimationWriter {
  public:
   virtual ~AnimationWriter() = default;
 
-  // DATA_LOSS if `png` is none, or has another size than the animation.
+  // DATA_LOSS if `png` is no PNG, or has another size than the animation.
   virtual absl::Status AddFrame(absl::string_view png) = 0;
   // The file appears in one step. FAILED_PRECONDITION if frames are missing.
   virtual absl::Status Finish() = 0;
@@ -35,8 +35,8 @@ class AnimationWriter {
 // True if the name ends in .apng or .webp, in letters of any case.
 bool IsAnimationName(const std::string& path);
 
-// OK if an animation of this size can be written: WebP has at most 16383 pixels a side.
-// INVALID_ARGUMENT else.
+// OK if an animation of this size can be written: WebP has at most 16383 pixels a side. Otherwise
+// INVALID_ARGUMENT.
 absl::Status CheckAnimationSize(const std::string& path, int width_px, int height_px);
 
 // REQUIRES: IsAnimationName(path), and CheckAnimationSize is OK. Errors as io::CreateWritableFile.

@@ -1,12 +1,12 @@
-// Each item is drawn on a transparent surface of its own, no larger than it needs, and laid over
-// the picture pixel by pixel. So pixels that no ink touches keep their bits, also where the picture
-// is not opaque, which Cairo would round.
+// Each item is drawn on its own transparent surface of minimal size, and blended over the picture
+// pixel by pixel. So pixels without ink keep their bits, even in a translucent picture, which Cairo
+// would round.
 //
-// Lengths are multiples of the text's size, which is a part of the picture's shorter side. Text and
-// lines have an outline in the opposite lightness, so that they show on any surface.
+// Lengths are multiples of the text's size, which is a fraction of the picture's shorter side. Text
+// and lines have an outline of the opposite lightness, so that they are visible on any surface.
 //
-// Pango shapes text: letters of any script, from the fonts that the machine has for it, right to
-// left where the script is.
+// Pango shapes text: letters of any script, from the fonts of the machine, right to left if the
+// script requires it.
 
 #include "clients/cpp/picture_file/annotations.h"
 
@@ -42,7 +42,7 @@ constexpr char kFontFamily[] = "DejaVu Sans";  // others for letters that it lac
 constexpr double kOutlineShare = 0.22;         // of the text's size
 constexpr double kLineSpacing = 1.3;
 constexpr int kMaxLegendTicks = 8;
-constexpr double kLeastArm = 0.35;  // of an arm in the picture, for letters at both of its ends
+constexpr double kLeastArm = 0.35;         // least arm length for letters at both ends
 constexpr std::ptrdiff_t kPixelBytes = 4;  // of Cairo's ARGB32
 
 struct Ink {
@@ -135,15 +135,14 @@ class Sheet {
     cairo_stroke(cr());
   }
 
-  // Fills the rectangles of the path as one shape. Its edges are exact; they may lie between
-  // pixels.
+  // Fills the rectangles of the path as one shape. Its edges are exact, and may lie between pixels.
   void FillPath() const {
     Outline(kOutlineShare * text_px_);
     SetInk(ink_, 1);
     cairo_fill(cr());
   }
 
-  // Lays the sheet over the picture and adds the box of the pixels that it has touched.
+  // Blends the sheet over the picture and adds the box of the changed pixels.
   absl::Status LayOver(image::RgbaImage* picture, std::vector<view::PixelRect>* boxes) const {
     cairo_surface_flush(surface_.get());
     if (const cairo_status_t status = cairo_status(cr()); status != CAIRO_STATUS_SUCCESS) {
@@ -192,7 +191,7 @@ class Sheet {
     cairo_stroke_preserve(cr());
   }
 
-  // `argb`: premultiplied, as Cairo has it; the pixel is straight.
+  // `argb`: premultiplied, in Cairo's format; the pixel has straight alpha.
   static void BlendOver(std::uint32_t argb, image::Rgba8* pixel) {
     const std::uint32_t over_alpha = argb >> 24;
     const std::uint32_t under_weight = pixel->a * (255 - over_alpha);  // of 255 * 255
@@ -225,8 +224,8 @@ double TextPx(const image::RgbaImage& picture) {
 
 int Ceil(double value) { return static_cast<int>(std::ceil(value)); }
 
-// An arm of the axes, from the centre, with its letter beyond the tip; of one that points at the
-// eye, beside it.
+// Draws an arm of the axes, from the centre, with its letter beyond the tip, or beside it if the
+// arm points at the eye.
 void DrawArm(const Sheet& sheet, double center, double arm, double text, const math::Vec3d& d,
              double thickness, const std::string& name, const Ink& ink) {
   sheet.DrawLine(center, center, center + arm * d.x, center - arm * d.y, thickness, ink);
@@ -254,8 +253,8 @@ absl::Status DrawAxes(const AnnotationScene& scene, Annotated* annotated) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const math::Vec3d& d = directions[axis];
     const bool has_two = !scene.opposite_names[axis].empty();
-    // The letters of an axis along the view direction would lie on each other: the end shows that
-    // points to the eye.
+    // The letters of an axis along the view direction would overlap: only the end towards the eye
+    // gets one.
     const bool is_short = has_two && std::hypot(d.x, d.y) < kLeastArm;
     if (!is_short || d.z < 0) {
       arms.push_back({axis, d, arm, &scene.axis_names[axis]});
@@ -303,7 +302,7 @@ struct LegendItem {
   std::string title;
 };
 
-// Surfaces that were coloured alike share an item.
+// Surfaces with the same colouring share an item.
 std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
   std::vector<LegendItem> items;
   std::vector<std::vector<std::string>> isovalues;
@@ -336,8 +335,8 @@ std::string TickLabel(double value, double step) {
   return absl::StrFormat("%.9g", std::abs(value) < 1e-9 * step ? 0.0 : value);
 }
 
-// Light and dark grey squares in rows [begin_row, end_row) of a bar that begins at (x, y), two in a
-// row: what is translucent shows them.
+// Draws light and dark grey squares in rows [begin_row, end_row) of a bar that begins at (x, y),
+// two in a row: the background of translucent colours.
 void DrawSquares(cairo_t* cr, double x, int begin_row, int end_row, double y, double width) {
   const double side = std::max(1.0, std::round(width / 2));
   for (int row = begin_row; row < end_row; ++row) {
@@ -351,7 +350,7 @@ void DrawSquares(cairo_t* cr, double x, int begin_row, int end_row, double y, do
   }
 }
 
-// The colours of a map from bottom to top, with a frame and ticks, in [y, y + height).
+// Draws the colours of a map from bottom to top, with a frame and ticks, in [y, y + height).
 void DrawBar(const Sheet& sheet, double x, double y, double width, double height, double text,
              const frame::ColorBy& color_by) {
   const picture::ColorMapTable& table = picture::ColorMapTableOf(color_by.map);
@@ -381,7 +380,7 @@ void DrawBar(const Sheet& sheet, double x, double y, double width, double height
   }
 }
 
-// Draws a bar with its title so that it ends at column `right`; returns where it begins.
+// Draws a bar with its title so that it ends at column `right`; returns its first column.
 absl::StatusOr<double> DrawBarItem(const AnnotationScene& scene, const LegendItem& item,
                                    double right, double top, double bar_height,
                                    Annotated* annotated) {
@@ -438,7 +437,7 @@ std::string IsovalueText(const AnnotationScene& scene) {
   });
 }
 
-// The top left corner; lines that are too long for the picture make all of them smaller.
+// The top left corner; lines that are too long for the picture reduce the size of all.
 absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scene,
                          Annotated* annotated) {
   const image::RgbaImage& picture = annotated->picture;
@@ -513,7 +512,7 @@ void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene) {
 
 std::vector<double> LegendTicks(const frame::ColorRange& range, int max_count) {
   const double length = range.max - range.min;
-  // A multiple of the step that rounding has moved off an end still counts.
+  // A multiple of the step that rounding has moved past an end still counts.
   const double slack = 1e-9 * length;
   for (double power = std::max(std::pow(10, std::floor(std::log10(length / max_count))),
                                std::numeric_limits<double>::min());

@@ -1,5 +1,5 @@
-// Annotations: orientation axes, a scale bar, a legend and a caption, drawn by Cairo over a picture
-// that has come. The server's pictures never have any.
+// Annotations: orientation axes, a scale bar, a legend and a caption, drawn by Cairo over a
+// received picture. The server's pictures have none.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_ANNOTATIONS_H_
 #define ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_ANNOTATIONS_H_
@@ -23,7 +23,7 @@
 
 namespace isoscope::client {
 
-// Those that are asked for.
+// The requested annotations.
 struct Annotations {
   bool has_axes = false;
   bool has_scale_bar = false;
@@ -35,21 +35,21 @@ struct Annotations {
   [[nodiscard]] bool any() const { return has_axes || has_scale_bar || has_legend || caption; }
 };
 
-// How a surface was coloured: a part of the legend.
+// The colouring of a surface: a part of the legend.
 struct SurfaceColoring {
   std::size_t surface_index = 0;
   frame::ColorBy color_by;       // with its range, if it has a map
   std::string field_title = {};  // of a colour by a field, with its unit
 };
 
-// What a frame tells its annotations.
+// The properties of a frame that annotations depend on.
 struct AnnotationScene {
   view::Camera camera;
-  int viewport_height_px = 0;        // that the camera's angle or height spans
+  int viewport_height_px = 0;        // spanned by the camera's angle or height
   std::vector<double> isovalues;     // of the surfaces, in their order
-  bool is_background_light = false;  // dark ink on it
+  bool is_background_light = false;  // dark ink is needed
   std::array<std::string, 3> axis_names{"X", "Y", "Z"};
-  // Of the ends that point the other way; empty: these have no arm.
+  // Names of the opposite ends; empty: these have no arm.
   std::array<std::string, 3> opposite_names{};
   std::vector<SurfaceColoring> colorings;  // ascending surfaces
   std::string length_unit = {};            // of world space; empty: not known
@@ -60,8 +60,8 @@ struct AnnotationScene {
 void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene);
 
 // Returns the multiples of a round number (1, 2 or 5 times a power of ten) that lie in the range,
-// ascending: of the least such number that gives at most `max_count` (>= 2) of them. They are at
-// least 1.
+// ascending. The round number is the least one that gives at most `max_count` (>= 2) multiples.
+// There is at least one.
 std::vector<double> LegendTicks(const frame::ColorRange& range, int max_count);
 
 // A scale bar: a round number of world units and its length in the picture.
@@ -71,24 +71,23 @@ struct ScaleBar {
   std::string label;
 };
 
-// The longest bar of at most `max_px` pixels. Exact for an orthographic camera; for a perspective
-// one it holds at the target's distance, and the label says so.
+// Returns the longest bar of at most `max_px` pixels. It is exact for an orthographic camera. For a
+// perspective one it is valid at the target's distance, and the label says so.
 ScaleBar MakeScaleBar(const AnnotationScene& scene, double max_px);
 
-// The screen directions of the world's axes x, y, z: components to the right, up and away from the
-// eye, of unit length together.
+// Returns the screen directions of the world's axes x, y, z: components to the right, up and away
+// from the eye, together of unit length.
 std::array<math::Vec3d, 3> AxisDirections(const view::Camera& camera);
 
 struct Annotated {
   image::RgbaImage picture;
-  // Outside these the pixels are those of before.
+  // Pixels outside of these are unchanged.
   std::vector<view::PixelRect> boxes;
 };
 
-// Draws over the picture. The same on one machine; another one may have another font.
-// INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is asked for and no surface shows a
-// quantity; FAILED_PRECONDITION if there is no font.
-// Thread-safe.
+// Draws over the picture. The result is the same on one machine; another one may have another font.
+// INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is requested and no surface shows a
+// quantity; FAILED_PRECONDITION if there is no font. Thread-safe.
 absl::StatusOr<Annotated> Annotate(const Annotations& annotations, const AnnotationScene& scene,
                                    image::RgbaImage picture);
 

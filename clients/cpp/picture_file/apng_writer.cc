@@ -7,8 +7,8 @@
 //   ...
 //   IEND
 //
-// All frames share one IHDR, so they have one colour type: RGB, or RGBA if the background shows
-// through. EncodePng writes RGB where a frame happens to be opaque; such a frame is encoded anew.
+// All frames share one IHDR, so they have one colour type: RGB, or RGBA if the background is
+// visible. EncodePng writes RGB for an opaque frame; in an RGBA animation it is encoded again.
 
 #include "clients/cpp/picture_file/apng_writer.h"
 
@@ -42,7 +42,7 @@ std::string BigEndian16(int value) {
   return {static_cast<char>(value >> 8), static_cast<char>(value)};
 }
 
-// The picture as RGBA, whatever its pixels.
+// Returns the picture as RGBA, whatever its colour type.
 absl::StatusOr<std::string> EncodeRgba(absl::string_view png) {
   ISOSCOPE_ASSIGN_OR_RETURN(const image::RgbaImage picture, image::DecodePng(png));
   png_image header{};
@@ -106,7 +106,7 @@ class ApngWriter : public AnimationWriter {
     return chunks[0].data.size() == kIhdrBytes ? chunks[0].data[kColorTypeOffset] : '\0';
   }
 
-  // IHDR must be that of all frames: 8 bits, not interlaced.
+  // The IHDR must be the same for all frames: 8 bits, not interlaced.
   [[nodiscard]] absl::Status CheckHeader(absl::string_view ihdr) const {
     const std::array<char, 5> format{8, options_.has_alpha ? kRgba : kRgb, 0, 0, 0};
     const std::string expected =
@@ -121,7 +121,7 @@ class ApngWriter : public AnimationWriter {
     return absl::OkStatus();
   }
 
-  // Everything before the pixels of the first frame, text aside.
+  // Returns the bytes before the pixels of the first frame, without text chunks.
   [[nodiscard]] std::string Head(const std::vector<PngChunk>& chunks) const {
     std::string head(kPngSignature);
     for (const PngChunk& chunk : chunks) {
@@ -150,7 +150,7 @@ class ApngWriter : public AnimationWriter {
   }
 
   const AnimationOptions options_;
-  const std::unique_ptr<io::AtomicFile> file_;  // gone unless Finish was reached
+  const std::unique_ptr<io::AtomicFile> file_;  // removed without Finish
   int added_count_ = 0;
   std::uint32_t sequence_ = 0;
 };

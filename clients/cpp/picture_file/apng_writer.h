@@ -12,8 +12,8 @@
 
 namespace isoscope::client {
 
-// Frames go to disk as they come: memory holds one at a time. Each keeps the deflated pixels of its
-// PNG, so an animation is as large as its pictures together.
+// Frames go to disk as they arrive: memory holds one at a time. Each keeps the deflated pixels of
+// its PNG, so an animation is as large as its pictures together.
 absl::StatusOr<std::unique_ptr<AnimationWriter>> CreateApng(const std::string& path,
                                                             const AnimationOptions& options);
 

@@ -18,8 +18,8 @@ namespace isoscope::client {
 // shape: C order, at least one axis
 std::string MakeNpyHeader(absl::string_view type, const std::vector<int>& shape);
 
-// Writes an array; the file appears whole or not at all. `elements`: in C order, as `type` says.
-// DATA_LOSS if there are not as many bytes as `shape` has elements of `element_bytes` bytes.
+// Writes an array; the file appears complete or not at all. `elements`: in C order, of `type`.
+// DATA_LOSS if the number of bytes does not match `shape` and `element_bytes`.
 absl::Status WriteNpy(const std::string& path, absl::string_view type, int element_bytes,
                       const std::vector<int>& shape, absl::string_view elements);
 

@@ -1,4 +1,4 @@
-// Pictures made to fit: smaller or larger by any factor, in linear light.
+// Scales pictures by any factor, in linear light.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_PICTURE_SCALING_H_
 #define ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_PICTURE_SCALING_H_
@@ -11,14 +11,14 @@
 
 namespace isoscope::client {
 
-// The largest size inside `limit` with the shape of `picture`, at most `picture` itself, and at
-// least 1 x 1. `pixel_aspect`: the height of a pixel of the result over its width. REQUIRES: sides
-// >= 1, pixel_aspect > 0.
+// Returns the largest size inside `limit` with the aspect of `picture`, at most `picture` itself,
+// and at least 1 x 1. `pixel_aspect`: the height of a pixel of the result over its width. REQUIRES:
+// sides >= 1, pixel_aspect > 0.
 view::Viewport FitInside(const view::Viewport& picture, const view::Viewport& limit,
                          double pixel_aspect);
 
-// Makes a picture of another size out of pieces: each pixel becomes the mean of what it covers, by
-// area, in linear light, colours weighted by their alpha. Thread-compatible.
+// Makes a picture of another size from pieces. Each pixel becomes the mean of the area that it
+// covers, in linear light, with colours weighted by their alpha. Thread-compatible.
 class PictureScaler {
  public:
   // REQUIRES: all sides >= 1.
@@ -27,7 +27,7 @@ class PictureScaler {
   // Adds a piece whose left upper pixel is at `x`, `y` of the picture. REQUIRES: it lies inside,
   // and no pixel is added twice.
   void Add(int x, int y, const image::RgbaImage& piece);
-  // The new picture, once all pieces are added.
+  // Returns the new picture, once all pieces are added.
   [[nodiscard]] image::RgbaImage Finish() const;
 
  private:
@@ -38,7 +38,7 @@ class PictureScaler {
     float b = 0;
     float a = 0;
   };
-  // A pixel of the new picture that an old one falls on, and how much of the new one it covers.
+  // A pixel of the new picture that an old one overlaps, and the overlapped share of the new one.
   struct Share {
     int index = 0;
     float weight = 0;
@@ -56,7 +56,7 @@ class PictureScaler {
   std::vector<Sum> sums_;
 };
 
-// The whole picture at once; itself if it has that size.
+// Scales a whole picture at once; returns it unchanged if it has that size.
 image::RgbaImage ScalePicture(image::RgbaImage picture, const view::Viewport& to);
 
 }  // namespace isoscope::client

@@ -44,7 +44,7 @@ view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px) {
   const std::int64_t row_bytes = std::int64_t{viewport.width_px} * 4;  // RGBA
   const auto most_rows = static_cast<int>(std::min<std::int64_t>(
       {view::kCommonViewport.height_px, kMaxStripBytes / row_bytes, viewport.height_px}));
-  // Whole stripes of the PNG, so that the bytes do not show where strips end.
+  // Whole stripes of the PNG, so that the bytes do not depend on the strips.
   const int rows = std::max(most_rows / stripe_rows * stripe_rows, stripe_rows);
   const auto columns = static_cast<int>(kRegionPixels / std::min(rows, viewport.height_px));
   return {std::min({columns, viewport.width_px, max_side_px}), rows};

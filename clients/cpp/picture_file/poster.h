@@ -1,5 +1,5 @@
-// A picture that is too large to be drawn at once: regions of its viewport go into
-// a PNG as soon as a strip of them is whole. Memory holds one strip.
+// A picture that is too large for one frame: regions of its viewport are written into a PNG as soon
+// as a strip of them is complete. Memory holds one strip.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_POSTER_H_
 #define ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_POSTER_H_
@@ -23,17 +23,17 @@ inline constexpr std::int64_t kMaxStripBytes = std::int64_t{64} * 1024 * 1024;
 
 bool NeedsRegions(const view::Viewport& viewport);
 
-// The size of a region; those at the right and at the bottom may be smaller. About as many pixels
-// as view::kCommonViewport has, and at most `max_side_px` >= view::kCommonViewport.height_px a
-// side.
+// Returns the size of a region; those at the right and at the bottom may be smaller. It has about
+// as many pixels as view::kCommonViewport, and at most `max_side_px` >=
+// view::kCommonViewport.height_px a side.
 view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px = view::kMaxViewportPx);
 
-// Asks `render` for the regions, row by row from the top left, and writes the picture to `path`,
-// which appears whole or not at all. The pixels, and the bytes if the picture is opaque, are those
-// of image::EncodePng for the whole. `progress` hears of each region.
+// Calls `render` for the regions, row by row from the top left, and writes the picture to `path`,
+// which appears complete or not at all. The pixels are those of image::EncodePng for the whole, and
+// so are the bytes if the picture is opaque. `progress` is called for each region.
 //
 // region_size: RegionSizeOf(viewport, ...)
-// is_opaque:   whether all alphas are 1
+// is_opaque:   true if all alphas are 1
 //
 // Returns the size of the file in bytes. Errors of `render`, and as io::CreateWritableFile.
 absl::StatusOr<std::int64_t> WritePoster(

@@ -15,7 +15,7 @@
 namespace isoscope::client {
 namespace {
 
-// Of 0 (fast) to 9 (small).
+// Effort, from 0 (fast) to 9 (small).
 constexpr int kLosslessLevel = 2;
 constexpr double kMsPerSecond = 1000;
 constexpr double kMaxDurationMs = 2e9;  // libwebp counts in int
@@ -106,7 +106,7 @@ class WebpWriter : public AnimationWriter {
   }
 
  private:
-  // When frame i begins, in milliseconds.
+  // Returns the start of frame i in milliseconds.
   [[nodiscard]] int TimeOf(int i) const {
     return static_cast<int>(std::lround(i * kMsPerSecond / options_.fps));
   }

@@ -15,8 +15,8 @@ namespace isoscope::client {
 // The format's own limit.
 inline constexpr int kMaxWebpSidePx = 16383;
 
-// Only what changes between frames is kept. libwebp holds a few pictures, and all frames in their
-// encoded form, until Finish: memory grows with the size of the file.
+// Only the differences between frames are stored. libwebp holds a few pictures, and all encoded
+// frames, until Finish: memory grows with the size of the file.
 absl::StatusOr<std::unique_ptr<AnimationWriter>> CreateWebp(const std::string& path,
                                                             const AnimationOptions& options);
 

@@ -66,7 +66,7 @@ class CameraReader {
     return absl::InvalidArgumentError(absl::StrCat(where_, ": ", message));
   }
 
-  // That `json` is an object without other members.
+  // Checks that `json` is an object without other members.
   absl::Status CheckMembers(const Json& json, absl::string_view name,
                             std::initializer_list<absl::string_view> known) const {
     if (!json.is_object()) {

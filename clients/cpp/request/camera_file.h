@@ -1,4 +1,4 @@
-// A camera as a JSON file, which people may write, too:
+// A camera as a JSON file, which users may write by hand:
 //
 //   {
 //     "eye": [0, 0, 500],
@@ -7,9 +7,8 @@
 //     "perspective": {"fov_y_degrees": 30}
 //   }
 //
-// The members are those of the message Camera; "up" may be left out; in place of "perspective"
-// there may be "orthographic": {"height": 200}. Numbers are read back with the bits that were
-// written.
+// The members are those of the message Camera; "up" is optional. "orthographic": {"height": 200}
+// may replace "perspective". Reading restores the bits of the written numbers.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_CAMERA_FILE_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_CAMERA_FILE_H_
@@ -25,8 +24,8 @@
 namespace isoscope::client {
 
 std::string CameraToJson(const isoscope::v1::Camera& camera);
-// INVALID_ARGUMENT names `where`, the member and what is expected: no JSON object, a member that is
-// missing, unknown or of another type, a camera that can't see.
+// INVALID_ARGUMENT names `where`, the member and the expected value: no JSON object, a member that
+// is missing, unknown or of another type, or an invalid camera.
 absl::StatusOr<isoscope::v1::Camera> CameraFromJson(absl::string_view text,
                                                     absl::string_view where);
 

@@ -85,7 +85,7 @@ absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const view:
     camera.projection = view::Projection::kOrthographic;
     camera.view_height = *flags.orthographic_height;
   }
-  // Before what follows divides by what is checked here.
+  // Checked first, because the rest divides by the checked values.
   ISOSCOPE_RETURN_IF_ERROR(view::Validate(camera));
   if (flags.azimuth_degrees) {
     view::Azimuth(*flags.azimuth_degrees * kRadiansPerDegree, &camera);

@@ -15,8 +15,8 @@
 
 namespace isoscope::client {
 
-// Either the first four or the last three; what is not given is as in the default camera. The
-// height goes with both, in place of the angle.
+// Either the first four or the last three; unset values are those of the default camera. The height
+// is allowed with both, in place of the angle.
 struct CameraFlags {
   std::optional<math::Vec3d> eye = std::nullopt;
   std::optional<math::Vec3d> target = std::nullopt;
@@ -36,14 +36,14 @@ void AddCameraFlags(cli::FlagSet* set, CameraFlags* flags);
 // UsageError if flags of both kinds are given, or an angle and a height.
 absl::Status CheckUsage(const CameraFlags& flags);
 
-// The camera for a volume with these bounds. As in VTK, azimuth comes first, then elevation, then
-// `up` is made perpendicular to the view direction, then zoom.
-// INVALID_ARGUMENT if it can't see: eye on target, up along the view direction.
+// Returns the camera for a volume with these bounds. As in VTK, azimuth comes first, then
+// elevation, then `up` is made perpendicular to the view direction, then zoom. INVALID_ARGUMENT for
+// an invalid camera: eye on target, or up along the view direction.
 absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const math::Box3d& bounds);
-// The same from another camera than the default one of the bounds.
+// Does the same with `camera` in place of the default one of the bounds.
 absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const view::Camera& start);
 
-// `camera` turned by frame_index * orbit_degrees about its `up` through the target.
+// Returns `camera` rotated by frame_index * orbit_degrees about its `up` through the target.
 view::Camera OrbitCamera(const view::Camera& camera, double orbit_degrees, int frame_index);
 
 }  // namespace isoscope::client

@@ -23,7 +23,7 @@ struct ClipFlags {
   [[nodiscard]] bool empty() const { return planes.empty() && !box; }
 };
 
-// `flags` must outlive the parsing. verb: what is done with the part that is kept, for --help.
+// `flags` must outlive the parsing. verb: action on the part that is kept, for --help.
 void AddClipFlags(cli::FlagSet* set, ClipFlags* flags, const std::string& verb = "show");
 
 // UsageError if there are too many planes.

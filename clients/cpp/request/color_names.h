@@ -1,4 +1,4 @@
-// The colours that people call by a name: those of CSS.
+// The colour names of CSS.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_COLOR_NAMES_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_COLOR_NAMES_H_
@@ -10,8 +10,8 @@
 
 namespace isoscope::client {
 
-// Returns 0xRRGGBB of a named colour of CSS Color Module Level 4, whatever the case of its letters;
-// nothing for another word.
+// Returns 0xRRGGBB of a named colour of CSS Color Module Level 4, ignoring case; nullopt for
+// another word.
 std::optional<std::uint32_t> NamedColor(absl::string_view name);
 
 }  // namespace isoscope::client

@@ -1,4 +1,4 @@
-// The flags of what is made of the drawn pixels: samples, ambient occlusion, silhouettes.
+// The flags of effects on the drawn pixels: samples, ambient occlusion, silhouettes.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_EFFECT_FLAGS_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_EFFECT_FLAGS_H_
@@ -16,7 +16,7 @@
 
 namespace isoscope::client {
 
-// A value that is not set is the server's default.
+// Unset members get the server's defaults.
 struct AmbientOcclusionValue {
   std::optional<std::int64_t> radius_px;
   std::optional<double> strength;
@@ -40,9 +40,9 @@ struct EffectFlags {
   std::optional<AmbientOcclusionValue> ambient_occlusion = std::nullopt;
   std::optional<SilhouetteValue> silhouette = std::nullopt;
 
-  // The size that a picture of `size` is drawn with, less the margin of a region.
+  // Returns the size at which a picture of `size` is drawn, without the margin of a region.
   [[nodiscard]] view::Viewport drawn_size(const view::Viewport& size) const;
-  // The most that a region of a picture may have on a side.
+  // Returns the largest side of a region.
   [[nodiscard]] int max_region_side_px() const;
 
  private:
@@ -52,7 +52,7 @@ struct EffectFlags {
 // `flags` must outlive the parsing.
 void AddEffectFlags(cli::FlagSet* set, EffectFlags* flags);
 
-// Writes what the flags ask for into the request.
+// Writes the flags into the request.
 void SetEffects(const EffectFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
 
 }  // namespace isoscope::client

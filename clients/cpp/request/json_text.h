@@ -1,4 +1,4 @@
-// JSON as commands print it.
+// JSON as the commands print it.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_JSON_TEXT_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_JSON_TEXT_H_
@@ -9,8 +9,8 @@
 
 namespace isoscope::client {
 
-// Indented by two, with a final line feed. JSON is UTF-8, and names of files may be any bytes:
-// those that are not UTF-8 become U+FFFD. No control character stands in it (base::PrintableJson).
+// Indented by two, with a final line feed. JSON is UTF-8, but file names may have any bytes:
+// invalid ones become U+FFFD. Control characters are escaped (base::PrintableJson).
 std::string JsonText(const nlohmann::ordered_json& json);
 
 }  // namespace isoscope::client

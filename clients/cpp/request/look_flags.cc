@@ -1,3 +1,11 @@
+// Each flag has a parser, a writer into the request, and a help text:
+//
+//   --light      X,Y,Z[:INTENSITY[:R,G,B]]                       up to four, in one space
+//   --color-by   QUANTITY[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]      for all surfaces, or for each
+//   --caps       "" or MAP[:MIN,MAX]                             needs a clip region
+//
+// Parsers check one value; CheckUsage checks the flags against each other and the surfaces.
+
 #include "clients/cpp/request/look_flags.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Lights, and what the colours of surfaces show: flags of `render`.
+// Flags of `render` for lights, and for the quantities that colours show.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_
@@ -19,7 +19,8 @@
 
 namespace isoscope::client {
 
-// "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0). Its space is the view's.
+// Parses "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0), in the view's
+// space.
 absl::StatusOr<frame::Light> ParseLight(absl::string_view text);
 
 // "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps
@@ -34,13 +35,13 @@ struct ColorByValue {
 };
 absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text);
 
-// "" or "MAP[:MIN,MAX]": caps that show their surface, or the samples.
+// Parses "" or "MAP[:MIN,MAX]": caps with the surface's colour, or with the samples.
 absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text);
 
 struct LookFlags {
   std::vector<frame::Light> lights = {};
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
-  // One for all surfaces, or one for each.
+  // One value for all surfaces, or one for each.
   std::vector<ColorByValue> color_by = {};
 };
 
@@ -52,11 +53,11 @@ absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count);
 // INVALID_ARGUMENT if a surface is to be coloured by a field, and the dataset has none.
 absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Dataset& dataset);
 
-// Adds the flags to a request. One that has an isovalue gets a surface of it instead if that is to
-// be coloured. REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.
+// Adds the flags to a request. If its single isovalue is to be coloured, it becomes a surface.
+// REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.
 void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
 
-// The name of a map, as --color-by takes it: "cool-warm".
+// Returns the name of a map for --color-by: "cool-warm".
 std::string NameOf(frame::ColorMap map);
 
 }  // namespace isoscope::client

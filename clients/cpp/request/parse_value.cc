@@ -1,3 +1,12 @@
+// Grammar of the values, shared by flags, URLs and files:
+//
+//   number    what absl::SimpleAtod accepts, finite; surrounding text is an error
+//   list      COUNT numbers between commas
+//   size      number and unit, powers of 1024; the number must end in a digit
+//   color     CSS name, "#" and hexadecimal digits, or a list of 3 or 4 numbers in [0, 1]
+//
+// A parser accepts the whole text or returns an error that quotes it.
+
 #include "clients/cpp/request/parse_value.h"
 
 #include <algorithm>
@@ -24,7 +33,7 @@ absl::Status Malformed(absl::string_view text, absl::string_view expected) {
   return absl::InvalidArgumentError(absl::StrCat("'", text, "' is not ", expected));
 }
 
-// `count` numbers between commas.
+// Parses `count` numbers between commas.
 absl::StatusOr<std::vector<double>> ParseList(absl::string_view text, std::size_t min_count,
                                               std::size_t max_count, absl::string_view expected) {
   const std::vector<absl::string_view> elements = absl::StrSplit(text, ',');
@@ -169,7 +178,7 @@ absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text) {
     }
   }
   double value = 0;
-  // A digit at the end rules out "1 K", "infK" and "1e".
+  // The digit at the end excludes "1 K", "infK" and "1e".
   if (digits.empty() || !absl::ascii_isdigit(static_cast<unsigned char>(digits.back())) ||
       !absl::SimpleAtod(digits, &value)) {
     return Malformed(text, kExpected);

@@ -1,5 +1,5 @@
-// From the text of a flag to its value. Every error is INVALID_ARGUMENT, quotes the text and says
-// what is allowed.
+// Parses the text of a flag into its value. Every error is INVALID_ARGUMENT, quotes the text and
+// gives the allowed form.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_PARSE_VALUE_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_PARSE_VALUE_H_
@@ -40,10 +40,10 @@ absl::StatusOr<math::Vec3d> ParsePositiveVector(absl::string_view text);
 absl::StatusOr<math::Index3> ParseDims(absl::string_view text);
 // "N" or "NXxNYxNZ", each in [1, BlockLayout::kMaxBlockCells].
 absl::StatusOr<math::Index3> ParseBlockCells(absl::string_view text);
-// A whole or decimal number of bytes, with K, M, G, T or KiB, MiB, GiB, TiB (all powers of 1024) if
-// wanted: "512MiB", "1.5G". >= 1.
+// A whole or decimal number of bytes, optionally with K, M, G, T or KiB, MiB, GiB, TiB (all powers
+// of 1024): "512MiB", "1.5G". >= 1.
 absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text);
-// A number of seconds > 0, with s, ms, m or h if wanted: "30", "1.5s", "2m".
+// A number of seconds > 0, optionally with s, ms, m or h: "30", "1.5s", "2m".
 absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text);
 
 // A name of CSS (NamedColor), "#RGB", "#RRGGBB", or "R,G,B", each from 0 to 1: opaque.
@@ -51,7 +51,7 @@ absl::StatusOr<frame::Color> ParseColor(absl::string_view text);
 // The same, or with an alpha: "#RGBA", "#RRGGBBAA", "R,G,B,A".
 absl::StatusOr<frame::Color> ParseColorWithAlpha(absl::string_view text);
 
-// "V", "V:COLOR" or "V:COLOR:OPACITY": a level, in field units, and its colour if it is given; the
+// "V", "V:COLOR" or "V:COLOR:OPACITY": a level in field units, and optionally its colour; the
 // opacity, in (0, 1], is the colour's alpha.
 struct SurfaceValue {
   double isovalue = 0;

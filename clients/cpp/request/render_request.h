@@ -65,12 +65,12 @@ absl::Status CheckSurfaces(const std::optional<double>& isovalue,
 isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
-// The same with the very bits of a camera, such as ResolveView gives, which may come from a file,
-// and with what it is to frame. INVALID_ARGUMENT if it can't see.
+// Does the same with exactly this camera, for instance from ResolveView or a file, and with the
+// fit. INVALID_ARGUMENT for an invalid camera.
 absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
     const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera,
     const std::optional<isoscope::v1::CameraFit>& fit = std::nullopt);
-// The request of a mesh. REQUIRES: CheckSurfaces is OK.
+// Returns the request of a mesh. REQUIRES: CheckSurfaces is OK.
 isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<double>& isovalue,
                                                         const std::vector<SurfaceValue>& surfaces,
                                                         const ClipFlags& clip,

@@ -36,7 +36,7 @@ absl::StatusOr<v1::CameraFit> ParseFit(absl::string_view text) {
       text, {{"volume", v1::CAMERA_FIT_VOLUME}, {"surface", v1::CAMERA_FIT_SURFACE}});
 }
 
-// The first flag that places the eye, or that turns it; null if there is none.
+// Returns the first flag that places or rotates the eye; null if there is none.
 const char* FirstPlaced(const CameraFlags& camera) {
   return camera.eye             ? "--eye"
          : camera.target        ? "--target"

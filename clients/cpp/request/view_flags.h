@@ -1,4 +1,4 @@
-// Cameras by name, by what they frame, and from files: flags of `render` and `pick`.
+// Flags of `render` and `pick` for cameras: by name, by fit, and from files.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_VIEW_FLAGS_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_VIEW_FLAGS_H_
@@ -26,19 +26,19 @@ struct ViewFlags {
   [[nodiscard]] bool fits_surface() const { return fit == isoscope::v1::CAMERA_FIT_SURFACE; }
 };
 
-// `flags` must outlive the parsing. Those that name no file alone: --view and --fit.
+// Registers the flags that name no file: --view and --fit. `flags` must outlive the parsing.
 void AddNamedViewFlags(cli::FlagSet* set, ViewFlags* flags);
-// All of them.
+// Registers all flags.
 void AddViewFlags(cli::FlagSet* set, ViewFlags* flags);
 
 // UsageError if the flags do not fit each other.
 absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera);
 
-// Returns the camera of the first frame, as it goes into the request: before the server moves it to
-// the surface. A camera from a file has the same bits as when it was saved.
+// Returns the camera of the first frame for the request, before the server fits it to the surface.
+// A camera from a file has the same bits as when it was saved.
 //
-// INVALID_ARGUMENT: it can't see, the file holds no camera, or the view is one of a patient and the
-// dataset has no patient frame. Else errors of reading the file.
+// INVALID_ARGUMENT: the camera is invalid, the file holds none, or the view is one of a patient and
+// the dataset has no patient frame. Else errors of reading the file.
 absl::StatusOr<isoscope::v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags& camera,
                                                  const isoscope::v1::Dataset& dataset);
 

@@ -1,4 +1,4 @@
-"""What the tests share: the programs of the build, a generated volume, a server of it, its client."""
+"""Shared fixtures of the tests: the programs of the build, a generated volume, its server, its client."""
 
 import os
 import pathlib

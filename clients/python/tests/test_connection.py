@@ -28,7 +28,7 @@ LOST = (grpc.StatusCode.UNAVAILABLE, "agent 127.0.0.1:1 was lost: it served shar
 
 
 def refusal(seconds, code=grpc.StatusCode.RESOURCE_EXHAUSTED):
-    """What a coordinator sends whose queue is full: google.rpc.Status with google.rpc.RetryInfo, by its bytes."""
+    """The error of a coordinator whose queue is full: google.rpc.Status with google.rpc.RetryInfo, as bytes."""
     whole = int(seconds)
     delay = duration_pb2.Duration(seconds=whole, nanos=round((seconds - whole) * 1e9)).SerializeToString()
     info = b"\x0a" + bytes([len(delay)]) + delay

@@ -251,7 +251,7 @@ def test_no_thread_outlives_its_tab(client, anywidget, monkeypatch):
         assert shows(view, 1) and view_threads()
         view.widget.close()
         assert wait_for_no_view_thread() and calls.get(timeout=30).wait(30)
-        # The browser goes, and nobody tells the kernel; one that was only silent goes on.
+        # The browser disappears without notice to the kernel; a browser that was only silent continues.
         monkeypatch.setattr(viewer, "KernelFrames", functools.partial(KernelFrames, idle_seconds=0.2))
         view = through["shells"].view(127.5, size=(16, 16))
         view.widget.receive({"type": "isoscope/open"})

@@ -24,7 +24,7 @@ PROGRAM = pathlib.Path(sys.argv[4]).resolve()
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 PATIENCE_S = 300
 
-# What no public header shows.
+# Libraries that no public header may expose.
 HIDDEN = ("CLI/", "boost/", "grpc/", "grpcpp/", "nlohmann/", "spdlog/", "tbb/")
 INCLUDE = re.compile(r'^\s*#\s*include\s+(["<])([^">]+)[">]', re.MULTILINE)
 

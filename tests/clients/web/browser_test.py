@@ -156,7 +156,7 @@ class PageTest(unittest.TestCase):
         return self.js('return isoscope.view.stats().notice')
 
     def picture(self):
-        """What the view shows now, without the overlay, in the browser's own pixels."""
+        """Returns the view's present picture, without the overlay, in the browser's own pixels."""
         url = self.js('''const view = isoscope.view; const out = document.createElement('canvas');
             out.width = view.width; out.height = view.height; view.screen.draw(view.camera);
             const context = out.getContext('2d'); context.drawImage(view.screen.canvas, 0, 0, out.width, out.height);
@@ -805,7 +805,7 @@ class FailureTest(PageTest):
         self.until('/was lost/.test(isoscope.view.stats().notice)')
         self.assertIn('Agent 10.0.0.7:50061 was lost; it has shards 0, 3. (UNAVAILABLE) Trying again.', self.notice())
         self.gateway.control(fail=None)
-        # By itself: nobody moves.
+        # By itself: without input.
         self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
 
     def test_an_unknown_dataset_of_a_link_is_a_sentence_on_the_view(self):
@@ -915,7 +915,7 @@ class RealTest(PageTest):
         self.until('isoscope.view.isExact && isoscope.view.frame && location.hash')
         self.assertIn('isovalue=100', self.page)
         self.assertEqual(100, self.js('return isoscope.view.state.surfaces[0].isovalue'))
-        # What was changed since is in the link, and counts.
+        # A later change is in the link, and takes precedence.
         self.js('isoscope.view.update({ surfaces: [{ isovalue: 90 }] })')
         self.until('isoscope.view.isExact && /surface=90/.test(location.hash)')
         self.browser.refresh()

@@ -9,7 +9,7 @@
 // `answer`: the sequence number of a state that was not answered, to answer now by a quick frame;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
 // `refuse`: whether new streams are refused; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
-// dataset | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
+// dataset | null; `reset`: whether to clear the records. GET /control: {shown: [numbers], states: n, first and last:
 // states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';

@@ -46,7 +46,7 @@ constexpr int kInputsBetweenGoodFrames = 64;
 constexpr int kWidthPx = 32;
 constexpr int kHeightPx = 16;
 
-// What the agent does next.
+// The agent's next actions.
 struct Script {
   bool is_good = true;
   bool waits = false;
@@ -208,7 +208,7 @@ struct Call {
 
 void RequireEnd(const grpc::Status& grpc_status) {
   const absl::Status status = rpc::ToAbslStatus(grpc_status);
-  // What an agent finds wrong with a question of a client's own words is the client's fault.
+  // If an agent rejects a question in the client's own words, the client is at fault.
   const bool is_blamed_by_agent =
       absl::IsInvalidArgument(status) && TheCluster().script()->end == grpc::INVALID_ARGUMENT;
   if (!status.ok() && !is_blamed_by_agent) {

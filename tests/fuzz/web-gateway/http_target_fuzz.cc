@@ -1,5 +1,5 @@
-// What a browser sends, without its transport: addresses, the parameters of pictures and meshes,
-// the messages of a WebSocket, and what says who asks. The first byte chooses.
+// Fuzzes a browser's input without its transport: addresses, the parameters of pictures and meshes,
+// the messages of a WebSocket, and the headers for access. The first byte selects one.
 
 #include <algorithm>
 #include <cstddef>

@@ -119,7 +119,7 @@ TEST(AgentMemoryTest, ReadsUnderWayAreAShareOfTheLimitBetweenOneRunAndWhatPays) 
 }
 
 TEST(AgentMemoryTest, ReadsUnderWayAreReservedWithTheirStep) {
-  // Of 24 MiB for steps 6 are for meshes, 3 for reads: 15 MiB at 32 bytes a pixel.
+  // The steps have 24 MiB: 6 for meshes, 3 for reads, and 15 MiB at 32 bytes a pixel.
   AgentMemory memory(AgentMemory::kMinLimitBytes);
   const base::Cancellation never;
   EXPECT_THAT(memory.ReserveStep({960, 512}, never), IsOk());

@@ -31,7 +31,7 @@ namespace {
 using testing::IsOk;
 using testing::MemoryFailure;
 
-// What steps 2 and 3 are told.
+// The coordinator's messages for steps 2 and 3.
 struct Plan {
   std::vector<volume::BlockId> occluders;
   std::vector<volume::BlockId> visible;
@@ -47,7 +47,7 @@ struct Picture {
   friend bool operator==(const Picture& a, const Picture& b) = default;
 };
 
-// What an agent keeps from frame to frame.
+// The state that an agent keeps between frames.
 class Agent {
  public:
   Agent(int thread_count, std::size_t max_kept_bytes)
@@ -141,7 +141,7 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
     }
   }
 
-  // What a coordinator of this agent alone sends.
+  // Makes the messages of a coordinator of this agent alone.
   void MakePlan() {
     Agent agent(thread_count_, case_.max_kept_bytes);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, agent.Begin(shards_, task_));
@@ -177,8 +177,8 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
     return agent->Draw(shards_, task_, plan_ ? &*plan_ : nullptr, picture);
   }
 
-  // Two frames of an agent: one in which memory runs out, and the next. Returns false if there were
-  // not so many allocations.
+  // Runs two frames of an agent: one in which the n-th allocation fails, and the next. Returns
+  // false if there were fewer allocations.
   bool RunOut(std::int64_t nth, MemoryFailure::Mode mode, bool is_warm) {
     Agent agent(thread_count_, case_.max_kept_bytes);
     if (is_warm) {

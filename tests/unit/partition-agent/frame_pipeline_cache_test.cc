@@ -69,7 +69,7 @@ TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image,
                                   pipeline->RenderVisible(selection.active, ""));
     block_bytes.push_back(pipeline->statistics().read_bytes - index_bytes);
-    // What came from kept samples is what comes from the disk.
+    // Kept samples and samples from the disk give the same image.
     std::unique_ptr<BlockCache> kept = std::exchange(cache_, std::make_unique<BlockCache>(0));
     EXPECT_TRUE(image == RenderAll(shards_, task_)) << isovalue;
     cache_ = std::move(kept);

@@ -48,7 +48,7 @@ struct Frame {
   frame::AgentStatistics statistics;
 };
 
-// What is the same however many threads work and whatever was kept.
+// Compares the values that depend neither on the number of threads nor on caches.
 inline void ExpectSameWork(const Frame& frame, const Frame& expected) {
   EXPECT_EQ(frame.selection.hits, expected.selection.hits);
   EXPECT_EQ(frame.selection.active, expected.selection.active);
@@ -169,7 +169,7 @@ class FramePipelineTest : public ::testing::Test {
   std::unique_ptr<render::Renderer> renderer_;
   std::unique_ptr<render::LayerRenderer> layers_;
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
-  // Of no use; of some samples; of samples and one segment of meshes; of all.
+  // Sizes for nothing; some samples; samples and one segment of meshes; everything.
   static constexpr std::size_t kCacheSizes[] = {std::size_t{1} << 16, std::size_t{1} << 20,
                                                 std::size_t{1} << 21, kAmpleCacheBytes};
   std::unique_ptr<BlockCache> cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes);

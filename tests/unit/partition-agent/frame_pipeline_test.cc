@@ -240,7 +240,7 @@ TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
       bad.push_back(open_pixels.substr(0, i));
     }
   }
-  // Of other blocks: sound, but of other shapes.
+  // Pixels of other blocks: undamaged, but of other shapes.
   std::vector<volume::BlockId> fewer = frame.visible_blocks;
   fewer.pop_back();
   for (std::size_t i = 0; i <= bad.size(); ++i) {
@@ -277,7 +277,7 @@ TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
   Frame expected;
   RunAlone(task_, &expected);
   for (const int thread_count : testing::kThreadCounts) {
-    // Of these, the first two make the renderer shade early.
+    // The first two limits make the renderer shade early.
     for (const std::size_t memory_limit_bytes :
          {testing::kLeastMemoryLimitBytes, std::size_t{1} << 20, testing::Limits::kNoMemoryLimit}) {
       Use({.thread_count = thread_count, .memory_limit_bytes = memory_limit_bytes});

@@ -58,7 +58,7 @@ bool IsMesh(const mesh::CompactMesh& stored, const mesh::BlockMesh& mesh) {
   return is_same;
 }
 
-// A limit that leaves room for so many chunks beside the tables.
+// Returns a limit with room for this many chunks besides the tables.
 std::size_t LimitOf(std::size_t chunk_count) {
   return (kChunkBytes * chunk_count + kChunkBytes / 2) / 7 * 8;
 }
@@ -292,7 +292,7 @@ TEST_F(MeshCacheTest, MeshLargerThanAChunkIsASegmentOfItsOwn) {
   EXPECT_EQ(size, mesh::CompactSizeBytes(large) + 2 * kChunkBytes);
   ASSERT_NE(table->Find(1, round), nullptr);
   EXPECT_TRUE(IsMesh(*table->Find(1, round), large));
-  // Larger than all: drawn, but not kept, and nothing is forgotten for it in its round.
+  // A mesh larger than the limit: drawn, but not kept, and it evicts nothing in its round.
   const mesh::BlockMesh too_large = MakeMesh(3, 300'000, 900'000);
   ASSERT_GT(mesh::CompactSizeBytes(too_large), LimitOf(6));
   EXPECT_TRUE(IsMesh(*Store(too_large, table.get(), 3, round), too_large));
@@ -383,7 +383,7 @@ TEST_F(MeshCacheTest, TablesAreBoundedAndTheLeastRecentlyUsedForgotten) {
     Table(100 + i);
     ASSERT_LE(cache_->size_bytes(), max_bytes / 8);
   }
-  // Who holds a forgotten one goes on with it.
+  // The holder of an evicted mesh can still use it.
   SetMaxChunks(2);
   const std::uint64_t round = NextRound();
   Fill(first[1].get(), 0, 4, round);
@@ -449,7 +449,7 @@ class Model {
     }
   }
 
-  // Whether something new of so many bytes has to be refused.
+  // Returns true if a new mesh of this many bytes has to be refused.
   [[nodiscard]] bool IsFull(std::size_t new_bytes, std::uint64_t round) const {
     return bytes() + new_bytes > max_segment_bytes_ &&
            std::all_of(segments_.begin(), segments_.end(),
@@ -526,7 +526,7 @@ TEST_F(MeshCacheTest, RandomUseFollowsTheRules) {
         ASSERT_TRUE(IsMesh(*stored, mesh));
         const mesh::CompactMesh* const view = stored.get();
         stored.reset();
-        // What a segment takes that is larger than a chunk.
+        // The size of a segment for a mesh larger than a chunk.
         const std::size_t large_bytes = std::max(mesh::CompactSizeBytes(mesh), kChunkBytes);
         const bool is_kept = table->Find(place, round) != nullptr;
         model.DropForgotten(table.get(), round, large_bytes);

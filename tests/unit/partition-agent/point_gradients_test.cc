@@ -110,7 +110,7 @@ TEST(PointShardsTest, EachBlockIsInTheShardThatHoldsItWhereverThePointLies) {
       expected[shard->reader->block_id(i)] = shard->reader->shard_index();
     }
   }
-  // Every block twice, and points that nobody asks about between them.
+  // Every block twice, interleaved with points without a block.
   std::vector<std::optional<volume::BlockId>> block_ids;
   for (const auto& [block, shard] : expected) {
     block_ids.insert(block_ids.end(), {block, std::nullopt, block});

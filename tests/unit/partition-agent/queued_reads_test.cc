@@ -29,7 +29,7 @@ using ::testing::_;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-// Makes the system forget what it holds of a file, if it can.
+// Makes the system drop its cached pages of a file, if it can.
 void DropFromMemory(const std::string& path) {
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   ASSERT_GE(descriptor, 0);

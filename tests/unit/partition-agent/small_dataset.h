@@ -86,8 +86,8 @@ class SmallDataset {
   [[nodiscard]] view::View ViewOf(const agent::FrameTask& task) const {
     return *view::View::Make(*task.spec.camera, task.spec.viewport, geometry_);
   }
-  // What a coordinator of one agent sends for step 3: the active blocks that step 2 did not draw
-  // and its picture does not hide, and their open pixels.
+  // Returns the message of a coordinator of one agent for step 3: the active blocks that step 2 did
+  // not draw and its picture does not hide, and their open pixels.
   [[nodiscard]] std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
       const agent::FrameTask& task, const std::vector<volume::BlockId>& active,
       const std::vector<volume::BlockId>& drawn, const image::FrameImage& picture) const {

@@ -85,13 +85,13 @@ bool IsReserved(const Type& type, int number, const std::string& name, int last_
   return is_number_reserved && is_name_reserved;
 }
 
-// What clients of `before` would miss in `after`; each line says what to do.
+// Lists the incompatible changes from `before` to `after`; each line has advice.
 class Comparison {
  public:
   static std::vector<std::string> Run(const FileDescriptorSet& before,
                                       const FileDescriptorSet& after) {
     Comparison comparison;
-    // By name and not by file: moving a message to another file breaks nobody on the wire.
+    // By name and not by file: moving a message to another file changes nothing on the wire.
     FileDescriptorProto all_before;
     FileDescriptorProto all_after;
     for (const FileDescriptorProto& file : before.file()) {

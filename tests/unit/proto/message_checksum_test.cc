@@ -47,7 +47,7 @@ std::string Sent(const v1::RenderFrameResponse& message) {
   return BytesOf(buffer);
 }
 
-// What the receiver makes of bytes that come in pieces.
+// Returns the receiver's message from bytes that arrive in pieces.
 v1::RenderFrameResponse Received(const std::string& bytes, std::size_t piece_size = 1U << 20) {
   std::vector<grpc::Slice> slices;
   for (std::size_t begin = 0; begin < bytes.size(); begin += piece_size) {

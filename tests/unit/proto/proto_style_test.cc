@@ -197,7 +197,7 @@ TEST_F(ProtoStyleTest, FieldsCarryUnitsInTheirNames) {
     EXPECT_EQ(absl::AsciiStrToLower(name), name) << field->full_name();
     EXPECT_FALSE(absl::StartsWith(name, "num_") || absl::StartsWith(name, "n_"))
         << field->full_name() << ": counts end in _count";
-    // What is not a number has no unit.
+    // A field that is no number has no unit.
     const bool is_bytes = field->type() == FieldDescriptor::TYPE_BYTES;
     for (const char* abbreviated : {"_ms", "_sec", "_secs", "_deg", "_pixels", "_size", "_kb"}) {
       // "page_size" is what lists with pages call it everywhere.

@@ -1,5 +1,5 @@
-// What those who run a coordinator rely on: requests that name the contents that they expect,
-// features, pages, reasons of errors, readiness, agents that drain, and the audit log.
+// The interface for operators of a coordinator: requests that name their expected contents,
+// features, pages, reasons of errors, readiness, draining agents, and the audit log.
 
 #include <atomic>
 #include <fstream>
@@ -132,7 +132,7 @@ TEST_F(CoordinatorOperationsTest, ARequestForOtherContentsIsRefusedNamingBothIds
   EXPECT_THAT(answer.error().message(), AllOf(HasSubstr(kSomeId), HasSubstr(kOtherId)));
 }
 
-// The open finding of docs/lab/robustness.md: an agent alone with other contents under the name.
+// A finding of docs/lab/robustness.md: only an agent with other contents under the name is reached.
 TEST_F(CoordinatorOperationsTest, APartOfOtherContentsIsNoPartOfThoseExpected) {
   AddAgent({MakeShard("head", 0, 2, kOtherId)});
   Start(/*waits=*/false);

@@ -91,7 +91,7 @@ inline internal::v1::ExtractSurfaceResponse Triangles(std::int64_t block_id = 0,
   return message;
 }
 
-// Sends the mesh of blocks, with so many triangles each.
+// Sends the meshes of blocks, each with the given number of triangles.
 inline grpc::Status WriteBlocks(std::int64_t first, std::int64_t end, int triangles,
                                 FakeAgent::SurfaceWriter* writer) {
   for (std::int64_t id = first; id < end; ++id) {

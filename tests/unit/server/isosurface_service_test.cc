@@ -424,7 +424,7 @@ TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) 
   const auto has_bytes = [&](double bytes) {
     return WaitFor([&] { return Metric("isoscope_export_memory_bytes") == bytes; });
   };
-  // What agents needed is given back, and the rest stays.
+  // The agents' share of the memory is returned, and the rest stays.
   ASSERT_TRUE(has_bytes(CoordinatorMemory::kExportAnswerBytes));
   absl::SleepFor(absl::Milliseconds(50));
   ASSERT_TRUE(has_bytes(CoordinatorMemory::kExportAnswerBytes));
@@ -473,7 +473,7 @@ INSTANTIATE_TEST_SUITE_P(Ends, TakeoverTest,
                                            TakeoverCase{"FallsSilent", true}),
                          [](const auto& of) { return of.param.name; });
 
-// Symptom: an export had no deadline, and one agent that hung held it, and its place, for ever.
+// Symptom: an export had no deadline, and one hung agent held it and its place without end.
 TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent) {
   std::atomic<int> cancelled_count{0};
   first_.on_surface = SendSurface(Triangles());

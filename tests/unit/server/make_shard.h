@@ -1,4 +1,4 @@
-// What an agent says of a shard, without a shard.
+// Descriptions of shards, as agents send them, without shards.
 
 #ifndef ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_
 #define ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_

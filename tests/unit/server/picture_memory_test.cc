@@ -60,7 +60,7 @@ image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
   return image;
 }
 
-// What an agent sends in each of the two steps.
+// An agent's messages in each of the two steps.
 struct Played {
   std::vector<volume::BlockId> active;
   std::vector<std::vector<std::string>> occluders;
@@ -219,8 +219,8 @@ class PictureMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>>
            a.position == b.position;
   }
 
-  // Two frames: one in which memory runs out, and the next. Returns false if there were not so many
-  // allocations.
+  // Runs two frames: one in which the n-th allocation fails, and the next. Returns false if there
+  // were fewer allocations.
   bool RunOut(std::int64_t nth, MemoryFailure::Mode mode) {
     images_ = image::FrameImagePool::Make(std::size_t{1} << 20);
     bool has_failed = false;
@@ -272,7 +272,8 @@ TEST_P(PictureMemoryTest, NoAllocationOfAFrameEndsTheCoordinatorOrChangesAPictur
     const bool has_failed = RunOut(nth, mode);
     return has_failed && !HasFailure();
   };
-  // What is made once is made now; the list of callbacks otherwise by the first wait.
+  // One-time allocations happen here; the list of callbacks would otherwise be allocated by the
+  // first wait.
   {
     const base::Cancellation::Callback callback(never_, [] {});
   }

@@ -367,7 +367,7 @@ TEST_F(RudeCallersTest, WrongStatesCountAgainstTheRate) {
   }
 }
 
-// Symptom: 256 streams for all callers together; whoever came first had them all.
+// Symptom: 256 streams for all callers together; the first caller could take all of them.
 TEST_F(RudeCallersTest, ACallerWithAllStreamsGivesOneToAnother) {
   WriteTokens({TokenEntry("rude"), TokenEntry("other")});
   Start();

@@ -1,5 +1,5 @@
-// What our code relies on of TBB, and what tests/support/tsan_tbb has to do in its place. The
-// release build runs this with TBB, the tsan preset with the stand-in.
+// The behaviour of TBB that our code relies on, and that tests/support/tsan_tbb must have as well.
+// The release build runs this with TBB, the tsan preset with the stand-in.
 
 #include <algorithm>
 #include <atomic>
@@ -355,7 +355,7 @@ void InTwoThreads(Wait wait, const std::function<void()>& here,
   EXPECT_TRUE(is_elsewhere) << "no other thread came";
 }
 
-// Of a task that was begun while its thread waits inside of another one, for something else.
+// A task begins while its thread waits inside of another one, for something else.
 class TbbWaitTest : public TbbContractTest, public ::testing::WithParamInterface<Wait> {};
 
 INSTANTIATE_TEST_SUITE_P(All, TbbWaitTest, ::testing::Values(Wait::kForLoop, Wait::kForGroup),
@@ -363,7 +363,8 @@ INSTANTIATE_TEST_SUITE_P(All, TbbWaitTest, ::testing::Values(Wait::kForLoop, Wai
                            return wait.param == Wait::kForLoop ? "Loop" : "Group";
                          });
 
-// Whoever waits while it holds a lock, or uses its element, meets both in a task of the outer work.
+// A thread that waits while it holds a lock, or uses its element, meets both again in a task of the
+// outer work.
 TEST_P(TbbWaitTest, TheWaitingThreadTakesAnOuterTaskInTheMiddleOfAnother) {
   tbb::task_arena arena(2);
   tbb::enumerable_thread_specific<int> depths;

@@ -1,4 +1,10 @@
-"""Answers: messages of isoscope.v1 become values of this package; their numbers keep their bits."""
+"""Decodes answers: messages of isoscope.v1 become values of this package; their numbers keep their bits.
+
+1. `_core` makes a call with the decoder of its answer from here.
+2. An answer of one message is decoded by a function, such as `dataset_fields` or `histogram`.
+3. An answer in parts has a class: `add` takes each part and clears it, so that memory holds the data once.
+4. `result` decodes the whole: a Frame with its planes, or a Mesh.
+"""
 
 from __future__ import annotations
 
@@ -188,7 +194,7 @@ class FrameParts:
         self._rest.MergeFrom(part)
 
     def result(self, do: Callable[[Any], Any] | None) -> Frame:
-        """Returns the frame, with the request that gives it again wherever the server had moved the camera."""
+        """Returns the frame. Its request repeats it exactly, with the camera that the server resolved."""
         again = pb.RenderIsosurfaceRequest()
         again.CopyFrom(self._request)
         again.camera.CopyFrom(self._rest.camera)
@@ -255,7 +261,7 @@ class MeshParts:
 def picked(
     proto: pb.PickSurfaceResponse, pixels: Sequence[tuple[int, int]]
 ) -> list[PickedPoint | None]:
-    """Returns what the pixels show, in their order; None where it is the background."""
+    """Returns the points at the pixels, in their order; None where it is the background."""
     return [
         PickedPoint(
             pixel=(int(pixel[0]), int(pixel[1])),

@@ -1,4 +1,11 @@
-"""Connections: addresses, TLS, tokens, message sizes, retries; one channel for each process."""
+"""Connections: addresses, TLS, tokens, message sizes, retries; one channel for each process.
+
+1. `make_target` checks the arguments of `connect` and reads files and environment into a Target.
+2. ProcessChannel makes a channel of the target at the first call, and anew in a forked child.
+3. `make_channel` and `make_aio_channel` choose credentials and options; gRPC itself retries UNAVAILABLE.
+
+Invariants: a token is sent in plaintext only to this machine, unless the user allows more; a pickled target has none.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +28,13 @@ from isoscope.errors import CancelledError, InvalidArgumentError
 DEFAULT_PORT = 50051
 #: Deadline of a call in seconds, unless the client or the call says otherwise.
 DEFAULT_TIMEOUT = 120.0
-#: Deadline of the first call, which finds out whether a server is there.
+# Deadline of the first call, which checks that a server answers.
 CONNECT_TIMEOUT = 10.0
 _MAX_MESSAGE_BYTES = 256 << 20
 _MIB = 1 << 20
 
-# Only what cannot have been done, and all calls are idempotent: a call is tried four times within some
-# two seconds, as long as no part of its answer has come.
+# gRPC retries only calls that the server cannot have processed; all calls are idempotent. A call is tried four times
+# within some two seconds, as long as no part of its answer has come.
 _SERVICE_CONFIG = {
     "methodConfig": [
         {
@@ -275,7 +282,7 @@ class ProcessChannel:
             if self._closed:
                 raise CancelledError(f"the client of {self._target.address} is closed")
             if self._channel is None or self._pid != os.getpid():
-                # The parent's is left alone: its sockets and threads are the parent's.
+                # The parent's channel is left alone: its sockets and threads belong to the parent.
                 self._channel = self._make(self._target)
                 self._pid = os.getpid()
             return self._channel
@@ -293,7 +300,7 @@ class ProcessChannel:
             return channel
 
 
-# Those of this process, for the one fork handler.
+# The channels of this process, for the single fork handler.
 _CHANNELS: weakref.WeakSet[ProcessChannel] = weakref.WeakSet()
 
 

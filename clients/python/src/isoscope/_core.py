@@ -159,7 +159,7 @@ def shaped_like(model: Callable[_P, Any]) -> Callable[[Callable[..., _R]], Calla
     def shape(function: Any) -> Any:
         returned = function.__annotations__["return"]
         function.__signature__ = inspect.signature(model).replace(return_annotation=returned)
-        # Those of the model are words of this module, "return" is one of the function's.
+        # Names in the annotations of the model belong to this module, "return" to the function's.
         function.__annotations__ = {**get_type_hints(model), "return": returned}
         function.__doc__ = model.__doc__
         return function
@@ -350,7 +350,7 @@ def plane(request: pb.RenderIsosurfaceRequest, name: PlaneName) -> Call[Frame]:
 
 
 def points(request: pb.RenderIsosurfaceRequest, pixels: Any, timeout: float | None = None) -> Call[Any]:
-    """What pixels of a frame show: a list in their order; of one (column, row) alone, that point."""
+    """Asks for the points at pixels of a frame: a list in their order; for a single (column, row), its point."""
     several, is_one = as_pixels(pixels)
 
     def decode(response: pb.PickSurfaceResponse) -> PickedPoint | None | list[PickedPoint | None]:

@@ -21,7 +21,7 @@ from google.protobuf import json_format
 from isoscope._proto import interact_service_pb2 as pb
 from isoscope.errors import explain
 
-# A view may be open for long; without a deadline, a lost server would never be noticed.
+# A view may be open for long. Without a deadline a lost server would never be noticed.
 _SESSION_SECONDS = 24 * 3600.0
 # A browser at rest sends nothing either; its next view state opens the stream again.
 _IDLE_SECONDS = 60.0
@@ -76,7 +76,7 @@ class KernelFrames:
             return
         if request.HasField("view_state"):
             self._sequence_number = request.view_state.sequence_number
-            # A view is of one dataset, whatever the browser says.
+            # A view shows one dataset, whatever the browser asks for.
             request.view_state.frame.dataset = self._dataset
             if self._stream is None or self._stream.has_ended:
                 self._stream = _Stream(self._idle_seconds)
@@ -127,7 +127,7 @@ class _Stream:
         self._queue.put(request)
 
     def requests(self) -> Iterator[pb.InteractRequest]:
-        """What gRPC sends, in a thread of its own, until the end or until nothing comes for too long."""
+        """Yields gRPC's messages, in a separate thread, until the end or until none comes for too long."""
         while not self.has_ended:
             try:
                 request = self._queue.get(timeout=self._idle_seconds)

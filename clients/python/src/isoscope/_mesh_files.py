@@ -95,7 +95,7 @@ def _glb(mesh: Mesh) -> bytes:
 
     points = mesh.points.astype("<f4")
     ends = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-    # A normal of a glTF has length 1.
+    # The normals of a glTF have length 1.
     has_none = ~mesh.normals.any(axis=1, keepdims=True)
     normals = np.where(has_none, np.array([0, 0, 1], np.float32), mesh.normals).astype("<f4")
     attributes = {

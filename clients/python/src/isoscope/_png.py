@@ -83,7 +83,7 @@ def _unfilter(
         pixels = rows.reshape(len(rows), -1, channels)
         out[:] = np.cumsum(pixels, axis=1, dtype=np.uint8).reshape(rows.shape)
     elif kind == 2:
-        # Row by row: whole rows of bytes are added at once, where a sum down the columns takes one byte at a time.
+        # Row by row: this adds whole rows of bytes at once, but a sum down the columns adds single bytes.
         for row, to in zip(rows, out):
             np.add(row, above, out=to)
             above = to

@@ -1,4 +1,11 @@
-"""Requests: checked arguments become messages of isoscope.v1. The server checks ranges; the types are checked here."""
+"""Requests: checked arguments become messages of isoscope.v1. The server checks ranges; the types are checked here.
+
+1. `frame` sets what a frame or a pick sees: dataset, surfaces, camera, size, clip region.
+2. `set_appearance` adds colours, lights and effects; `set_output` adds formats and planes.
+3. `plane`, `pick`, `export` and `histogram` make the other requests.
+
+An error is an InvalidArgumentError that names the argument, its value and the allowed values.
+"""
 
 from __future__ import annotations
 
@@ -342,7 +349,7 @@ def plane(request: pb.RenderIsosurfaceRequest, plane: PlaneName) -> pb.RenderIso
     more.ClearField("output")
     more.output.image_format = cast(Any, _FORMATS["none"])
     setattr(more.output, plane, True)
-    # Planes depend on neither, and NONE with several samples would draw them for nothing.
+    # Planes depend on none of these, and with several samples NONE would draw them for nothing.
     for field in ("ambient_occlusion", "silhouette", "samples"):
         more.ClearField(cast(Any, field))
     return more

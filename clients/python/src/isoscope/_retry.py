@@ -1,4 +1,4 @@
-"""Refusals that tell when to come again: google.rpc.RetryInfo in the metadata of an error."""
+"""Refusals with a retry delay: google.rpc.RetryInfo in the metadata of an error."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _google_rpc() -> tuple[Any, Any]:
 
 
 _Status, _RetryInfo = _google_rpc()
-# The codes of errors that say that the same call may work later.
+# Codes of errors that may be temporary: the same call may succeed later.
 _REFUSALS = (grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.UNAVAILABLE)
 
 
@@ -77,7 +77,7 @@ class Retries:
 
 
 def told_delay(error: Any) -> float | None:
-    """Returns the seconds that a refusal tells to wait; None if it tells none."""
+    """Returns the retry delay of a refusal in seconds; None if it has none."""
     if error.code() not in _REFUSALS:
         return None
     for key, value in error.trailing_metadata() or ():

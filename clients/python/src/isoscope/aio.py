@@ -27,7 +27,7 @@ _T = TypeVar("_T")
 
 
 class _Connecting:
-    """What `connect` returns: await it for a client, or use it in `async with`."""
+    """The result of `connect`: await it for a client, or use it in `async with`."""
 
     def __init__(self, target: Target, connect_timeout: float) -> None:
         self._target = target

@@ -21,7 +21,8 @@ Vec3 = tuple[float, float, float]
 
 _RADIANS_PER_DEGREE = math.pi / 180
 
-# The rows of core/view/named_views.inc: where the eye is, seen from the target; up; the patient's sides in their places.
+# The rows of core/view/named_views.inc: direction of the eye from the target; up; the patient's sides in the same
+# order.
 _NOWHERE: Vec3 = (0, 0, 0)
 _NAMED_VIEWS: dict[str, tuple[Vec3, Vec3, str]] = {
     "front": ((0, 0, 1), (0, 1, 0), ""),
@@ -35,8 +36,8 @@ _NAMED_VIEWS: dict[str, tuple[Vec3, Vec3, str]] = {
     "superior": (_NOWHERE, _NOWHERE, "SA"),
     "inferior": (_NOWHERE, _NOWHERE, "IA"),
 }
-#: Names that `view=` takes. Of the last four, the dataset must know its patient frame; `left` and
-#: `right` are the patient's where it does.
+# Names that `view=` takes. The last four need a dataset with a patient frame; with one, `left` and `right` are the
+# patient's.
 VIEWS = tuple(sorted(_NAMED_VIEWS, key=lambda name: _NAMED_VIEWS[name][0] == _NOWHERE))
 
 
@@ -82,7 +83,7 @@ class Camera:
         camera = replace(self, eye=_add(self.target, turned))
         forward = _normalized(_sub(camera.target, camera.eye))
         side = _cross(forward, camera.up)
-        # As the server: an up direction that is farther than this from the view direction.
+        # As on the server: the least distance of the up direction from the view direction.
         if not _length(side) >= 1e-6 * _length(camera.up):
             raise InvalidArgumentError(
                 f"elevation {degrees:g} degrees: the camera would look along its up direction {self.up}; "

@@ -110,7 +110,7 @@ class Client(_core.Connection):
             time.sleep(delay)
 
 
-# What unpickled datasets of this process share, by target, as long as one of them lives.
+# The clients of this process's unpickled datasets, by target, as long as one of the datasets lives.
 _SHARED: weakref.WeakValueDictionary[Target, Client] = weakref.WeakValueDictionary()
 
 

@@ -1,4 +1,12 @@
-"""What a server answers: datasets, histograms, statistics, picked points, meshes."""
+"""Values in a server's answers: datasets, histograms, statistics, picked points, meshes.
+
+Names are those of the protos and of `--json`. Values are immutable, and numbers keep their bits:
+
+    dataset = client["head"]        # DatasetInfo: geometry in x, y, z; a numpy array has the shape dims[::-1]
+    dataset.histogram()             # Histogram: one element a bin
+    frame.stats.durations_ms        # Statistics: milliseconds by step
+    dataset.mesh(60).points         # Mesh: world positions, float32
+"""
 
 from __future__ import annotations
 
@@ -378,7 +386,7 @@ class SurfaceColoring:
 
 @dataclass(frozen=True)
 class PickedPoint:
-    """What one pixel shows, with the names of `isoscope pick --json`. Where the background shows there is None instead.
+    """The point at one pixel, with the names of `isoscope pick --json`. For the background there is None instead.
 
     Attributes:
         pixel: (column, row), row 0 at the top.

@@ -95,7 +95,7 @@ class CancelledError(IsoscopeError):
 
 
 class DataLossError(IsoscopeError):
-    """A shard is damaged; the message names the place. For whoever runs the server."""
+    """A shard is damaged; the message names the place. For the operator of the server."""
 
     code = "DATA_LOSS"
 
@@ -134,7 +134,7 @@ class ProgramError(IsoscopeError, OSError):
     code = "FAILED_PRECONDITION"
 
 
-# How the sentences of gRPC itself begin when no server was reached: the server's own never do.
+# Begins of gRPC's own messages when no server was reached: the server's messages never begin so.
 _NO_CONNECTION = (
     "failed to connect",
     "connections to all backends",
@@ -154,8 +154,8 @@ _NO_CONNECTION = (
 )
 
 
-# Words of gRPC itself, of connections that broke: on a damaged TLS record, and while a server shut down. No server of
-# ours says so, and who cancels a call here gets other words.
+# gRPC's own messages for broken connections: a damaged TLS record, or a server that shuts down. Our servers have other
+# messages, and so has a cancellation here.
 _BROKEN = {("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")}
 
 

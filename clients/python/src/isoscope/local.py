@@ -1,4 +1,10 @@
-"""`isoscope.serve`: starts the programs of this machine for one volume, and connects to them."""
+"""`isoscope.serve`: starts the programs of this machine for one volume, and connects to them.
+
+1. `find_program` finds `isoscope`.
+2. `_volume` gives its arguments: a dataset folder as it is, a file, or an array in a scratch file.
+3. _Server makes a token, starts the program under a keeper, and waits for the address that it prints.
+4. The client that connects there ends program and scratch folder when it is closed, lost, or its process ends.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +33,8 @@ __all__ = ["find_program", "serve"]
 
 _NUMPY_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
-# Ends the program when this process closes its end of the pipe, however it ends; and on SIGTERM. In a
-# session of its own, so that Ctrl-C in a notebook reaches only the notebook.
+# Ends the program on SIGTERM, or when this process closes its end of the pipe, in whatever way it ends. It has its own
+# session, so that Ctrl-C in a notebook reaches only the notebook.
 _KEEPER = """
 exec 3<&0
 "$@" </dev/null 3<&- &
@@ -130,7 +136,7 @@ def serve(
         server.close()
         raise
     client._on_close = server.close
-    # A client that nobody holds any more takes its programs along.
+    # A client without references ends its programs.
     weakref.finalize(client, server.close)
     return client
 
@@ -225,7 +231,7 @@ class _Server:
         return self._write_private(token), self._write_private(json.dumps({"tokens": [entry]}))
 
     def _write_private(self, text: str) -> str:
-        """Writes a file that nobody else can read, in no moment; returns its path."""
+        """Writes a file that other users can never read, not even for a moment; returns its path."""
         handle, path = tempfile.mkstemp(prefix="token-", dir=self.scratch())
         with open(handle, "w", encoding="ascii") as file:
             file.write(text)
@@ -259,7 +265,7 @@ class _Server:
             self._process.wait()
             self._log.seek(0)
             raise ProgramError(f"isoscope serve failed: {_last_line(self._log.read())}")
-        # Nothing more is read: it prints nothing more.
+        # The rest is not read: the program prints no more.
         return address
 
     def close(self) -> None:

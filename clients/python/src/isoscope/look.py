@@ -1,4 +1,11 @@
-"""What a picture shows: surfaces, colours, lights, clipping, effects. Plain values, checked by the server."""
+"""The appearance of a picture: surfaces, colours, lights, clipping, effects. Plain values, checked by the server.
+
+    Surface(30, color="tan", opacity=0.35, color_by=ColorBy("gradient"))
+    Light((1, 1, 1), intensity=0.8)
+    Clip(planes=[Plane.through((0, 0, 40), (0, 0, 1))], caps=True)
+
+The functions `as_...` accept the short forms of these values: an isovalue, a direction, six numbers.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +40,7 @@ __all__ = [
 ColorLike = Union[str, Sequence[float]]
 #: Colour maps of 256 colours.
 ColorMap = Literal["viridis", "magma", "cividis", "turbo", "cool-warm", "grey"]
-#: What `ColorBy` shows: world coordinates, normals, or the length of the gradient of the samples.
+# Quantities of `ColorBy`: world coordinates, normals, or the length of the gradient of the samples.
 Quantity = Literal["x", "y", "z", "normal", "gradient"]
 
 # The colours of CSS Color Module Level 4, section 6.1; "transparent" has an alpha.

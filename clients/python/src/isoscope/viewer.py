@@ -97,18 +97,18 @@ class View:
         cls = _widget_class()
         if cls is not None:
             widget = self.widget = cls(url=gateway, token=token, state=self._state(), height=size[1])
-            # For browsers that can't reach the gateway: the module says when.
+            # For browsers that can't reach the gateway: the module decides when.
             def send(content: dict[str, Any], buffers: list[bytes]) -> None:
                 widget.send(content, buffers=buffers)
 
             frames = KernelFrames(dataset._client, send, dataset.name)
             widget.on_msg(lambda _, content, buffers: frames.handle(content))
-            # Its comm goes when the widget is closed, here or there.
+            # The comm is destroyed when the widget is closed, in the browser or here.
             widget.observe(lambda change: None if change["new"] else frames.close(), names="comm")
 
     @property
     def state(self) -> dict[str, Any]:
-        """What is shown, as RenderIsosurfaceRequest in JSON: with a widget, what the browser shows now."""
+        """The view's state, as RenderIsosurfaceRequest in JSON; with a widget, the browser's present one."""
         return dict(self.widget.state) if self.widget is not None else self._state()
 
     @state.setter
@@ -127,7 +127,7 @@ class View:
 
     @property
     def picked(self) -> Any:
-        """What was clicked last, as JSON; None without a widget, or before a click."""
+        """The last click, as JSON; None without a widget, or before a click."""
         return self.widget.picked if self.widget is not None else None
 
     def snapshot(self, size: tuple[int, int] | None = None) -> Frame:

@@ -17,7 +17,7 @@ namespace {
 
 constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
 constexpr int kMaxSidePx = 80;  // five tiles
-// All owners that there can be, and few.
+// All possible owners, and few.
 constexpr composite::SurfaceCounts kAllSurfaces{.opaque = 1 << 23, .layers = 1 << 23};
 constexpr composite::SurfaceCounts kFewSurfaces{.opaque = 3, .layers = 2};
 
@@ -51,7 +51,7 @@ void RequireRoundTrip(const Picture& picture) {
   Require(again.layers == picture.layers, "layers come back from their bands");
 }
 
-// Whether all owners are those of surfaces that there are.
+// Returns true if all owners are those of existing surfaces.
 bool HasKnownOwners(const image::FrameImage& image, std::size_t surface_count) {
   return std::all_of(image.keys.begin(), image.keys.end(), [&](std::uint64_t key) {
     return key == image::kBackgroundKey || kOrder.SurfaceOf(image::OwnerOf(key)) < surface_count;

@@ -1,4 +1,4 @@
-// What a peer says of itself: the roles among its certificate's URIs, and its token.
+// Fuzzes the claims of a peer: the roles among its certificate's URIs, and its token.
 
 #include <algorithm>
 #include <cctype>
@@ -54,7 +54,7 @@ void ReadToken(absl::string_view text) {
   Require(status.ok() == may_travel, "a token has the characters that a header may carry");
   if (!status.ok()) {
     RequireError(status, {absl::StatusCode::kInvalidArgument});
-    // Of the same length and as wrong: a message that says the same knows nothing of the token.
+    // Same length, and as wrong: an equal message does not depend on the token's text.
     const std::string other(text.size(), ' ');
     Require(status == rpc::CheckTokenText(other), "a message never repeats a token");
   }

@@ -29,8 +29,8 @@ std::string Slice(int number) {
   return testing::DicomBytes(slice, std::string(24, 'a'));
 }
 
-// The children of this thread, also those that nobody has waited for. libFuzzer has one, too: its
-// symbolizer.
+// Returns the children of this thread, including those that were not waited for. libFuzzer has one,
+// too: its symbolizer.
 std::string Children() {
   std::ifstream list("/proc/thread-self/children");
   return {std::istreambuf_iterator<char>(list), {}};

@@ -18,7 +18,7 @@ namespace {
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
 
-// A flag of `render` that nobody has thought of is refused beside --like, not ignored.
+// A new flag of `render` is refused with --like by default, not ignored.
 TEST(LikeFlagTest, FlagsThatDecideAPixelAreRefused) {
   const auto check = [](const std::vector<std::string>& arguments) {
     FlagSet set;

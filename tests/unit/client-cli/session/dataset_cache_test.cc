@@ -247,7 +247,7 @@ TEST(DatasetCacheTest, OneThatIsRemovedMeanwhileIsMadeAnew) {
   EXPECT_EQ(made_count, 2);
 }
 
-// Users and removers at once: whoever has a dataset keeps it whole until it is done with it.
+// Concurrent users and removers: a dataset in use stays complete until its user is done.
 TEST(DatasetCacheTest, AnEntryInUseIsNeverRemoved) {
   const TempDir cache;
   std::atomic<bool> is_over{false};
@@ -423,7 +423,7 @@ TEST(CacheDirectoryTest, UnusableHomeFallsBackToTheTemporaryFolder) {
   const ScopedEnvironment xdg("XDG_CACHE_HOME", folder.Sub("file"));
   const ScopedEnvironment temporary("TMPDIR", folder.path());
   EXPECT_EQ(*CacheDirectory(), folder.Sub("isoscope-" + std::to_string(geteuid())));
-  // A link in the temporary folder may lead to somebody else's.
+  // A link in the temporary folder may lead to another user's folder.
   fs::remove(folder.Sub("isoscope-" + std::to_string(geteuid())));
   fs::create_directory_symlink("/", folder.Sub("isoscope-" + std::to_string(geteuid())));
   EXPECT_THAT(CacheDirectory(), StatusIs(absl::StatusCode::kFailedPrecondition));

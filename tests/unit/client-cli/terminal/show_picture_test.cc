@@ -33,7 +33,8 @@ TEST(PictureDisplayTest, PixelsFitTheWindowAboveTheText) {
 }
 
 TEST(PictureDisplayTest, BlocksKeepTheShapeOfThePicture) {
-  // Of a character only its usual shape is known, twice as high as wide: half blocks are squares.
+  // Without a known character size the usual one applies, twice as high as wide: half blocks are
+  // squares.
   const PictureDisplay usual(PictureFormat::kBlocks24Bit, TerminalSize{80, 24, {}});
   EXPECT_EQ(usual.SizeOf({1024, 1024}), (view::Viewport{40, 40}));
   EXPECT_EQ(usual.SizeOf({1024, 256}), (view::Viewport{80, 20}));

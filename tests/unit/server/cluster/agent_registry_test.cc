@@ -62,7 +62,7 @@ class FakeCluster {
     const base::MutexLock lock(&mutex_);
     return probe_count_;
   }
-  // From now on nobody answers before the probe is cancelled.
+  // From now on no agent answers before the probe is cancelled.
   void Hang() {
     const base::MutexLock lock(&mutex_);
     hangs_ = true;
@@ -124,7 +124,7 @@ class FakeCluster {
   int probe_count_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
-// While it lives, whoever writes to standard error waits, as for a reader of the log that hangs.
+// While it lives, writers to standard error block, as with a hung reader of the log.
 class StuckLog {
  public:
   StuckLog() : saved_(dup(STDERR_FILENO)) {

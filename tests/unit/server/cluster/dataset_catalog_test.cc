@@ -167,7 +167,7 @@ TEST(DatasetsOfTest, AnAgentWithAnotherVolumeUnderTheNameIsNotUsedWhileTheOthers
   EXPECT_THAT(SetsOf(head), ElementsAre("0: a:1", "1: b:1"));
   EXPECT_THAT(head.contradiction, AllOf(HasSubstr("a:1"), HasSubstr("c:1")));
 
-  // Not even when the others are lost: nobody could tell the one volume from the other.
+  // Not even when the others are lost: the two volumes could not be told apart.
   std::vector<AgentState> lost = agents;
   lost[1].status = absl::UnavailableError("gone");
   EXPECT_THAT(DatasetsOf(lost).at("head").status,

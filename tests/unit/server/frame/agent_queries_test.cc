@@ -155,7 +155,7 @@ TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
   }
 }
 
-// Both agents have all of the dataset; whoever is asked first fails.
+// Both agents have the whole dataset; the agent that is asked first fails.
 class ReplicaQueriesTest : public AgentQueriesTest {
  protected:
   ReplicaQueriesTest() {

@@ -40,13 +40,13 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
 
-// What step 3 is told.
+// The message of step 3.
 struct VisibleBlocks {
   Blocks blocks;
   std::string open_pixels;
 };
 
-// What the test learns of one agent; outlives its link.
+// The test's record of one agent; outlives its link.
 class Agent {
  public:
   Agent(int index, int replica, AgentListener* listener)
@@ -139,7 +139,7 @@ frame::AgentStatistics MakeStatistics(const Agent& agent, const std::vector<int>
   return statistics;
 }
 
-// What an agent does; its result is the end of the stream.
+// The actions of an agent; the result is the end of the stream.
 using Script = std::function<absl::Status(Agent& self)>;
 
 class FrameCoordinatorTest : public ::testing::Test {
@@ -343,7 +343,7 @@ TEST_F(FrameCoordinatorTest, ImageIsTheSameHoweverFewPixelsMayWait) {
   }
 }
 
-// A frame that ends early leaves pixels that nobody composites. Else its streams would never end.
+// A frame that ends early leaves pixels without compositing them. They must not block its streams.
 TEST_F(FrameCoordinatorTest, AgentsThatWaitForRoomEndWithAFrameThatFails) {
   max_waiting_bytes_ = 0;
   std::atomic<int> sending = 0;

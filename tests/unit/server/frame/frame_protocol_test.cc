@@ -122,7 +122,7 @@ class Table {
   [[nodiscard]] const FrameProtocol& protocol() const { return protocol_; }
 
  private:
-  // What the frame learnt of its agents.
+  // Returns the frame's report on its agents.
   std::string Report() {
     const AgentReport report = protocol_.TakeReport();
     std::vector<std::string> texts;
@@ -577,7 +577,7 @@ TEST(FrameProtocolTest, TheDeadlineNamesTheAgentsOfTheSlowestStageThatHadNotAnsw
   const std::string only_second = R"( -> DEADLINE_EXCEEDED:
                         the frame's deadline passed after 40ms; not answered: agent a1.0 (shard 1)
       report         -> a1.0 failed )";
-  // What had come has been answered.
+  // Events that had come count as answers.
   Check(kCulls, {1, 1},
         absl::StrCat("[step 1]\n deadline 40ms, 0.0 hits", only_second,
                      "selecting occluders: had not answered"));

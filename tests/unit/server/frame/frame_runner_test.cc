@@ -19,7 +19,7 @@ using ::testing::HasSubstr;
 
 const char* const kClient = "peer ipv4:192.0.2.1:1";
 
-// What needs agents is tested by isosurface_service_test and planes_test.
+// The functions that need agents are tested by isosurface_service_test and planes_test.
 FrameRunnerOptions Options() {
   FrameRunnerOptions options;
   options.max_concurrent_frames = 1;

@@ -51,8 +51,8 @@ class ReductionTest : public ::testing::Test {
   std::vector<Blocks> active_ = {Every(3, 0), Every(3, 1), Every(3, 2)};
 };
 
-// An active block is occluding if a hit is it, or touches it. Those beside the picture are not
-// sent: nobody would see them.
+// An active block is occluding if it is a hit or touches one. Invisible blocks outside of the
+// picture are not sent.
 TEST_F(ReductionTest, EveryPartGetsItsOwnOfTheOccludingBlocks) {
   active_ = {Every(5, 0), Every(5, 2), Every(5, 3)};
   Reduction reduction = Make({{2, 5, 63}, {}, {5, 40}});

@@ -1,27 +1,27 @@
-// A stand-in for what we use of TBB, for ThreadSanitizer: it sees every order between threads, for
-// all is made of std::thread and std::atomic and compiled with it. Debian's TBB is not, so that
-// every task would look like a race.
+// A stand-in for the parts of TBB that we use, for ThreadSanitizer. It consists of std::thread and
+// std::atomic and is compiled with the sanitizer, which therefore sees every order between threads.
+// Debian's TBB is not, so every task would look like a race.
 //
-// It has the names and the contract of oneTBB, at less speed, and is made to show races:
+// It has the names and the contract of oneTBB, is slower, and is designed to expose races:
 //
 // 1. An arena has threads of its own, which sleep until a job comes.
 // 2. A job is a number of chunks. The caller takes all sleeping threads of the arena for it, and
-//    waits until they are there. Each participant has one chunk that nobody else takes, so that all
-//    have work. The other chunks are free.
+//    waits until they are there. Each participant has one chunk of its own, so that all have work.
+//    The other chunks are free.
 // 3. Jobs with free chunks are on the board of their arena. A thread that has done its chunk takes
 //    free ones from the board, of the newest job first, until there are none. A thread that waits
-//    for the end of a job takes them meanwhile. So a task can find its thread in the middle of
-//    another one, which holds locks and uses the thread's elements. In an isolated region a thread
+//    for the end of a job takes them meanwhile. So a task may run on a thread in the middle of
+//    another task, which holds locks and uses the thread's elements. In an isolated region a thread
 //    takes only that region's chunks.
-// 4. Threads are ordered by nothing between the start and the end of a job: no lock is shared, and
-//    what they count together is counted without order. Whoever looks at the board learns nothing;
-//    whoever takes a chunk is ordered after the start of its job, and the end after that thread.
+// 4. Nothing orders threads between the start and the end of a job: they share no lock, and their
+//    common counters are unordered. Reading the board orders nothing. Taking a chunk orders a
+//    thread after the start of its job, and the end of the job after that thread.
 //
-// Not as in TBB: steps of a pipeline stay with its participants, who wait for their turns; more
-// threads may call execute() than the arena has slots; priorities, affinity and task_arena::enqueue
-// are missing.
+// Differences from TBB: steps of a pipeline stay with its participants, who wait for their turns;
+// more threads may call execute() than the arena has slots; priorities, affinity and
+// task_arena::enqueue are missing.
 //
-// This header is the inside of the others.
+// The other headers of the stand-in include this one.
 
 #ifndef ISOSCOPE_TESTS_SUPPORT_TSAN_TBB_ONEAPI_TBB_ARENA_THREADS_H_
 #define ISOSCOPE_TESTS_SUPPORT_TSAN_TBB_ONEAPI_TBB_ARENA_THREADS_H_
@@ -141,7 +141,7 @@ class Job;
 // may use the job only between joining and leaving it: its owner waits for them. A notice outlives
 // all jobs that it shows, so that anyone may look at it at any time.
 struct Notice {
-  // Of `state`. An owned notice is no other job's; only an open one can be joined.
+  // Bits of `state`. An owned notice belongs to one job; only an open one can be joined.
   static constexpr std::uint64_t kOwned = 1;
   static constexpr std::uint64_t kOpen = 2;
   static constexpr std::uint64_t kGuest = 4;  // times the number of those that have ever joined
@@ -185,7 +185,7 @@ struct Notice {
 };
 using Board = std::array<Notice, 64>;
 
-// Chunks of work. Whoever makes a job waits until all that have to do with it have left it.
+// Chunks of work. The maker of a job waits until all its participants have left it.
 class Job {
  public:
   // `number`: larger than those of older jobs of the arena. The job is in the isolated region that
@@ -476,7 +476,7 @@ class Arena {
           job->RunFree();
         }
         arena->TellExit(true);
-        // Whoever waited for the job can take the thread for the next one.
+        // The waiting caller can take the thread for its next job.
         state_.store(kSleeping, std::memory_order_relaxed);
         arena->Leave(job);
       }

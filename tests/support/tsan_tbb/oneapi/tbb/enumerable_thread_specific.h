@@ -128,7 +128,7 @@ class enumerable_thread_specific {
     return *static_cast<T*>(element);
   }
 
-  // While nobody calls local().
+  // REQUIRES: no thread calls local() meanwhile.
   iterator begin() { return iterator(newest_.load(std::memory_order_acquire)); }
   iterator end() { return iterator(); }
   [[nodiscard]] std::size_t size() {

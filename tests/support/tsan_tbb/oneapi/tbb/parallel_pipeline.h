@@ -33,11 +33,11 @@ class flow_control {
 
 namespace inside {
 
-// What a filter knows of the item in its hands.
+// A filter's knowledge of its present item.
 struct Item {
   flow_control control;
   std::uint64_t number = 0;                // in the order of the first filter
-  std::atomic<bool>* is_failed = nullptr;  // of the pipeline: nobody waits for turns any more
+  std::atomic<bool>* is_failed = nullptr;  // of the pipeline: nothing waits for its turn then
 };
 
 // Lets items through one after the other, in order.

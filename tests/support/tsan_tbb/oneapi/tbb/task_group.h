@@ -37,7 +37,7 @@ class task_group_context {
 
 enum task_group_status { not_complete, complete, canceled };
 
-// Whoever destroys one with tasks has to wait() before: it ends the program otherwise.
+// Call wait() before destroying a group with tasks: otherwise the program ends.
 class task_group {
  public:
   task_group() = default;

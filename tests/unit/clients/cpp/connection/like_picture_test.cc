@@ -86,7 +86,7 @@ TEST(LikePictureTest, EverySentenceFitsItsCase) {
               HasSubstr("1,234 of 5,000 pixels differ from 'a.png', by at most 9 of 255"));
   EXPECT_THAT(describe(different, "2 cpu"),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("1,234 of 5,000")));
-  // Bytes of the plain picture are right, but somebody has painted beside the annotations.
+  // The bytes of the plain picture are right, but pixels beside the annotations were changed.
   EXPECT_FALSE(
       describe({.has_same_bytes = true, .different_count = 1, .compared_count = 8}, "2 cpu").ok());
 }

@@ -166,7 +166,7 @@ TEST_F(ServiceClientTest, AnExportWhoseChunksComeIsReadToItsEnd) {
   EXPECT_EQ(seen, 5);
 }
 
-// What was visited can't be taken back: a mesh would have its first chunks twice.
+// Visited chunks can't be undone: a second attempt would repeat the first chunks of a mesh.
 TEST_F(ServiceClientTest, AnExportThatBreaksIsTriedAgainOnlyBeforeItsFirstChunk) {
   surfaces_.hangs = false;
   surfaces_.refusals_left = 1;

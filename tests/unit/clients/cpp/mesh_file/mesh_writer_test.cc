@@ -348,7 +348,7 @@ TEST(MeshWriterTest, SeveralSurfacesStayApartInOneFile) {
     if (format == MeshFormat::kStl) {
       continue;
     }
-    // Of GLB the test reads the index of the material: surfaces without triangles have none.
+    // In a GLB the test reads the index of the material: surfaces without triangles have none.
     std::vector<int> surfaces(small.triangles.size(), 0);
     surfaces.resize(mesh.triangles.size(), format == MeshFormat::kGlb ? 1 : 2);
     EXPECT_EQ(mesh.surfaces, surfaces);

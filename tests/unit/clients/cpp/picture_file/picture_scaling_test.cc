@@ -22,7 +22,7 @@ RgbaImage Filled(int width, int height, Rgba8 color) {
               static_cast<std::size_t>(width) * static_cast<std::size_t>(height), color)};
 }
 
-// Of every channel its own value: coordinates and sums in 8 bits.
+// Each channel has its own pattern: coordinates and sums in 8 bits.
 RgbaImage Pattern(int width, int height) {
   RgbaImage image = Filled(width, height, {});
   std::size_t i = 0;
