@@ -13,7 +13,8 @@
 #include <atomic>
 #include <cmath>
 #include <cstddef>
-#include <limits>
+#include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -34,24 +35,14 @@ namespace {
 using render::CapFragment;
 using render::CapPainter;
 
-// The range of the colour map, if the request has none.
-frame::ColorRange RangeOf(const volume::ScalarSpan& samples) {
-  // The range must be finite for any samples.
-  constexpr double kLimit = std::numeric_limits<double>::max() / 4;
-  frame::ColorRange range{.min = std::clamp(samples.min, -kLimit, kLimit),
-                          .max = std::clamp(samples.max, -kLimit, kLimit)};
-  if (!(range.max > range.min)) {
-    range.max = std::nextafter(range.min, std::numeric_limits<double>::infinity());
-  }
-  return range;
-}
-
 render::SampleColor SampleColorOf(const frame::ClipCaps& caps, const store::Manifest& manifest) {
   if (!caps.map.has_value()) {
     return nullptr;
   }
   const picture::ColorMapTable* const table = &picture::ColorMapTableOf(*caps.map);
-  const frame::ColorRange range = caps.range.value_or(RangeOf(manifest.value_range));
+  const volume::ScalarSpan& samples = manifest.value_range;
+  const frame::ColorRange range =
+      caps.range.value_or(frame::ColorRangeOfSamples(samples.min, samples.max));
   return [table, range](double value) {
     // Infinities of both signs around a point leave it without a value.
     return (*table)[picture::ColorMapStepOf(std::isnan(value) ? range.max : value, range)];
@@ -100,40 +91,54 @@ class CapSink {
 
 class Drawing {
  public:
-  Drawing(const Shards& shards, const CapPainter& painter, const AgentResources& resources,
+  Drawing(const Shards& shards, const ColorVolumes& colors, const CapPainter& painter,
+          std::size_t surface_count, const AgentResources& resources,
           const base::Cancellation& cancellation, CapSink* sink)
       : shards_(shards),
+        colors_(colors),
         painter_(painter),
         resources_(resources),
         cancellation_(cancellation),
-        sink_(*sink) {}
+        sink_(*sink),
+        shown_volumes_(surface_count) {
+    for (std::size_t i = 0; i < surface_count; ++i) {
+      if (painter.ShowsField(i)) {
+        shown_volumes_[i] = colors.VolumeOf(i);
+      }
+    }
+  }
 
   // Returns the bytes read.
   absl::StatusOr<std::int64_t> Draw() {
-    ChooseBlocks();
+    ISOSCOPE_RETURN_IF_ERROR(ChooseBlocks());
     std::vector<char> is_painted(with_samples_.size(), 0);
     base::RunIn(resources_.arena, [&] {
       tbb::parallel_for(std::size_t{0}, of_span_.size(),
-                        [&](std::size_t i) { Paint(of_span_[i], nullptr); });
+                        [&](std::size_t i) { Paint(of_span_[i], nullptr, {}); });
       tbb::parallel_for(std::size_t{0}, with_samples_.size(), [&](std::size_t i) {
         is_painted[i] = PaintCached(with_samples_[i]) ? 1 : 0;
       });
     });
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    std::vector<BlockToRead> to_read;
+    std::uint32_t volumes = 0;
+    for (const std::optional<std::size_t>& volume : shown_volumes_) {
+      volumes |= volume.has_value() ? 1U << *volume : 0U;
+    }
+    std::vector<ColoredBlock> to_read;
     for (std::size_t i = 0; i < is_painted.size(); ++i) {
       if (is_painted[i] == 0) {
-        to_read.push_back(with_samples_[i]);
+        to_read.push_back({with_samples_[i], volumes});
       }
     }
-    BlockReads reads(shards_, to_read);
-    ISOSCOPE_RETURN_IF_ERROR(reads.ForEach(
-        resources_, cancellation_, [&](std::size_t i, const volume::BlockSamples& samples) {
-          Paint(to_read[i], &samples);
-          resources_.cache->OfferSamples(ShardOf(to_read[i]), to_read[i].ordinal, samples);
+    return VisitColoredBlocks(
+        shards_, volumes == 0 ? ColorVolumes() : colors_, to_read, resources_, cancellation_,
+        [&](std::size_t i, const volume::BlockSamples& samples,
+            std::span<const volume::BlockSamples> fields) {
+          const BlockToRead& block = to_read[i].block;
+          Paint(block, &samples, fields);
+          resources_.cache->OfferSamples(ShardOf(block), block.ordinal, samples);
           return cancellation_.Check();
-        }));
-    return reads.read_bytes();
+        });
   }
 
  private:
@@ -141,27 +146,37 @@ class Drawing {
     return *shards_[block.shard_index];
   }
 
-  void ChooseBlocks() {
+  absl::Status ChooseBlocks() {
     for (std::uint32_t shard = 0; shard < shards_.size(); ++shard) {
       const store::ShardReader& reader = *shards_[shard]->reader;
       for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
         const CapPainter::Need need = painter_.NeedOf(reader.block_id(ordinal), reader.ranges());
         if (need != CapPainter::Need::kNothing) {
+          ISOSCOPE_RETURN_IF_ERROR(colors_.CheckBlock(shard, ordinal, reader.block_id(ordinal)));
           (need == CapPainter::Need::kSpan ? of_span_ : with_samples_).push_back({shard, ordinal});
         }
       }
     }
+    return absl::OkStatus();
   }
 
-  // `samples`: null if the block is inside as a whole
-  void Paint(const BlockToRead& block, const volume::BlockSamples* samples) {
+  // samples: null if the block is inside as a whole
+  // fields:  by volume of `colors_`
+  void Paint(const BlockToRead& block, const volume::BlockSamples* samples,
+             std::span<const volume::BlockSamples> fields) {
     if (cancellation_.is_cancelled()) {
       return;
+    }
+    std::vector<volume::BlockSamples> by_surface(shown_volumes_.size());
+    for (std::size_t i = 0; i < by_surface.size() && !fields.empty(); ++i) {
+      if (shown_volumes_[i].has_value()) {
+        by_surface[i] = fields[*shown_volumes_[i]];
+      }
     }
     const store::ShardReader& reader = *ShardOf(block).reader;
     std::vector<CapFragment> fragments;
     painter_.Paint(
-        reader.block_id(block.ordinal), reader.ranges(), samples,
+        reader.block_id(block.ordinal), reader.ranges(), samples, by_surface,
         [this](int x, int y, float depth) { return sink_.IsHidden(x, y, depth); },
         [&](const CapFragment& fragment) {
           fragments.push_back(fragment);
@@ -179,26 +194,40 @@ class Drawing {
     if (cached == nullptr) {
       return false;
     }
-    const volume::BlockSamples samples{shard.reader->block_id(block.ordinal),
-                                       shard.reader->manifest().scalar_type, cached->data()};
-    Paint(block, &samples);
+    std::vector<std::shared_ptr<const std::string>> held;
+    std::vector<volume::BlockSamples> fields(colors_.volume_count());
+    for (const std::optional<std::size_t>& volume : shown_volumes_) {
+      if (!volume.has_value()) {
+        continue;
+      }
+      const Shard& of_field = *colors_.shards()[colors_.IndexOf(*volume, block.shard_index)];
+      held.push_back(resources_.cache->FindSamples(of_field, block.ordinal));
+      if (held.back() == nullptr) {
+        return false;
+      }
+      fields[*volume] = SamplesOf(of_field, block.ordinal, *held.back());
+    }
+    const volume::BlockSamples samples = SamplesOf(shard, block.ordinal, *cached);
+    Paint(block, &samples, fields);
     return true;
   }
 
   const Shards& shards_;
+  const ColorVolumes& colors_;
   const CapPainter& painter_;
   const AgentResources& resources_;
   const base::Cancellation& cancellation_;
   CapSink& sink_;
-  std::vector<BlockToRead> of_span_;       // blocks that are inside as a whole
-  std::vector<BlockToRead> with_samples_;  // ascending
+  std::vector<std::optional<std::size_t>> shown_volumes_;  // by surface: that its caps show
+  std::vector<BlockToRead> of_span_;                       // blocks that are inside as a whole
+  std::vector<BlockToRead> with_samples_;                  // ascending
 };
 
 }  // namespace
 
-absl::StatusOr<std::int64_t> DrawCaps(const Shards& shards, const view::View& view,
-                                      const frame::FrameSpec& spec, frame::BackEnd drawn_by,
-                                      const AgentResources& resources,
+absl::StatusOr<std::int64_t> DrawCaps(const Shards& shards, const ColorVolumes& colors,
+                                      const view::View& view, const frame::FrameSpec& spec,
+                                      frame::BackEnd drawn_by, const AgentResources& resources,
                                       const base::Cancellation& cancellation,
                                       image::FrameImage* image) {
   const store::ShardReader& first = *shards.front()->reader;
@@ -210,7 +239,7 @@ absl::StatusOr<std::int64_t> DrawCaps(const Shards& shards, const view::View& vi
   AgentResources untold = resources;  // the caller counts the bytes
   untold.metrics = nullptr;
   untold.trace = nullptr;
-  return Drawing(shards, painter, untold, cancellation, &sink).Draw();
+  return Drawing(shards, colors, painter, spec.surfaces.size(), untold, cancellation, &sink).Draw();
 }
 
 }  // namespace isoscope::agent

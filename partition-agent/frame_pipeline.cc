@@ -23,6 +23,7 @@
 #include <optional>
 #include <span>
 
+#include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -45,7 +46,27 @@ namespace {
 // One task computes the footprints of this many blocks.
 constexpr std::size_t kFootprintsPerTask = 128;
 
-// Draws the added meshes: opaque ones into `pass`, translucent ones into `layer_pass`, which is
+// The volumes that colour the frame's surfaces.
+absl::StatusOr<ColorVolumes> ColorsOf(const frame::FrameSpec& spec, const Shards& shards,
+                                      const std::vector<Shards>& color_shards) {
+  if (!spec.sends_map_steps) {
+    return ColorVolumes();
+  }
+  std::vector<Shards> by_surface(spec.surfaces.size());
+  for (std::size_t i = 0; i < by_surface.size(); ++i) {
+    if (!spec.surfaces[i].shows_field()) {
+      continue;
+    }
+    if (i >= color_shards.size() || color_shards[i].empty()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "surface ", i, " shows another field, but the frame does not name its samples"));
+    }
+    by_surface[i] = color_shards[i];
+  }
+  return ColorVolumes::Make(shards, by_surface);
+}
+
+// Draws what is added: opaque meshes into `pass`, translucent ones into `layer_pass`, which is
 // null if there are none.
 class PassSink final : public MeshSink {
  public:
@@ -78,10 +99,11 @@ class PassSink final : public MeshSink {
 
 }  // namespace
 
-FramePipeline::FramePipeline(Shards shards, const FrameTask& task, const view::View& view,
-                             const AgentResources& resources,
+FramePipeline::FramePipeline(Shards shards, ColorVolumes colors, const FrameTask& task,
+                             const view::View& view, const AgentResources& resources,
                              const base::Cancellation* cancellation)
     : shards_(std::move(shards)),
+      colors_(std::move(colors)),
       task_(task),
       view_(view),
       layout_(shards_.front()->reader->layout()),
@@ -203,7 +225,7 @@ absl::Status FramePipeline::FindBlocks() {
     with_magnitudes.push_back(task_.spec.sends_map_steps && surface.shows_gradient());
   }
   supply_ = std::make_unique<MeshSupply>(blocks_.get(), cache_round_, resources_, &cancellation_,
-                                         std::move(with_magnitudes));
+                                         std::move(with_magnitudes), colors_);
   statistics_.active_block_count = blocks_->block_count();
   statistics_.index_page_read_count += cost.page_read_count;
   statistics_.read_bytes += cost.read_bytes;
@@ -216,7 +238,7 @@ absl::Status FramePipeline::FindBlocks() {
 }
 
 render::Renderer& FramePipeline::RendererOfFrame() const {
-  const bool only_cpu = frame::ShowsGradient(task_.spec) && resources_.cpu_renderer != nullptr;
+  const bool only_cpu = frame::ShowsValues(task_.spec) && resources_.cpu_renderer != nullptr;
   return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;
 }
 
@@ -307,7 +329,7 @@ absl::StatusOr<image::FrameImage> FramePipeline::DrawWithCaps(const std::vector<
   const base::ScopedTimer timer(&statistics_.render_duration);
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::int64_t read_bytes,
-      DrawCaps(shards_, view_, task_.spec, RendererOfFrame().picture_revision().back_end,
+      DrawCaps(shards_, colors_, view_, task_.spec, RendererOfFrame().picture_revision().back_end,
                resources_, cancellation_, &*image));
   statistics_.read_bytes += read_bytes;
   if (resources_.metrics != nullptr) {
@@ -318,7 +340,7 @@ absl::StatusOr<image::FrameImage> FramePipeline::DrawWithCaps(const std::vector<
 
 absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
     Shards shards, const FrameTask& task, const AgentResources& resources,
-    const base::Cancellation* cancellation) {
+    const base::Cancellation* cancellation, const std::vector<Shards>& color_shards) {
   ISOSCOPE_CHECK(!shards.empty());
   const store::ShardReader& first = *shards.front()->reader;
   for (const std::shared_ptr<const Shard>& shard : shards) {
@@ -332,8 +354,9 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                             view::View::Make(*task.spec.camera, task.spec.viewport,
                                              first.manifest().geometry, task.spec.region));
+  ISOSCOPE_ASSIGN_OR_RETURN(ColorVolumes colors, ColorsOf(task.spec, shards, color_shards));
   return std::unique_ptr<FramePipeline>(
-      new FramePipeline(std::move(shards), task, view, resources, cancellation));
+      new FramePipeline(std::move(shards), std::move(colors), task, view, resources, cancellation));
 }
 
 }  // namespace isoscope::agent

@@ -26,6 +26,7 @@
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 #include "partition-agent/agent_resources.h"
+#include "partition-agent/color_volumes.h"
 #include "partition-agent/frame_task.h"
 #include "partition-agent/mesh_supply.h"
 #include "partition-agent/shard.h"
@@ -47,11 +48,14 @@ struct RaySelection {
 //   kNone:         RenderAll
 class FramePipeline {
  public:
-  // All shards belong to one dataset. INVALID_ARGUMENT if the camera is not set, if camera or
-  // viewport do not validate, or if surfaces times blocks are too many (frame::CheckOwners).
+  // All shards are of one dataset. INVALID_ARGUMENT if the camera is not set, or camera or viewport
+  // do not validate, or surfaces times blocks are too many (frame::CheckOwners), or a surface shows
+  // a field and has no shards in `color_shards`. FAILED_PRECONDITION as ColorVolumes::Make.
+  //
+  // color_shards: as ColorVolumes::Make takes them. They are read if pixels carry steps.
   static absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
       Shards shards, const FrameTask& task, const AgentResources& resources,
-      const base::Cancellation* cancellation);
+      const base::Cancellation* cancellation, const std::vector<Shards>& color_shards = {});
 
   // Steps 0 and 1: queries the interval trees and casts the agent's share of the rays.
   absl::StatusOr<RaySelection> SelectOccluders();
@@ -79,7 +83,7 @@ class FramePipeline {
   // The next step that may be called. kFirst: SelectOccluders or RenderAll.
   enum class Step { kFirst, kRenderOccluders, kRenderVisible, kNone };
 
-  FramePipeline(Shards shards, const FrameTask& task, const view::View& view,
+  FramePipeline(Shards shards, ColorVolumes colors, const FrameTask& task, const view::View& view,
                 const AgentResources& resources, const base::Cancellation* cancellation);
 
   template <typename Work>
@@ -102,6 +106,7 @@ class FramePipeline {
   }
 
   const Shards shards_;
+  const ColorVolumes colors_;
   const FrameTask task_;
   const view::View view_;
   const volume::BlockLayout layout_;

@@ -40,7 +40,7 @@ absl::Status CheckMapSteps(const frame::FrameSpec& spec) {
         "begin.sends_map_steps is set: must be unset without begin.sends_normals");
   }
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
-    if (spec.surfaces[i].shows_gradient() && !spec.surfaces[i].color_by->range.has_value()) {
+    if (spec.surfaces[i].shows_values() && !spec.surfaces[i].color_by->range.has_value()) {
       return absl::InvalidArgumentError(absl::StrCat("begin.request.surfaces[", i,
                                                      "].color_by.range is not set: required with "
                                                      "begin.sends_map_steps"));
@@ -83,10 +83,36 @@ absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
   mailbox_ = begin.mailbox();
   shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
   block_count_ = shards.front()->reader->layout().block_count();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
   ISOSCOPE_ASSIGN_OR_RETURN(
       pipeline_, FramePipeline::Make(std::move(shards), task_, agent_.Resources(trace_.recorder()),
-                                     &cancellation_));
+                                     &cancellation_, color_shards));
   return absl::OkStatus();
+}
+
+// Finds the shards of the volumes that colour surfaces, by surface.
+absl::StatusOr<std::vector<Shards>> FrameSteps::FindColors(const v1::BeginFrame& begin) const {
+  const std::vector<frame::Surface>& surfaces = task_.spec.surfaces;
+  const auto count = static_cast<std::size_t>(begin.color_dataset_ids_size());
+  if (count != 0 && count != surfaces.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("begin.color_dataset_ids has ", count,
+                                                   " elements: must have none, or one for each of ",
+                                                   surfaces.size(), " surfaces"));
+  }
+  std::vector<Shards> found(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::string& id = begin.color_dataset_ids(static_cast<int>(i));
+    if (id.empty()) {
+      continue;
+    }
+    if (!surfaces[i].shows_field()) {
+      return absl::InvalidArgumentError(absl::StrCat("begin.color_dataset_ids[", i, "] is \"", id,
+                                                     "\": must be empty, because surface ", i,
+                                                     " shows no other field"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(found[i], agent_.shards.Find(id, begin.shard_indices()));
+  }
+  return found;
 }
 
 absl::StatusOr<FrameSteps::Response> FrameSteps::SelectOccluders() {

@@ -55,6 +55,8 @@ class FrameSteps {
   void Release() { pipeline_.reset(); }
 
  private:
+  absl::StatusOr<std::vector<Shards>> FindColors(
+      const isoscope::internal::v1::BeginFrame& begin) const;
   void EnterOneThread(std::optional<base::OneThreadScope>* scope) const;
   [[nodiscard]] view::Viewport DrawnViewport() const;
   [[nodiscard]] int DrawnLayers() const;

@@ -1,7 +1,8 @@
 // The way to a mesh:
 //
-//   MeshCache::tables_   (shard, isovalue, with gradient magnitudes or without) to MeshTable, most
-//                        recently used first
+//   MeshCache::tables_   (shard, isovalue, what vertices have values of) to MeshTable, the last
+//   used
+//                        first
 //   MeshTable::slots_    active index to the mesh and a weak pointer to its segment
 //   MeshSegment          memory that fills up with meshes, from its beginning on
 //
@@ -67,8 +68,7 @@ std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
 }
 
 std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double isovalue,
-                                              std::size_t block_count,
-                                              bool has_gradient_magnitudes) {
+                                              std::size_t block_count, const MeshValues& values) {
   // + 0.0 makes -0 the key of 0.
   const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
   base::MutexLock lock(&mutex_);
@@ -87,14 +87,14 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
       std::memory_order_relaxed);
   const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
     return keyed.shard_number == shard_number && keyed.isovalue_bits == bits &&
-           keyed.has_gradient_magnitudes == has_gradient_magnitudes;
+           keyed.values == values;
   });
   if (found != tables_.end()) {
     tables_.splice(tables_.begin(), tables_, found);
     return found->table;
   }
   auto table = std::make_shared<MeshTable>(block_count);
-  tables_.push_front({shard_number, bits, has_gradient_magnitudes, table});
+  tables_.push_front({shard_number, bits, values, table});
   table_bytes_ += table->size_bytes();
   while (table_bytes_ > max_bytes_ / kTableShare) {  // the new table goes last
     table_bytes_ -= tables_.back().table->size_bytes();

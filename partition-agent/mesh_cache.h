@@ -35,8 +35,18 @@ struct MeshSegment {
   std::atomic<bool> is_kept{true};      // false: it lives only as long as one of its meshes is held
 };
 
-// The meshes of one shard at one isovalue, with or without gradient magnitudes, by active index in
-// the shard's list of active blocks. Thread-safe.
+// What the vertices of meshes have values of.
+struct MeshValues {
+  enum class Of : std::uint8_t { kNothing, kGradientMagnitude, kField };
+
+  Of of = Of::kNothing;
+  std::uint32_t field_shard_number = 0;  // Shard::number of the field's samples; of kField alone
+
+  friend bool operator==(const MeshValues&, const MeshValues&) = default;
+};
+
+// The meshes of one shard at one isovalue with one kind of values, by active index in the shard's
+// list of active blocks. Thread-safe.
 class MeshTable {
  public:
   explicit MeshTable(std::size_t block_count) : slots_(block_count) {}
@@ -77,10 +87,10 @@ class MeshCache {
   std::uint64_t BeginRound(std::int64_t frame_number);
 
   // Returns the table of a shard (by Shard::number) at an isovalue, and makes it if there is none.
-  // Meshes with gradient magnitudes have tables of their own. Evicts the least recently used
-  // tables if all take more than 1 / kTableShare of the bytes.
+  // Meshes with other values have tables of their own. Evicts the least recently used tables if
+  // all take more than 1 / kTableShare of the bytes.
   std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
-                                     std::size_t block_count, bool has_gradient_magnitudes = false);
+                                     std::size_t block_count, const MeshValues& values = {});
 
   // Copies meshes into segments, for one thread at a time. A stored mesh lives as long as it is
   // held, even if the cache does not keep it.
@@ -120,7 +130,7 @@ class MeshCache {
   struct KeyedTable {
     std::uint32_t shard_number = 0;
     std::uint64_t isovalue_bits = 0;
-    bool has_gradient_magnitudes = false;
+    MeshValues values;
     std::shared_ptr<MeshTable> table;
   };
   static constexpr std::size_t kTableShare = 8;

@@ -1,9 +1,10 @@
 // A step's meshes come in two parts, so that no thread of the arena waits for a disk:
 //
-//   1. Tasks of 8 to 128 meshes process the chosen meshes. A cached mesh is added as it is. If the
-//      samples of its block are cached, it is extracted at once. Part 2 makes the others.
-//   2. The remaining blocks are sorted by ordinal and read as disk runs. A block that arrives is
-//      checked, and extracted for all surfaces that need it, while others are under way.
+//   1. Tasks of 8 to 128 meshes go through the chosen meshes. A cached mesh is added as it is. If
+//      the samples of its block are cached, it is extracted at once. Part 2 makes the others.
+//   2. The blocks that are left are sorted by ordinal and read as disk runs. A block that arrives
+//      is checked, and extracted for all surfaces that want it, while others are under way. Samples
+//      that colour them are read before (color_volumes.h).
 //
 // Each thread collects meshes and adds a few dozen at a time: a call of the sink takes locks, and a
 // few dozen meshes are still in the processor's cache when they are drawn. Extracted meshes are
@@ -17,6 +18,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -53,12 +55,13 @@ absl::Status DrainIfFull(MeshSink* sink) {
 
 MeshSupply::MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
                        const AgentResources& resources, const base::Cancellation* cancellation,
-                       std::vector<bool> keeps_gradient_magnitudes)
+                       std::vector<bool> keeps_gradient_magnitudes, ColorVolumes colors)
     : blocks_(*blocks),
       resources_(resources),
       cancellation_(*cancellation),
       round_(cache_round),
       keeps_gradient_magnitudes_(std::move(keeps_gradient_magnitudes)),
+      colors_(std::move(colors)),
       workers_([this] {
         return MeshWorker(*blocks_.shards().front(), resources_.cache->meshes(), round_,
                           blocks_.isovalues().size());
@@ -68,6 +71,7 @@ MeshSupply::MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
 
 absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& chosen,
                                                  MeshSink* sink) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckColors(chosen));
   OpenTables();
   SupplyCost cost;
   cost.surfaces.resize(blocks_.isovalues().size());
@@ -87,6 +91,23 @@ absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& 
   return cost;
 }
 
+MeshValues MeshSupply::ValuesOf(std::size_t shard_index, std::size_t surface_index) const {
+  if (const Shard* const field = colors_.ShardOf(shard_index, surface_index); field != nullptr) {
+    return {.of = MeshValues::Of::kField, .field_shard_number = field->number};
+  }
+  return {.of = keeps_gradient_magnitudes_[surface_index] ? MeshValues::Of::kGradientMagnitude
+                                                          : MeshValues::Of::kNothing};
+}
+
+absl::Status MeshSupply::CheckColors(const std::vector<ChosenMesh>& chosen) const {
+  if (!colors_.empty()) {
+    for (const ChosenMesh& mesh : chosen) {
+      ISOSCOPE_RETURN_IF_ERROR(colors_.CheckBlock(mesh.shard_index, mesh.ordinal, mesh.block_id));
+    }
+  }
+  return absl::OkStatus();
+}
+
 // Finds the tables of cached meshes.
 void MeshSupply::OpenTables() {
   if (!tables_.empty()) {
@@ -96,7 +117,7 @@ void MeshSupply::OpenTables() {
     for (std::size_t surface = 0; surface < blocks_.isovalues().size(); ++surface) {
       tables_.push_back(resources_.cache->meshes()->TableOf(
           blocks_.shards()[shard]->number, blocks_.isovalues()[surface],
-          blocks_.ActiveOf(shard, surface).size(), keeps_gradient_magnitudes_[surface]));
+          blocks_.ActiveOf(shard, surface).size(), ValuesOf(shard, surface)));
     }
   }
 }
@@ -166,16 +187,30 @@ bool MeshSupply::Find(const ChosenMesh& chosen, MeshWorker* worker) {
   if (samples == nullptr) {
     return false;
   }
+  std::shared_ptr<const std::string> bytes_of_field;
+  volume::BlockSamples field;
+  if (const Shard* const of_field = colors_.ShardOf(chosen.shard_index, chosen.surface_index);
+      of_field != nullptr) {
+    bytes_of_field = resources_.cache->FindSamples(*of_field, chosen.ordinal);
+    if (bytes_of_field == nullptr) {
+      return false;
+    }
+    field = SamplesOf(*of_field, chosen.ordinal, *bytes_of_field);
+  }
   ++worker->cached_sample_count;
-  Extract({chosen.block_id, shard.reader->manifest().scalar_type, samples->data()}, chosen, worker);
+  Extract(SamplesOf(shard, chosen.ordinal, *samples), bytes_of_field != nullptr ? &field : nullptr,
+          chosen, worker);
   return true;
 }
 
-void MeshSupply::Extract(const volume::BlockSamples& samples, const ChosenMesh& chosen,
-                         MeshWorker* worker) {
+// `field`: the samples that the values of vertices come of; null: of none
+void MeshSupply::Extract(const volume::BlockSamples& samples, const volume::BlockSamples* field,
+                         const ChosenMesh& chosen, MeshWorker* worker) {
+  const double isovalue = blocks_.isovalues()[chosen.surface_index];
   const mesh::BlockMeshView mesh =
-      worker->extractor.Extract(samples, blocks_.isovalues()[chosen.surface_index],
-                                keeps_gradient_magnitudes_[chosen.surface_index]);
+      field != nullptr ? worker->extractor.ExtractWithField(samples, isovalue, *field)
+                       : worker->extractor.Extract(
+                             samples, isovalue, keeps_gradient_magnitudes_[chosen.surface_index]);
   worker->Collect(worker->writer.Store(mesh, &TableOf(chosen), chosen.active_index), chosen);
   worker->mesh_bytes += worker->meshes.back().mesh->size_bytes();
 }
@@ -207,37 +242,43 @@ absl::Status MeshSupply::AddRead(const std::vector<ChosenMesh>& chosen,
     return std::tuple(block_of(a), chosen[a].surface_index) <
            std::tuple(block_of(b), chosen[b].surface_index);
   });
-  std::vector<BlockToRead> blocks;
+  std::vector<ColoredBlock> blocks;
   std::vector<std::size_t> first_wanted;  // of each block, in `wanted`; then the end
   for (std::size_t i = 0; i < wanted.size(); ++i) {
-    if (blocks.empty() || blocks.back() != block_of(wanted[i])) {
-      blocks.push_back(block_of(wanted[i]));
+    if (blocks.empty() || blocks.back().block != block_of(wanted[i])) {
+      blocks.push_back({.block = block_of(wanted[i])});
       first_wanted.push_back(i);
     }
+    const std::optional<std::size_t> volume = colors_.VolumeOf(chosen[wanted[i]].surface_index);
+    blocks.back().volumes |= volume.has_value() ? 1U << *volume : 0U;
   }
   first_wanted.push_back(wanted.size());
-  BlockReads reads(blocks_.shards(), blocks);
-  *read_bytes = reads.read_bytes();
-  return reads.ForEach(
-      resources_, cancellation_,
-      [&](std::size_t block, const volume::BlockSamples& samples) {
-        const std::size_t begin = first_wanted[block];
-        return ExtractRead(chosen,
-                           std::span(wanted).subspan(begin, first_wanted[block + 1] - begin),
-                           samples, sink);
-      },
-      {.is_due = [&] { return sink->is_full(); }, .pause = [&] { return sink->Drain(); }});
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      *read_bytes,
+      VisitColoredBlocks(
+          blocks_.shards(), colors_, blocks, resources_, cancellation_,
+          [&](std::size_t block, const volume::BlockSamples& samples,
+              std::span<const volume::BlockSamples> fields) {
+            const std::size_t begin = first_wanted[block];
+            return ExtractRead(chosen,
+                               std::span(wanted).subspan(begin, first_wanted[block + 1] - begin),
+                               samples, fields, sink);
+          },
+          {.is_due = [&] { return sink->is_full(); }, .pause = [&] { return sink->Drain(); }}));
+  return absl::OkStatus();
 }
 
 absl::Status MeshSupply::ExtractRead(const std::vector<ChosenMesh>& chosen,
                                      std::span<const std::size_t> of_block,
-                                     const volume::BlockSamples& samples, MeshSink* sink) {
+                                     const volume::BlockSamples& samples,
+                                     std::span<const volume::BlockSamples> fields, MeshSink* sink) {
   MeshWorker& worker = workers_.local();
   {
     const base::ScopedTimer timer(&worker.extract_time);
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     for (const std::size_t i : of_block) {
-      Extract(samples, chosen[i], &worker);
+      const std::optional<std::size_t> volume = colors_.VolumeOf(chosen[i].surface_index);
+      Extract(samples, volume.has_value() ? &fields[*volume] : nullptr, chosen[i], &worker);
     }
     const ChosenMesh& first = chosen[of_block.front()];
     resources_.cache->OfferSamples(ShardOf(first), first.ordinal, samples);

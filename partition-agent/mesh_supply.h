@@ -19,6 +19,7 @@
 #include "core/frame/agent_statistics.h"
 #include "core/volume/block_samples.h"
 #include "partition-agent/agent_resources.h"
+#include "partition-agent/color_volumes.h"
 #include "partition-agent/mesh_worker.h"
 #include "partition-agent/surface_blocks.h"
 
@@ -38,16 +39,18 @@ struct SupplyCost {
 class MeshSupply {
  public:
   // cache_round: the result of BlockCache::BeginRound for the frame.
-  // keeps_gradient_magnitudes: by surface, true if its meshes have them; or empty
+  // keeps_gradient_magnitudes: by surface, whether vertices have them as values; or empty
+  // colors: the volumes whose samples are the values of the others' vertices
   MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
              const AgentResources& resources, const base::Cancellation* cancellation,
-             std::vector<bool> keeps_gradient_magnitudes = {});
+             std::vector<bool> keeps_gradient_magnitudes = {}, ColorVolumes colors = {});
 
-  // Adds each chosen mesh to `sink` once, in batches, in any order, on several threads of the arena
-  // at once. Each block is read at most once. A full sink is drained before it takes more than one
-  // batch of each thread: kMaxBatchMeshes meshes, and at most one of them after kMaxBatchBytes.
-  // Returns when all were added, or the first error: the sink's, the cancellation's (within one
-  // block), or DATA_LOSS as ShardReader::VisitDiskRun. Blocks.
+  // Adds each chosen mesh to `sink` once, some at a time, in any order, on several threads of the
+  // arena at once. Each block is read at most once. A full sink is drained before it takes more
+  // than one batch of each thread: kMaxBatchMeshes meshes, and at most one of them after
+  // kMaxBatchBytes. Returns when all were added, or the first error: of the sink, of the
+  // cancellation (within one block), DATA_LOSS as ShardReader::VisitDiskRun, FAILED_PRECONDITION as
+  // ColorVolumes::CheckBlock. Blocks.
   absl::StatusOr<SupplyCost> AddMeshes(const std::vector<ChosenMesh>& chosen, MeshSink* sink);
 
  private:
@@ -58,19 +61,23 @@ class MeshSupply {
     return *tables_[mesh.shard_index * blocks_.isovalues().size() + mesh.surface_index];
   }
 
+  [[nodiscard]] MeshValues ValuesOf(std::size_t shard_index, std::size_t surface_index) const;
   void OpenTables();
+  [[nodiscard]] absl::Status CheckColors(const std::vector<ChosenMesh>& chosen) const;
   absl::Status AddCached(const std::vector<ChosenMesh>& chosen, std::vector<char>* is_missing,
                          MeshSink* sink);
   absl::Status FindAndAdd(std::span<const ChosenMesh> chosen, std::span<char> is_missing,
                           MeshSink* sink);
   bool Find(const ChosenMesh& chosen, MeshWorker* worker);
-  void Extract(const volume::BlockSamples& samples, const ChosenMesh& chosen, MeshWorker* worker);
+  void Extract(const volume::BlockSamples& samples, const volume::BlockSamples* field,
+               const ChosenMesh& chosen, MeshWorker* worker);
   void CountLookups(std::int64_t missing_count);
   absl::Status AddRead(const std::vector<ChosenMesh>& chosen, std::vector<std::size_t> wanted,
                        MeshSink* sink, std::int64_t* read_bytes);
   absl::Status ExtractRead(const std::vector<ChosenMesh>& chosen,
                            std::span<const std::size_t> of_block,
-                           const volume::BlockSamples& samples, MeshSink* sink);
+                           const volume::BlockSamples& samples,
+                           std::span<const volume::BlockSamples> fields, MeshSink* sink);
   absl::Status AddRest(MeshSink* sink);
   void AddUpWorkers(absl::Duration wall, SupplyCost* cost);
 
@@ -78,7 +85,8 @@ class MeshSupply {
   const AgentResources resources_;
   const base::Cancellation& cancellation_;
   const std::uint64_t round_;
-  std::vector<bool> keeps_gradient_magnitudes_;     // by surface
+  std::vector<bool> keeps_gradient_magnitudes_;  // by surface
+  const ColorVolumes colors_;
   std::vector<std::shared_ptr<MeshTable>> tables_;  // by shard, surface
   tbb::enumerable_thread_specific<MeshWorker> workers_;
 };

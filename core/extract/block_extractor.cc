@@ -14,6 +14,7 @@
 #include "core/base/check.h"
 #include "core/extract/block_kernels.h"
 #include "core/extract/case_table.h"
+#include "core/extract/field_values.h"
 
 namespace isoscope::extract {
 
@@ -29,7 +30,7 @@ class BlockExtractor::Impl {
         case_table_(GetCaseTable()) {}
 
   mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue,
-                              bool keeps_gradient_magnitudes) {
+                              bool keeps_gradient_magnitudes, const volume::BlockSamples* field) {
     const Index3 begin = layout_.StoredSamplesOf(samples.block_id).begin;
     ExtractBlock({.type = samples.type,
                   .bytes = samples.bytes,
@@ -39,7 +40,8 @@ class BlockExtractor::Impl {
                             static_cast<double>(begin.z)},
                   .to_world = &to_world_,
                   .case_table = &case_table_,
-                  .keeps_gradient_magnitudes = keeps_gradient_magnitudes},
+                  .keeps_gradient_magnitudes = keeps_gradient_magnitudes,
+                  .field = field},
                  &scratch_);
     // The vectors are longer than the mesh: kernels write whole registers.
     mesh::BlockMeshView mesh;
@@ -48,9 +50,10 @@ class BlockExtractor::Impl {
     mesh.positions = std::span(scratch_.positions).first(scratch_.vertex_count);
     mesh.normals = std::span(scratch_.normals).first(scratch_.vertex_count);
     mesh.indices = std::span(scratch_.indices).first(scratch_.index_count);
-    if (keeps_gradient_magnitudes) {
-      mesh.gradient_magnitudes =
-          std::span(scratch_.gradient_magnitudes).first(scratch_.vertex_count);
+    if (field != nullptr && HasWideValues(field->type)) {
+      mesh.values = ValuesIn(scratch_.wide_values);
+    } else if (keeps_gradient_magnitudes || field != nullptr) {
+      mesh.values = ValuesIn(scratch_.values);
     }
     return mesh;
   }
@@ -58,7 +61,7 @@ class BlockExtractor::Impl {
   void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
                            mesh::BlockMesh* mesh) {
     const mesh::BlockMeshView view =
-        Extract(samples, isovalue, /*keeps_gradient_magnitudes=*/false);
+        Extract(samples, isovalue, /*keeps_gradient_magnitudes=*/false, /*field=*/nullptr);
     mesh->block_id = view.block_id;
     mesh->owned_vertex_count = view.owned_vertex_count;
     // assign() would copy types with member initialisers one by one.
@@ -73,6 +76,11 @@ class BlockExtractor::Impl {
   }
 
  private:
+  template <typename T>
+  [[nodiscard]] mesh::VertexValues ValuesIn(const std::vector<T>& values) const {
+    return mesh::VertexValues(std::span(values).first(scratch_.vertex_count));
+  }
+
   // Adds the key of each vertex's edge: 3 * (index of its lower sample in the volume) + axis.
   // Blocks that share the edge compute the same key.
   void FillEdgeKeys(const BlockShape& shape, const Index3& begin, mesh::BlockMesh* mesh) const {
@@ -112,7 +120,15 @@ BlockExtractor& BlockExtractor::operator=(BlockExtractor&&) noexcept = default;
 mesh::BlockMeshView BlockExtractor::Extract(const volume::BlockSamples& samples, double isovalue,
                                             bool keeps_gradient_magnitudes) {
   ISOSCOPE_DCHECK(std::isfinite(isovalue));
-  return impl_->Extract(samples, isovalue, keeps_gradient_magnitudes);
+  return impl_->Extract(samples, isovalue, keeps_gradient_magnitudes, /*field=*/nullptr);
+}
+
+mesh::BlockMeshView BlockExtractor::ExtractWithField(const volume::BlockSamples& samples,
+                                                     double isovalue,
+                                                     const volume::BlockSamples& field) {
+  ISOSCOPE_DCHECK(std::isfinite(isovalue));
+  ISOSCOPE_CHECK_EQ(field.block_id, samples.block_id);
+  return impl_->Extract(samples, isovalue, /*keeps_gradient_magnitudes=*/false, &field);
 }
 
 void BlockExtractor::ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,

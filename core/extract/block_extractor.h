@@ -35,13 +35,19 @@ class BlockExtractor {
   // isovalue: field units
   //
   // A vertex lies at t = (isovalue - a) / (b - a) between the edge's lower sample a and its upper
-  // sample b. Cells that touch a NaN sample have no triangles. The mesh has the gradient magnitudes
-  // of its vertices if keeps_gradient_magnitudes.
+  // sample b. Cells that touch a NaN sample have no triangles.
+  // keeps_gradient_magnitudes: whether the values of the vertices are these
   //
   // REQUIRES: isovalue is finite. O(samples); at most 5 triangles a cell.
   mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue,
                               bool keeps_gradient_magnitudes = false);
-  // Does the same, and replaces `mesh` by a copy with edge keys.
+  // Does the same; the values of the vertices are those of another field, interpolated along the
+  // grid edge with the t that places the vertex (docs/numerics.md, "Values of another field").
+  //
+  // field: its stored samples of the same block, of any type
+  mesh::BlockMeshView ExtractWithField(const volume::BlockSamples& samples, double isovalue,
+                                       const volume::BlockSamples& field);
+  // Does the same as the first, and replaces `mesh` by a copy with edge keys.
   void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
                            mesh::BlockMesh* mesh);
 

@@ -30,6 +30,7 @@
 #include <cstdint>
 
 #include "core/extract/bit_row.h"
+#include "core/extract/field_values.h"
 #include "core/volume/scalar_span.h"
 
 // Processors from Ice Lake and Zen 4 on can list the set bits of a word at once: their own target.
@@ -148,8 +149,10 @@ void Extract(const BlockTask& task, BlockScratch* scratch) {
   }
   Grow(scratch->vertex_count + 64, &scratch->positions);
   Grow(scratch->vertex_count + 64, &scratch->normals);
-  if (task.keeps_gradient_magnitudes) {
-    Grow(scratch->vertex_count, &scratch->gradient_magnitudes);
+  if (task.field != nullptr && HasWideValues(task.field->type)) {
+    Grow(scratch->vertex_count, &scratch->wide_values);
+  } else if (task.keeps_gradient_magnitudes || task.field != nullptr) {
+    Grow(scratch->vertex_count, &scratch->values);
   }
   if (extreme) {
     PlaceVertices<T, Care::kFull>(task, scratch);

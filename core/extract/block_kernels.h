@@ -14,6 +14,7 @@
 #include "core/extract/case_table.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
+#include "core/volume/block_samples.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::extract {
@@ -27,7 +28,9 @@ struct BlockTask {
   math::Vec3d begin;                      // index of the first stored sample in the volume
   const math::Mat3d* to_world = nullptr;  // takes gradients from index to world space
   const CaseTable* case_table = nullptr;
+  // What vertices have values of: one of the two, or nothing.
   bool keeps_gradient_magnitudes = false;
+  const volume::BlockSamples* field = nullptr;  // another field's samples, of the same shape
 };
 
 // The result of extraction, and scratch space that only grows. Vectors are longer than their
@@ -39,7 +42,8 @@ struct BlockScratch {
   std::int64_t owned_vertex_count = 0;
   std::vector<math::Vec3f> positions;
   std::vector<math::Vec3f> normals;
-  std::vector<float> gradient_magnitudes;  // only if the task keeps them
+  std::vector<float> values;        // gradient magnitudes, or those of the task's field
+  std::vector<double> wide_values;  // in place of `values`, if HasWideValues
   std::vector<std::uint32_t> indices;
   // By axis: the lower samples, ascending, of the crossed edges that have a vertex. Vertex ids
   // count through these lists in order: x, y, z. edge_counts[axis] elements are valid.

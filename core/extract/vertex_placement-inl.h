@@ -8,7 +8,9 @@
 //   2. ComputeVertices, in double: t = (isovalue - a) / (b - a); the position from the sample's
 //      coordinates, plus t along the axis; the gradient between both ends at t, to world space,
 //      negated and normalised; and its length, if it is wanted.
-//   3. Interleave: from one array a component to vectors of three floats.
+//   3. Interleave: from one array a component to vectors of three floats. Here the values of
+//   another
+//      field are added, if they are wanted, with the t of step 1 (field_values.h).
 //
 // Invariants: the factor 2 of the gradients cancels when they are normalised. 8- and 16-bit samples
 // are subtracted as integers, others as doubles: both are exact or rounded once, the same in every
@@ -37,6 +39,7 @@
 
 #include "core/extract/block_kernels.h"
 #include "core/extract/block_shape.h"
+#include "core/extract/field_values.h"
 #include "core/extract/vertex_batch.h"
 #include "core/math/vec.h"
 #include "hwy/highway.h"
@@ -355,6 +358,16 @@ inline void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std
   }
 }
 
+// Fills the values of a batch whose vertex ids begin at `first_vertex`.
+inline void KeepFieldValues(const volume::BlockSamples& field, const VerticesOnEdges& vertices,
+                            std::size_t first_vertex, BlockScratch* scratch) {
+  if (HasWideValues(field.type)) {
+    FillFieldValues(field, vertices, scratch->wide_values.data() + first_vertex);
+  } else {
+    FillFieldValues(field, vertices, scratch->values.data() + first_vertex);
+  }
+}
+
 // Runs the steps on all vertices on edges along kAxis, whose ids begin at `first_vertex`.
 template <typename T, Care kCare, std::size_t kAxis>
 void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::size_t first_vertex,
@@ -380,9 +393,16 @@ void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::siz
     Interleave(batch->positions, count, scratch->positions.data() + first_vertex + begin);
     Interleave(batch->normals, count, scratch->normals.data() + first_vertex + begin);
     if (task.keeps_gradient_magnitudes) {
-      std::copy_n(
-          batch->gradient_magnitudes.begin(), count,
-          scratch->gradient_magnitudes.begin() + static_cast<std::ptrdiff_t>(first_vertex + begin));
+      std::copy_n(batch->gradient_magnitudes.begin(), count,
+                  scratch->values.begin() + static_cast<std::ptrdiff_t>(first_vertex + begin));
+    } else if (task.field != nullptr) {
+      KeepFieldValues(*task.field,
+                      {.count = count,
+                       .lower_samples = samples,
+                       .upper_distance = strides.samples[kAxis],
+                       .numerators = batch->numerators.data(),
+                       .denominators = batch->denominators.data()},
+                      first_vertex + begin, scratch);
     }
   }
 }

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <string>
 
 #include "core/image/fragment.h"
 #include "core/math/vec.h"
@@ -37,17 +38,31 @@ struct ColorRange {
   friend bool operator==(const ColorRange&, const ColorRange&) = default;
 };
 
+// Returns the range of a map over samples in [min, max], which may be infinite or one value.
+ColorRange ColorRangeOfSamples(double min, double max);
+
 // The quantity that the colour of a surface shows, in place of its base colour.
 struct ColorBy {
-  enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal, kGradientMagnitude };
+  enum class Quantity {
+    kPositionX,
+    kPositionY,
+    kPositionZ,
+    kNormal,
+    kGradientMagnitude,
+    kField,  // samples of another scalar volume of the same grid
+  };
 
   Quantity quantity = Quantity::kPositionX;
-  ColorMap map = ColorMap::kViridis;  // ignored for kNormal
-  // Ignored for kNormal. Not set: the volume's box, or 0 to the dataset's bound of the gradient.
+  ColorMap map = ColorMap::kViridis;  // not of kNormal
+  // Not of kNormal. Not set: the volume's box, 0 to the dataset's bound of the gradient, or the
+  // range of the field over all steps.
   std::optional<ColorRange> range = std::nullopt;
   // Opacities at the ends of the map, in [0, 1]; ignored for kNormal.
   float opacity_at_min = 1;
   float opacity_at_max = 1;
+  // Of kField alone. Only the coordinator looks at them.
+  std::string field = {};
+  std::string component = {};  // empty: the only one, or the magnitude
 
   [[nodiscard]] bool is_translucent() const { return opacity_at_min < 1 || opacity_at_max < 1; }
 

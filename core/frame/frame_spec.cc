@@ -11,9 +11,9 @@ bool HasLayers(const FrameSpec& spec) {
                      [](const Surface& surface) { return surface.is_translucent(); });
 }
 
-bool ShowsGradient(const FrameSpec& spec) {
+bool ShowsValues(const FrameSpec& spec) {
   return std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
-                     [](const Surface& surface) { return surface.shows_gradient(); });
+                     [](const Surface& surface) { return surface.shows_values(); });
 }
 
 std::vector<double> IsovaluesOf(const FrameSpec& spec) {

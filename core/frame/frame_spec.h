@@ -33,11 +33,17 @@ struct Surface {
   [[nodiscard]] bool is_translucent() const {
     return opacity < 1 || (color_by.has_value() && color_by->is_translucent());
   }
-  [[nodiscard]] bool shows_gradient() const {
-    return color_by.has_value() && color_by->quantity == ColorBy::Quantity::kGradientMagnitude;
-  }
+  [[nodiscard]] bool shows_gradient() const { return Shows(ColorBy::Quantity::kGradientMagnitude); }
+  [[nodiscard]] bool shows_field() const { return Shows(ColorBy::Quantity::kField); }
+  // Whether its colour shows a value that vertices have.
+  [[nodiscard]] bool shows_values() const { return shows_gradient() || shows_field(); }
 
   friend bool operator==(const Surface&, const Surface&) = default;
+
+ private:
+  [[nodiscard]] bool Shows(ColorBy::Quantity quantity) const {
+    return color_by.has_value() && color_by->quantity == quantity;
+  }
 };
 
 inline constexpr std::size_t kMaxSurfaces = 16;
@@ -67,8 +73,8 @@ struct FrameSpec {
   // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
   // request: the coordinator tells the agents.
   bool sends_normals = false;
-  // Whether pixels of surfaces that show the gradient's magnitude carry a step of its colour
-  // map beside the normal (image/normal_and_step.h). Likewise; only with sends_normals.
+  // Whether pixels of surfaces that show values of vertices carry a step of the colour map
+  // beside the normal (image/normal_and_step.h). Likewise; only with sends_normals.
   bool sends_map_steps = false;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
@@ -82,12 +88,12 @@ inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
 // Returns true if a surface is translucent: then the frame has layers (image::LayerStack).
 bool HasLayers(const FrameSpec& spec);
 
-// Whether a surface shows the length of the gradient.
-bool ShowsGradient(const FrameSpec& spec);
-// Returns the back end that draws a frame on agents of `of_agents`: gradients are always drawn by
-// the CPU. It decides the frame's tie rule and the margin of its caps.
+// Whether a surface shows values of vertices.
+bool ShowsValues(const FrameSpec& spec);
+// Returns the back end that draws a frame on agents of `of_agents`: the CPU draws values. It
+// decides the frame's tie rule and the margin of its caps.
 inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {
-  return ShowsGradient(spec) ? BackEnd::kCpu : of_agents;
+  return ShowsValues(spec) ? BackEnd::kCpu : of_agents;
 }
 
 // Returns the isovalues of the surfaces, in their order.

@@ -41,6 +41,29 @@ struct BlockMesh {
   }
 };
 
+// A non-owning view of a value for each vertex, for the colour of a surface: floats or doubles.
+class VertexValues {
+ public:
+  VertexValues() = default;
+  explicit VertexValues(std::span<const float> values) : narrow_(values) {}
+  explicit VertexValues(std::span<const double> values) : wide_(values) {}
+
+  [[nodiscard]] std::size_t size() const { return narrow_.size() + wide_.size(); }
+  [[nodiscard]] bool empty() const { return size() == 0; }
+  [[nodiscard]] std::size_t size_bytes() const { return narrow_.size_bytes() + wide_.size_bytes(); }
+  // REQUIRES: vertex < size().
+  double operator[](std::size_t vertex) const {
+    return wide_.empty() ? static_cast<double>(narrow_[vertex]) : wide_[vertex];
+  }
+  // All values: one of the two is empty.
+  [[nodiscard]] std::span<const float> narrow() const { return narrow_; }
+  [[nodiscard]] std::span<const double> wide() const { return wide_; }
+
+ private:
+  std::span<const float> narrow_;
+  std::span<const double> wide_;
+};
+
 // A non-owning view of a BlockMesh.
 struct BlockMeshView {
   BlockMeshView() = default;
@@ -60,9 +83,10 @@ struct BlockMeshView {
   std::span<const math::Vec3f> positions;
   std::span<const math::Vec3f> normals;
   std::span<const std::uint32_t> indices;
-  // Empty, or one for each position: the length of the gradient in field units per world unit,
-  // finite; 0 where there is no normal.
-  std::span<const float> gradient_magnitudes;
+  // Empty, or one for each position: the length of the gradient, in field units per world unit,
+  // finite, 0 where there is no normal; or the value of another field, which may be infinite or
+  // NaN.
+  VertexValues values;
 };
 
 }  // namespace isoscope::mesh

@@ -1,7 +1,7 @@
 // A compact mesh is one piece of memory; each section begins at a multiple of 64 bytes:
 //
 //        CompactMesh | positions, 3 x float | normals, 3 x int16 | vertex indices, uint16 or uint32
-//        | gradient magnitudes, float, if there are any
+//        | values of vertices, float or double, if there are any
 //
 // Example: 100 vertices and 180 triangles take 1200 + 600 + 1080 bytes of data: sections of 1216,
 // 640 and 1088 bytes behind the CompactMesh.
@@ -50,12 +50,19 @@ void PackNormals(std::span<const math::Vec3f> normals, CompactNormal* out) {
   }
 }
 
+template <typename T>
+VertexValues CopyValues(std::span<const T> values, char* memory) {
+  auto* const to = reinterpret_cast<T*>(memory);
+  std::copy(values.begin(), values.end(), to);
+  return VertexValues(std::span<const T>(to, values.size()));
+}
+
 }  // namespace
 
 std::size_t CompactSizeBytes(const BlockMeshView& mesh) {
   return Aligned(sizeof(CompactMesh)) + Aligned(mesh.positions.size() * sizeof(math::Vec3f)) +
          Aligned(mesh.positions.size() * sizeof(CompactNormal)) + Aligned(IndexBytes(mesh)) +
-         Aligned(mesh.gradient_magnitudes.size_bytes());
+         Aligned(mesh.values.size_bytes());
 }
 
 const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory) {
@@ -90,11 +97,11 @@ const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory) {
     compact->triangles =
         TriangleVertices(std::span<const std::uint32_t>(indices, mesh.indices.size()));
   }
-  if (!mesh.gradient_magnitudes.empty()) {
-    ISOSCOPE_CHECK_EQ(mesh.gradient_magnitudes.size(), vertex_count);
-    auto* const magnitudes = reinterpret_cast<float*>(memory + Aligned(IndexBytes(mesh)));
-    std::copy(mesh.gradient_magnitudes.begin(), mesh.gradient_magnitudes.end(), magnitudes);
-    compact->gradient_magnitudes = {magnitudes, vertex_count};
+  if (!mesh.values.empty()) {
+    ISOSCOPE_CHECK_EQ(mesh.values.size(), vertex_count);
+    memory += Aligned(IndexBytes(mesh));
+    compact->values = mesh.values.wide().empty() ? CopyValues(mesh.values.narrow(), memory)
+                                                 : CopyValues(mesh.values.wide(), memory);
   }
   return compact;
 }

@@ -1,5 +1,5 @@
 // The surface of a block as caches keep it and renderers draw it: 18 bytes a vertex and 6 a
-// triangle, where a BlockMesh takes 24 and 12. A surface that shows the gradient's magnitude has 4
+// triangle, where a BlockMesh takes 24 and 12. A surface that shows values of vertices has 4 or 8
 // bytes more for each vertex.
 
 #ifndef ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
@@ -61,7 +61,7 @@ struct CompactMesh {
   }
   [[nodiscard]] std::size_t size_bytes() const {
     return positions.size_bytes() + normals.size_bytes() + triangles.size_bytes() +
-           gradient_magnitudes.size_bytes();
+           values.size_bytes();
   }
 
   volume::BlockId block_id = 0;
@@ -69,7 +69,7 @@ struct CompactMesh {
   std::span<const math::Vec3f> positions;
   std::span<const CompactNormal> normals;
   TriangleVertices triangles;
-  std::span<const float> gradient_magnitudes;  // of vertices, or empty
+  VertexValues values;  // or empty
 };
 
 // Returns the bytes that CompactInto needs: a multiple of 64.
@@ -80,7 +80,7 @@ std::size_t CompactSizeBytes(const BlockMeshView& mesh);
 //
 // memory: CompactSizeBytes(mesh) bytes, aligned as from operator new
 //
-// REQUIRES: one normal for each position, with components in [-1, 1]; as many magnitudes, or none;
+// REQUIRES: one normal for each position, with components in [-1, 1]; as many values, or none;
 // vertex indices are in range.
 const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory);
 

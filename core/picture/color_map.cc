@@ -91,7 +91,8 @@ const ColorMapTable& ColorMapTableOf(frame::ColorMap map) {
 
 int AxisOf(frame::ColorBy::Quantity quantity) {
   ISOSCOPE_CHECK(quantity != frame::ColorBy::Quantity::kNormal &&
-                 quantity != frame::ColorBy::Quantity::kGradientMagnitude);
+                 quantity != frame::ColorBy::Quantity::kGradientMagnitude &&
+                 quantity != frame::ColorBy::Quantity::kField);
   return static_cast<int>(quantity);
 }
 

@@ -92,7 +92,7 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
     base.color = surface.appearance.base_color;
     if (surface.color_by && surface.color_by->quantity != frame::ColorBy::Quantity::kNormal) {
       base.map = &ColorMapTableOf(surface.color_by->map);
-      base.has_step = surface.shows_gradient();
+      base.has_step = surface.shows_values();
       if (!base.has_step) {
         base.range = ColorRangeOf(*surface.color_by, view.geometry());
         base.axis = AxisOf(surface.color_by->quantity);

@@ -87,7 +87,7 @@ CapPainter::CapPainter(const view::View& view, const volume::BlockLayout& layout
       margin_px_(back_end == frame::BackEnd::kCpu ? kCpuMarginPx : kEglMarginPx),
       sample_color_(std::move(sample_color)),
       scales_(MapScalesOf(spec)),
-      needs_values_(sample_color_ != nullptr || frame::ShowsGradient(spec)),
+      needs_values_(sample_color_ != nullptr || frame::ShowsValues(spec)),
       surface_count_(static_cast<std::uint32_t>(spec.surfaces.size())) {
   const bool is_shaded = !sends_normals_ && sample_color_ == nullptr;
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
@@ -95,6 +95,7 @@ CapPainter::CapPainter(const view::View& view, const volume::BlockLayout& layout
     if (!surface.is_translucent()) {
       solids_.push_back({.isovalue = surface.isovalue,
                          .surface_index = static_cast<std::uint32_t>(i),
+                         .shows_field = surface.shows_field(),
                          .shade_table = is_shaded ? MakeShadeTable(surface.appearance)
                                                   : std::vector<image::Rgba8>()});
     }
@@ -185,6 +186,27 @@ std::optional<CapPainter::Filling> CapPainter::FillingBeside(const volume::Block
   return std::nullopt;
 }
 
+bool CapPainter::ShowsField(std::size_t surface_index) const {
+  return sample_color_ == nullptr && scales_[surface_index].has_value() &&
+         std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
+           return solid.shows_field && solid.surface_index == surface_index;
+         });
+}
+
+// At the point itself, of whose cell the block has all that gradients need.
+double CapPainter::ShownValueAt(const Solid& solid, const volume::BlockSamples& samples,
+                                std::span<const volume::BlockSamples> fields,
+                                const math::Vec3d& position) const {
+  if (!solid.shows_field) {
+    const math::Vec3d gradient = volume::GradientAt(view_.geometry(), layout_, samples, position);
+    return static_cast<double>(static_cast<float>(math::Length(gradient)));
+  }
+  const volume::BlockSamples& field = fields[solid.surface_index];
+  const math::Index3 cell = volume::CellAt(layout_, position);
+  return Interpolated(SamplesOfCell(field, layout_.StoredSamplesOf(field.block_id), cell), cell,
+                      position);
+}
+
 CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
                                    const view::ClipCrossing& crossing,
                                    const Filling& filling) const {
@@ -194,8 +216,8 @@ CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
     fragment.color = sample_color_(filling.value);
     surface += sends_normals_ ? surface_count_ : 0;
   } else if (const std::optional<MapScale>& scale = scales_[surface]; scale.has_value()) {
-    fragment.color = image::EncodeNormalAndStep(
-        fragment.color, MapStepOf(scale->LevelOf(static_cast<float>(filling.value))));
+    fragment.color =
+        image::EncodeNormalAndStep(fragment.color, MapStepOf(scale->LevelOf(filling.value)));
   } else if (!sends_normals_) {
     const math::Vec3d ray =
         crossings_.DirectionAt(x + view_.region().x + 0.5, y + view_.region().y + 0.5);
@@ -210,6 +232,7 @@ CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
 
 void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
                        const volume::BlockSamples* samples,
+                       std::span<const volume::BlockSamples> fields,
                        absl::FunctionRef<bool(int, int, float)> is_hidden,
                        absl::FunctionRef<void(const CapFragment&)> visit) const {
   const Solid* const all_inside = samples == nullptr ? SolidOfSpan(ranges.Get(id)) : nullptr;
@@ -243,10 +266,10 @@ void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
           }
         }
         if (filling.has_value()) {
-          if (scales_[filling->solid->surface_index].has_value()) {
-            // Uses the point itself: the block has all samples that the gradient in its cell needs.
-            filling->value = math::Length(
-                volume::GradientAt(view_.geometry(), layout_, *samples, crossing->position));
+          const Solid& solid = *filling->solid;
+          if (scales_[solid.surface_index].has_value() &&
+              (!solid.shows_field || sample_color_ == nullptr)) {
+            filling->value = ShownValueAt(solid, *samples, fields, crossing->position);
           }
           visit(FragmentOf(x, y, id, *crossing, *filling));
         }

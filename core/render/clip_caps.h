@@ -20,6 +20,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -67,12 +68,18 @@ class CapPainter {
   };
   [[nodiscard]] Need NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const;
 
+  // Whether caps of a surface show the field that colours it.
+  [[nodiscard]] bool ShowsField(std::size_t surface_index) const;
+
   // Calls `visit` with each fragment of the block's caps that `is_hidden` does not hide.
   //
   // samples:   null for Need::kSpan
+  // fields:    by surface, the samples of the field that it shows, of the same block; may be empty
+  // if
+  //            ShowsField is false for all
   // is_hidden: whether the pixel shows something nearer than a depth already
   void Paint(volume::BlockId id, const volume::RangeTable& ranges,
-             const volume::BlockSamples* samples,
+             const volume::BlockSamples* samples, std::span<const volume::BlockSamples> fields,
              absl::FunctionRef<bool(int x, int y, float depth)> is_hidden,
              absl::FunctionRef<void(const CapFragment&)> visit) const;
 
@@ -81,12 +88,14 @@ class CapPainter {
   struct Solid {
     double isovalue = 0;
     std::uint32_t surface_index = 0;
+    bool shows_field = false;
     std::vector<image::Rgba8> shade_table;  // if colours are those of the head light
   };
   // The solid that a point is inside of.
   struct Filling {
     const Solid* solid = nullptr;
-    double value = 0;  // the sample or the length of the gradient there, if the cap shows it
+    // The sample, the length of the gradient or the value of the field there, if the cap shows it.
+    double value = 0;
   };
 
   [[nodiscard]] std::optional<Filling> FillingAt(const volume::BlockSamples& samples,
@@ -94,6 +103,9 @@ class CapPainter {
   [[nodiscard]] std::optional<Filling> FillingBeside(const volume::BlockSamples& samples, double x,
                                                      double y, const view::ClipCrossing& crossing,
                                                      bool is_entry) const;
+  [[nodiscard]] double ShownValueAt(const Solid& solid, const volume::BlockSamples& samples,
+                                    std::span<const volume::BlockSamples> fields,
+                                    const math::Vec3d& position) const;
   [[nodiscard]] const Solid* SolidOfSpan(const volume::ScalarSpan& span) const;
   [[nodiscard]] CapFragment FragmentOf(int x, int y, volume::BlockId id,
                                        const view::ClipCrossing& crossing,

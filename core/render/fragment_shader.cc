@@ -60,7 +60,7 @@ ShadedMesh FragmentShader::Prepare(const MeshToDraw& item) const {
   ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
   ISOSCOPE_CHECK_EQ(mesh.positions.size(), mesh.normals.size());
   const std::optional<MapScale>& scale = map_scales_[item.surface_index];
-  ISOSCOPE_CHECK(!scale.has_value() || mesh.gradient_magnitudes.size() == mesh.positions.size());
+  ISOSCOPE_CHECK(!scale.has_value() || mesh.values.size() == mesh.positions.size());
   return {.positions = mesh.positions.data(),
           .normals = mesh.normals.data(),
           .triangles = mesh.triangles,
@@ -93,7 +93,7 @@ void FragmentShader::FillLevels(ShadeList* list) const {
       list->batch.level[c][i] =
           mesh.map_scale == nullptr
               ? 0.0F
-              : mesh.map_scale->LevelOf(mesh.mesh->gradient_magnitudes[list->corners[i][c]]);
+              : mesh.map_scale->LevelOf(mesh.mesh->values[list->corners[i][c]]);
     }
   }
 }

@@ -78,7 +78,7 @@ class FragmentShader {
   FragmentShader(const view::View& view, const frame::FrameSpec& spec,
                  const image::FragmentOrder& order, PassResources* resources);
 
-  // REQUIRES: the mesh is of a surface of the frame, and has normals, and gradients if the surface
+  // REQUIRES: the mesh is of a surface of the frame, and has normals, and values if the surface
   // shows them. The result points into the shader.
   [[nodiscard]] ShadedMesh Prepare(const MeshToDraw& item) const;
 

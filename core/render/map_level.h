@@ -1,5 +1,6 @@
-// From the length of the gradient to a step of a surface's colour map. Steps are made here, where
-// the length is known, and coloured where the light is computed (core/picture/deferred_shading.h).
+// From the value that a surface shows, the length of the gradient or a sample of a field, to a step
+// of its colour map. Steps are made here, where the value is known, and coloured where the light is
+// computed (core/picture/deferred_shading.h).
 
 #ifndef ISOSCOPE_CORE_RENDER_MAP_LEVEL_H_
 #define ISOSCOPE_CORE_RENDER_MAP_LEVEL_H_
@@ -14,7 +15,7 @@
 
 namespace isoscope::render {
 
-// Levels are linear in the length: 0 at the least value of the range, kMapSteps at the greatest.
+// Levels are linear in the value: 0 at the least value of the range, kMapSteps at the greatest.
 inline constexpr int kMapSteps = 256;
 
 class MapScale {
@@ -22,10 +23,12 @@ class MapScale {
   explicit MapScale(const frame::ColorRange& range)
       : min_(range.min), length_(range.max - range.min) {}
 
-  // Finite. REQUIRES: magnitude is finite.
-  [[nodiscard]] float LevelOf(float magnitude) const {
-    const double share = (static_cast<double>(magnitude) - min_) / length_;
-    return static_cast<float>(std::clamp(share * kMapSteps, -kMostLevel, kMostLevel));
+  // Finite, for any value: that of NaN lies far beyond the greatest end, so that it shows in every
+  // triangle that has it.
+  [[nodiscard]] float LevelOf(double value) const {
+    const double level = (value - min_) / length_ * kMapSteps;
+    // False for NaN.
+    return static_cast<float>(level < kMostLevel ? std::max(level, -kMostLevel) : kMostLevel);
   }
 
  private:
@@ -42,12 +45,12 @@ inline std::uint8_t MapStepOf(float level) {
   return level > 0 ? static_cast<std::uint8_t>(std::min(level, kMapSteps - 1.0F)) : std::uint8_t{0};
 }
 
-// Returns the scales by surface; none where fragments carry no step. REQUIRES: if the frame sends
-// map steps, surfaces that show the gradient have a range.
+// By surface; none where fragments carry no step. REQUIRES: of a frame that sends map steps,
+// surfaces that show values have a range.
 inline std::vector<std::optional<MapScale>> MapScalesOf(const frame::FrameSpec& spec) {
   std::vector<std::optional<MapScale>> scales(spec.surfaces.size());
   for (std::size_t i = 0; i < scales.size(); ++i) {
-    if (spec.sends_map_steps && spec.surfaces[i].shows_gradient()) {
+    if (spec.sends_map_steps && spec.surfaces[i].shows_values()) {
       scales[i].emplace(spec.surfaces[i].color_by->range.value());
     }
   }

@@ -8,10 +8,12 @@
 
 #include "core/rpc/surface_convert.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
 #include "core/rpc/enum_table.h"
@@ -40,7 +42,8 @@ constexpr EnumRow<Quantity, v1::ColorBy::Quantity> kQuantities[] = {
     {Quantity::kPositionY, v1::ColorBy::QUANTITY_POSITION_Y},
     {Quantity::kPositionZ, v1::ColorBy::QUANTITY_POSITION_Z},
     {Quantity::kNormal, v1::ColorBy::QUANTITY_NORMAL},
-    {Quantity::kGradientMagnitude, v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE}};
+    {Quantity::kGradientMagnitude, v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE},
+    {Quantity::kField, v1::ColorBy::QUANTITY_FIELD}};
 constexpr EnumRow<frame::Light::Space, v1::Light::Space> kSpaces[] = {
     {frame::Light::Space::kView, v1::Light::SPACE_VIEW},
     {frame::Light::Space::kView, v1::Light::SPACE_UNSPECIFIED},
@@ -96,6 +99,26 @@ absl::StatusOr<frame::ColorRange> ColorRangeFromProto(const v1::ColorRange& prot
   return frame::ColorRange{.min = proto.min(), .max = proto.max()};
 }
 
+// The field of QUANTITY_FIELD, which no other quantity has.
+absl::Status SetField(const v1::ColorBy& proto, absl::string_view path, frame::ColorBy* color_by) {
+  if (color_by->quantity == Quantity::kField) {
+    if (proto.field().empty()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ".field is not set: required with ", path, ".quantity 6 (field)"));
+    }
+    color_by->field = proto.field();
+    color_by->component = proto.component();
+    return absl::OkStatus();
+  }
+  if (!proto.field().empty() || !proto.component().empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, proto.field().empty() ? ".component" : ".field", " is \"",
+        proto.field().empty() ? proto.component() : proto.field(), "\" beside ", path, ".quantity ",
+        static_cast<int>(proto.quantity()), ", which shows no other field: must be unset"));
+  }
+  return absl::OkStatus();
+}
+
 v1::ColorRange RangeToProto(const frame::ColorRange& range) {
   v1::ColorRange proto;
   proto.set_min(range.min);
@@ -143,6 +166,63 @@ absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const 
   return surface;
 }
 
+// The range of the map of a surface that shows the gradient.
+absl::StatusOr<frame::ColorRange> GradientRangeOf(const v1::Dataset& dataset,
+                                                  const std::string& path) {
+  if (!dataset.has_max_gradient_magnitude()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ".range is not set: required, because dataset '", dataset.name(),
+        "' was partitioned by a version that did not store max_gradient_magnitude; give the "
+        "range (--color-by gradient:MAP:MIN,MAX), or partition the volume anew"));
+  }
+  // A field that is constant has no surface; its map still needs a range.
+  const double max = dataset.max_gradient_magnitude();
+  return frame::ColorRange{.min = 0, .max = max > 0 ? max : 1};
+}
+
+template <typename Named>
+const Named* FindByName(const google::protobuf::RepeatedPtrField<Named>& all,
+                        absl::string_view name) {
+  const auto found =
+      std::find_if(all.begin(), all.end(), [&](const Named& each) { return each.name() == name; });
+  return found == all.end() ? nullptr : &*found;
+}
+
+// INVALID_ARGUMENT "PATH is "NAME": WHOSE has A, B, C".
+template <typename Named>
+absl::Status NotAmong(const google::protobuf::RepeatedPtrField<Named>& all, absl::string_view path,
+                      absl::string_view name, absl::string_view whose) {
+  return absl::InvalidArgumentError(absl::StrCat(
+      path, " is \"", name, "\": ", whose, " has ",
+      all.empty() ? "no fields" : absl::StrJoin(all, ", ", [](std::string* out, const Named& each) {
+        absl::StrAppend(out, "\"", each.name(), "\"");
+      })));
+}
+
+// The range of the map of a surface that shows another field.
+absl::StatusOr<frame::ColorRange> FieldRangeOf(const v1::Dataset& dataset,
+                                               const frame::ColorBy& color_by,
+                                               const std::string& path) {
+  const v1::Field* const field = FindByName(dataset.fields(), color_by.field);
+  if (field == nullptr) {
+    return NotAmong(dataset.fields(), absl::StrCat(path, ".field"), color_by.field,
+                    absl::StrCat("dataset '", dataset.name(), "'"));
+  }
+  // The last one is the only one, or the magnitude.
+  const v1::FieldComponent* const component =
+      color_by.component.empty() && !field->components().empty()
+          ? &*field->components().rbegin()
+          : FindByName(field->components(), color_by.component);
+  if (component == nullptr) {
+    return NotAmong(field->components(), absl::StrCat(path, ".component"), color_by.component,
+                    absl::StrCat("field \"", field->name(), "\""));
+  }
+  if (!component->has_value_range()) {  // all are NaN
+    return frame::ColorRange();
+  }
+  return frame::ColorRangeOfSamples(component->value_range().min(), component->value_range().max());
+}
+
 // The surface of a request that lists none.
 absl::StatusOr<frame::Surface> OnlySurfaceFromProto(const v1::RenderIsosurfaceRequest& request) {
   frame::Surface surface;
@@ -180,7 +260,8 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const v1::ColorBy& proto, absl::
       color_by.quantity,
       EnumFromProto(kQuantities, proto.quantity(), absl::StrCat(path, ".quantity"),
                     "must be 1 (position x), 2 (position y), 3 (position z), "
-                    "4 (normal) or 5 (gradient magnitude)"));
+                    "4 (normal), 5 (gradient magnitude) or 6 (field)"));
+  ISOSCOPE_RETURN_IF_ERROR(SetField(proto, path, &color_by));
   if (color_by.quantity == frame::ColorBy::Quantity::kNormal &&
       (proto.color_map() != v1::COLOR_MAP_UNSPECIFIED || proto.has_range() ||
        proto.has_opacity())) {
@@ -274,6 +355,8 @@ v1::ColorBy ToProto(const frame::ColorBy& color_by) {
   if (color_by.quantity == Quantity::kNormal) {
     return proto;
   }
+  proto.set_field(color_by.field);
+  proto.set_component(color_by.component);
   proto.set_color_map(EnumToProto(kColorMaps, color_by.map));
   if (color_by.range.has_value()) {
     *proto.mutable_range() = RangeToProto(*color_by.range);
@@ -309,19 +392,13 @@ absl::Status ResolveColorRanges(const v1::Dataset& dataset, v1::RenderIsosurface
                                 frame::FrameSpec* spec) {
   for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
     frame::Surface& surface = spec->surfaces[i];
-    if (!surface.shows_gradient() || surface.color_by->range.has_value()) {
+    if (!surface.shows_values() || surface.color_by->range.has_value()) {
       continue;
     }
-    const std::string path = absl::StrCat("surfaces[", i, "].color_by.range");
-    if (!dataset.has_max_gradient_magnitude()) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          path, " is not set: required, because dataset '", dataset.name(),
-          "' was partitioned by a version that did not store max_gradient_magnitude; give the "
-          "range (--color-by gradient:MAP:MIN,MAX), or partition the volume anew"));
-    }
-    // A field that is constant has no surface; its map still needs a range.
-    const double max = dataset.max_gradient_magnitude();
-    surface.color_by->range = frame::ColorRange{.min = 0, .max = max > 0 ? max : 1};
+    const std::string path = absl::StrCat("surfaces[", i, "].color_by");
+    ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by->range,
+                              surface.shows_field() ? FieldRangeOf(dataset, *surface.color_by, path)
+                                                    : GradientRangeOf(dataset, path));
     *request->mutable_surfaces(static_cast<int>(i))->mutable_color_by() =
         ToProto(*surface.color_by);
   }

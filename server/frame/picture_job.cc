@@ -51,7 +51,7 @@ bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
 bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& layers) {
   const bool shows_samples = spec.caps.has_value() && spec.caps->map.has_value();
   return picture::NeedsDeferredShading(spec) && layers.empty() && !shows_samples &&
-         !frame::ShowsGradient(spec);
+         !frame::ShowsValues(spec);
 }
 
 // Records the colouring of each surface.
@@ -300,7 +300,7 @@ absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
   spec.effects = {};
   if (content == Content::kPicture) {
     spec.sends_normals = picture::NeedsDeferredShading(spec);
-    spec.sends_map_steps = frame::ShowsGradient(spec);
+    spec.sends_map_steps = frame::ShowsValues(spec);
   } else {
     spec.sends_normals = spec.output.normal;
     ShowSurfacesOnCaps(&of_window);

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <iterator>
+#include <limits>
 #include <map>
 #include <memory>
 #include <set>
@@ -16,6 +18,7 @@
 
 #include "gtest/gtest.h"
 
+#include "core/base/coding.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/partition/partitioner.h"
@@ -698,6 +701,109 @@ TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
       }
     }
     EXPECT_GT(colors_seen.size(), 2000U) << "the pictures show no lights";
+  }
+}
+
+// Other fields on the grid of a volume: smooth; with many equal values; with NaN and infinities.
+std::vector<Volume> FieldsOn(const Volume& volume) {
+  const math::Index3& dims = volume.geometry.sample_dims;
+  std::vector<Volume> fields = {
+      {"smooth", volume.geometry, volume::ScalarType::kFloat32,
+       testing::SampleField(testing::RandomField(11, 30, 7.0), dims, volume::ScalarType::kFloat32,
+                            6, 9),
+       0},
+      {"steps", volume.geometry, volume::ScalarType::kUint16,
+       testing::SampleNoise(12, dims, volume::ScalarType::kUint16, 20), 0},
+      {"holes", volume.geometry, volume::ScalarType::kFloat64,
+       testing::SampleField(testing::RandomField(13, 30, 5.0), dims, volume::ScalarType::kFloat64,
+                            6, 9),
+       0}};
+  std::string& holes = fields.back().samples;
+  for (std::size_t i = 0; i < holes.size() / sizeof(double); ++i) {
+    const double draw = base::RandomUnit(14, i);
+    if (draw < 0.03) {
+      const double value = draw < 0.01   ? std::numeric_limits<double>::quiet_NaN()
+                           : draw < 0.02 ? std::numeric_limits<double>::infinity()
+                                         : -1e308;
+      base::StoreLittleEndian(value, holes.data() + i * sizeof(double));
+    }
+  }
+  return fields;
+}
+
+// Surfaces that show the samples of other volumes: opaque, translucent, with caps, from any cache.
+TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInTheColorsOfAnotherField) {
+  const bool is_egl = GetParam() == render::RendererKind::kEgl;
+  const std::uint64_t view_count = static_cast<std::uint64_t>(kFieldViewCount) * (is_egl ? 1 : 4);
+  for (const auto& [volume, step] : {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0)}) {
+    Datasets datasets(volume, directories_.get(), renderer_.get());
+    const std::vector<Volume> fields = FieldsOn(volume);
+    std::set<std::uint32_t> colors_seen;
+    std::int64_t layer_pixel_count = 0;
+    std::uint64_t draw = 0;
+    for (std::uint64_t seed = 1; seed <= view_count; ++seed) {
+      SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed));
+      frame::FrameSpec spec = RandomSpec(seed, volume.geometry.Bounds(), volume.isovalue);
+      if (seed % 2 == 0) {
+        spec.surfaces = ThreeSurfaces(volume.isovalue, step);
+      }
+      if (seed % 5 == 0) {
+        testing::MakeRandomlyTranslucent(seed, &spec);
+      }
+      testing::AddRandomLook(seed, &spec);
+      testing::ShowRandomFields(seed, {"smooth", "steps", "holes"}, &spec);
+      if (seed % 3 == 0) {
+        spec.clip = testing::RandomClip(seed, volume.geometry.Bounds());
+        testing::AddRandomCaps(seed, &spec);
+      }
+      testing::Limits limits;
+      const auto render = [&](std::int64_t edge, int shard_count) -> absl::StatusOr<Picture> {
+        constexpr store::Distribution kRandom = store::Distribution::kRandom;
+        ISOSCOPE_ASSIGN_OR_RETURN(LocalCluster* const cluster,
+                                  datasets.Get(edge, shard_count, kRandom));
+        for (Volume field : fields) {
+          const std::string name = std::exchange(field.name, volume.name + " " + field.name);
+          ISOSCOPE_ASSIGN_OR_RETURN(const std::string directory,
+                                    directories_->Get(field, edge, shard_count, kRandom));
+          ISOSCOPE_RETURN_IF_ERROR(cluster->AddField(name, directory));
+        }
+        if (base::RandomUnit(15, ++draw) < 0.3) {
+          cluster->ForgetAll(kCacheSizes[draw % std::size(kCacheSizes)]);
+        }
+        if (shard_count == 2 && edge == 8) {
+          cluster->LoseAgents();
+        }
+        limits = cluster->limits();
+        ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, cluster->Render(spec));
+        return testing::PictureOf(std::move(result), spec, datasets.Layout(edge), volume.geometry);
+      };
+      spec.culling = frame::Culling::kNone;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Picture whole, render(8, 1));
+      layer_pixel_count += whole.layer_pixel_count;
+      for (const Rgba8& color : whole.image.colors) {
+        colors_seen.insert(image::PackedColor(color));
+      }
+      image::FrameImage expected = whole.image;
+      spec.culling = frame::Culling::kDepth;
+      if (seed % 4 == 0) {
+        spec.region = RandomRegion(seed, spec.viewport);
+        expected = Crop(expected, *spec.region);
+      }
+      for (const auto& [edge, shard_count] :
+           {std::pair(8, 1), std::pair(8, 2), std::pair(8, 3), std::pair(5, 2), std::pair(13, 1)}) {
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Picture picture, render(edge, shard_count));
+        SCOPED_TRACE(::testing::Message()
+                     << "block edge " << edge << ", " << shard_count << " shards, " << limits);
+        const Difference difference = Compare(expected, picture.image);
+        EXPECT_EQ(difference.colors, 0);
+        EXPECT_EQ(difference.depths, 0);
+      }
+      if (HasFailure()) {
+        return;
+      }
+    }
+    EXPECT_GT(colors_seen.size(), 2000U) << "the pictures show no fields";
+    EXPECT_GT(layer_pixel_count, static_cast<std::int64_t>(view_count) * 50);
   }
 }
 

@@ -89,18 +89,19 @@ class LossyListener final : public server::AgentListener {
 
 class LocalAgentLink final : public server::AgentLink {
  public:
-  // Makes a link to an agent that is lost after some events.
-  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
-                 const agent::AgentResources& resources, bool one_thread_a_step,
-                 absl::Time deadline, std::unique_ptr<LossyListener> lossy)
-      : LocalAgentLink(std::move(shard), task, resources, one_thread_a_step, deadline,
-                       lossy.get()) {
+  // Of an agent that is lost after some events.
+  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, std::vector<agent::Shards> colors,
+                 const agent::FrameTask& task, const agent::AgentResources& resources,
+                 bool one_thread_a_step, absl::Time deadline, std::unique_ptr<LossyListener> lossy)
+      : LocalAgentLink(std::move(shard), std::move(colors), task, resources, one_thread_a_step,
+                       deadline, lossy.get()) {
     lossy_ = std::move(lossy);
   }
-  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
-                 const agent::AgentResources& resources, bool one_thread_a_step,
-                 absl::Time deadline, server::AgentListener* listener)
+  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, std::vector<agent::Shards> colors,
+                 const agent::FrameTask& task, const agent::AgentResources& resources,
+                 bool one_thread_a_step, absl::Time deadline, server::AgentListener* listener)
       : shard_(std::move(shard)),
+        colors_(std::move(colors)),
         task_(task),
         identity_{absl::StrCat("local agent ", task.agent_index), {shard_->reader->shard_index()}},
         resources_(resources),
@@ -139,7 +140,7 @@ class LocalAgentLink final : public server::AgentLink {
     }
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<agent::FramePipeline> pipeline,
-        agent::FramePipeline::Make({shard_}, task_, resources_, &cancellation_));
+        agent::FramePipeline::Make({shard_}, task_, resources_, &cancellation_, colors_));
     image::FrameImage image;
     if (task_.spec.culling == frame::Culling::kNone) {
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderAll());
@@ -190,6 +191,7 @@ class LocalAgentLink final : public server::AgentLink {
 
   std::unique_ptr<LossyListener> lossy_;
   const std::shared_ptr<const agent::Shard> shard_;
+  const std::vector<agent::Shards> colors_;  // by surface
   const agent::FrameTask task_;
   const server::AgentIdentity identity_;
   const agent::AgentResources resources_;
@@ -202,6 +204,16 @@ class LocalAgentLink final : public server::AgentLink {
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
   std::thread thread_;  // last: it uses all of the above
 };
+
+absl::StatusOr<agent::Shards> OpenShardsOf(const std::string& dataset_directory) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
+                            store::OpenDataset(dataset_directory));
+  agent::Shards shards;
+  for (const std::string& directory : description.shard_directories) {
+    ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), agent::OpenShard(directory));
+  }
+  return shards;
+}
 
 }  // namespace
 
@@ -217,17 +229,20 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
 
 absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
     const std::string& dataset_directory, render::Renderer* renderer) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
-                            store::OpenDataset(dataset_directory));
   auto cluster = std::make_unique<LocalCluster>();
-  for (const std::string& directory : description.shard_directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const agent::Shard> shard,
-                              agent::OpenShard(directory));
-    cluster->shards_.push_back(std::move(shard));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->shards_, OpenShardsOf(dataset_directory));
   cluster->given_renderer_ = renderer;
   cluster->ForgetAll(kAmpleCacheBytes);
   return cluster;
+}
+
+absl::Status LocalCluster::AddField(const std::string& field,
+                                    const std::string& dataset_directory) {
+  agent::Shards& shards = fields_[field];
+  if (shards.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(shards, OpenShardsOf(dataset_directory));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status LocalCluster::Wake(const Limits& limits) {
@@ -278,8 +293,7 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
   server::FrameSetup setup;
   setup.spec = &spec;
   setup.view = &view;
-  setup.ties = frame::TieRuleOf(
-      frame::ShowsGradient(spec) ? frame::BackEnd::kCpu : renderer_->picture_revision().back_end);
+  setup.ties = frame::TieRuleOf(frame::DrawnBy(spec, renderer_->picture_revision().back_end));
   setup.layout = &shards_.front()->reader->layout();
   setup.replica_counts.assign(shards_.size(), loses_agents_ ? 2 : 1);
   setup.active = active_blocks_->Find(active_key);
@@ -302,16 +316,24 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
                                           .cache = cache_.get(),
                                           .max_read_bytes = limits_.read_bytes()};
     const auto& shard = shards_[static_cast<std::size_t>(part_index)];
+    std::vector<agent::Shards> colors(spec.surfaces.size());
+    for (std::size_t i = 0; i < colors.size(); ++i) {
+      if (spec.surfaces[i].shows_field()) {
+        colors[i] = {
+            fields_.at(spec.surfaces[i].color_by->field).at(static_cast<std::size_t>(part_index))};
+      }
+    }
     if (loses_agents_ && replica_index == 0) {
       const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),
                                          static_cast<std::uint64_t>(part_index));
       // A part has five events, and more with several bands.
-      return std::make_unique<LocalAgentLink>(shard, own, resources, limits_.one_thread_a_step,
-                                              cancellation.deadline(),
+      return std::make_unique<LocalAgentLink>(shard, colors, own, resources,
+                                              limits_.one_thread_a_step, cancellation.deadline(),
                                               std::make_unique<LossyListener>(draw % 7, listener));
     }
-    return std::make_unique<LocalAgentLink>(shard, own, resources, limits_.one_thread_a_step,
-                                            cancellation.deadline(), listener);
+    return std::make_unique<LocalAgentLink>(shard, colors, own, resources,
+                                            limits_.one_thread_a_step, cancellation.deadline(),
+                                            listener);
   };
   server::FrameOutcome outcome = server::RunFrame(setup, begin, cancellation);
   ISOSCOPE_RETURN_IF_ERROR(outcome.status);

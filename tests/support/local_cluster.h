@@ -66,6 +66,10 @@ class LocalCluster {
   // Clears the caches of agents and coordinator; the agents get a new cache of `cache_bytes`.
   void ForgetAll(std::size_t cache_bytes);
 
+  // Surfaces that show `field` have the samples of this dataset from now on, which is cut as the
+  // cluster's. Does nothing if the field is known.
+  absl::Status AddField(const std::string& field, const std::string& dataset_directory);
+
   // From now on each part has two agents, and frames lose the first ones somewhere on the way.
   void LoseAgents() { loses_agents_ = true; }
 
@@ -79,6 +83,7 @@ class LocalCluster {
 
  private:
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
+  std::map<std::string, agent::Shards> fields_;  // by ColorBy::field
   render::Renderer* given_renderer_ = nullptr;
   Limits limits_;
   std::shared_ptr<tbb::task_arena> arena_;  // null while the cluster sleeps, as the next two

@@ -17,7 +17,8 @@ namespace {
 // A map, a range for the gradient, and now and then opacities.
 void AddRandomMap(const std::function<double()>& random, frame::ColorBy* color_by) {
   color_by->map = static_cast<frame::ColorMap>(static_cast<int>(6 * random()));
-  if (color_by->quantity == frame::ColorBy::Quantity::kGradientMagnitude) {
+  if (color_by->quantity == frame::ColorBy::Quantity::kGradientMagnitude ||
+      color_by->quantity == frame::ColorBy::Quantity::kField) {
     color_by->range = frame::ColorRange{random(), 1 + 20 * random()};
   }
   if (random() < 0.4) {
@@ -136,11 +137,30 @@ void AddRandomLook(std::uint64_t seed, frame::FrameSpec* spec) {
       if (color_by.quantity != frame::ColorBy::Quantity::kNormal) {
         AddRandomMap(random, &color_by);
       }
-      spec->sends_map_steps = spec->sends_map_steps || surface.shows_gradient();
+      spec->sends_map_steps = spec->sends_map_steps || surface.shows_values();
     }
     surface.appearance.shininess = static_cast<float>(1 + 99 * random());
   }
   spec->sends_normals = true;
+}
+
+void ShowRandomFields(std::uint64_t seed, const std::vector<std::string>& fields,
+                      frame::FrameSpec* spec) {
+  std::uint64_t counter = 0;
+  const auto random = [&] { return base::RandomUnit(seed, 600'000 + counter++); };
+  const auto chosen =
+      static_cast<std::size_t>(static_cast<double>(spec->surfaces.size()) * random());
+  for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
+    if (i == chosen || random() < 0.5) {
+      frame::ColorBy& color_by = spec->surfaces[i].color_by.emplace();
+      color_by.quantity = frame::ColorBy::Quantity::kField;
+      color_by.field =
+          fields[static_cast<std::size_t>(static_cast<double>(fields.size()) * random())];
+      AddRandomMap(random, &color_by);
+    }
+  }
+  spec->sends_normals = true;
+  spec->sends_map_steps = true;
 }
 
 absl::StatusOr<Picture> PictureOf(server::FrameResult result, const frame::FrameSpec& spec,

@@ -5,6 +5,7 @@
 #define ISOSCOPE_TESTS_SUPPORT_RANDOM_OPTIONS_H_
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -37,6 +38,10 @@ void MakeRandomlyTranslucent(std::uint64_t seed, frame::FrameSpec* spec);
 
 // Up to four lights, and surfaces that are coloured by a random quantity.
 void AddRandomLook(std::uint64_t seed, frame::FrameSpec* spec);
+
+// Colours some of the surfaces by one of the fields; at least one. REQUIRES: as AddRandomLook.
+void ShowRandomFields(std::uint64_t seed, const std::vector<std::string>& fields,
+                      frame::FrameSpec* spec);
 
 struct Picture {
   image::FrameImage image;  // shaded, with the layers blended

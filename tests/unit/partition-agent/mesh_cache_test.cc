@@ -136,7 +136,11 @@ TEST_F(MeshCacheTest, TablesAreThoseOfAShardAndAnIsovalue) {
   EXPECT_EQ(cache_->TableOf(3, -0.0, kPlaceCount), table) << "-0 is the isovalue 0";
   for (const auto& other :
        {cache_->TableOf(4, 0.0, kPlaceCount), cache_->TableOf(3, 1e-300, kPlaceCount),
-        cache_->TableOf(3, 0.0, kPlaceCount, /*has_gradient_magnitudes=*/true)}) {
+        cache_->TableOf(3, 0.0, kPlaceCount, {.of = MeshValues::Of::kGradientMagnitude}),
+        cache_->TableOf(3, 0.0, kPlaceCount,
+                        {.of = MeshValues::Of::kField, .field_shard_number = 3}),
+        cache_->TableOf(3, 0.0, kPlaceCount,
+                        {.of = MeshValues::Of::kField, .field_shard_number = 4})}) {
     ASSERT_NE(other, table);
     EXPECT_EQ(other->Find(0, round), nullptr);
   }

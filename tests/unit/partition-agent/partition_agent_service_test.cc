@@ -15,6 +15,7 @@
 #include "core/composite/pixel_codec.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
@@ -119,10 +120,15 @@ class PartitionAgentServiceTest : public ::testing::Test {
 
   void Start(const std::string& directory, int max_concurrent_frames = 4,
              int max_queued_frames = 64, const std::string& listen_address = "") {
+    Start(std::vector<std::string>{directory}, max_concurrent_frames, max_queued_frames,
+          listen_address);
+  }
+  void Start(const std::vector<std::string>& directories, int max_concurrent_frames = 4,
+             int max_queued_frames = 64, const std::string& listen_address = "") {
     stub_.reset();
     server_.reset();
     AgentServerOptions options;
-    options.directories = {directory};
+    options.directories = directories;
     options.listen_address = listen_address;
     options.renderer = renderer_;
     options.arena = arena_;
@@ -214,12 +220,13 @@ class PartitionAgentServiceTest : public ::testing::Test {
   }
 
   image::FrameImage Expected() const { return Expected(dataset_.Request()); }
-  image::FrameImage Expected(const FrameTask& request) const {
+  image::FrameImage Expected(const FrameTask& request,
+                             const std::vector<Shards>& color_shards = {}) const {
     const base::Cancellation never;
     BlockCache none(0);
     auto pipeline = FramePipeline::Make(
         dataset_.OpenShards(), request,
-        {.renderer = renderer_.get(), .arena = arena_.get(), .cache = &none}, &never);
+        {.renderer = renderer_.get(), .arena = arena_.get(), .cache = &none}, &never, color_shards);
     EXPECT_THAT(pipeline, isoscope::testing::IsOk());
     auto image = (*pipeline)->RenderAll();
     EXPECT_THAT(image, isoscope::testing::IsOk());
@@ -398,6 +405,76 @@ TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
                   HasSubstr(is_visible ? "visible_blocks.blocks" : "occluders.blocks"));
     }
   }
+}
+
+TEST_F(PartitionAgentServiceTest, ColorsComeOfTheDatasetsThatTheFrameNames) {
+  const auto make_field = [&](const std::string& directory, std::int64_t edge) {
+    const math::Index3& dims = dataset_.geometry().sample_dims;
+    const auto source = testing::MakeMemorySource(
+        dataset_.geometry(), volume::ScalarType::kFloat32,
+        testing::SampleNoise(3, dims, volume::ScalarType::kFloat32, 50), "field");
+    partition::PartitionOptions options;
+    options.output_directory = directory;
+    options.shard_count = 2;
+    options.block_cells = {edge, edge, edge};
+    return partition::Partition(*source, options, base::Cancellation()).value().dataset_id;
+  };
+  const testing::TempDir temp;
+  const std::string field_id = make_field(temp.Sub("field"), 8);
+  const std::string other_cut_id = make_field(temp.Sub("other"), 5);
+  Start({dataset_.directory(), temp.Sub("field"), temp.Sub("other")});
+  v1::RenderFrameRequest good = Begin(frame::Culling::kNone);
+  v1::BeginFrame* const begin = good.mutable_begin();
+  begin->set_sends_normals(true);
+  begin->set_sends_map_steps(true);
+  begin->mutable_request()->clear_isovalue();
+  for (int i = 0; i < 2; ++i) {
+    begin->mutable_request()->add_surfaces()->set_isovalue(SmallDataset::kIsovalue + i);
+  }
+  isoscope::v1::ColorBy* const color_by =
+      begin->mutable_request()->mutable_surfaces(1)->mutable_color_by();
+  color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_FIELD);
+  color_by->set_field("noise");
+  color_by->mutable_range()->set_max(50);
+  begin->add_color_dataset_ids("");
+  begin->add_color_dataset_ids(field_id);
+  FrameTask task = dataset_.Request();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(task.spec, rpc::FrameSpecFromProto(begin->request()));
+  task.spec.sends_normals = true;
+  task.spec.sends_map_steps = true;
+  Shards of_field;
+  for (int i = 0; i < 2; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        of_field.emplace_back(),
+        OpenShard(temp.Sub("field") + "/" + store::ShardDirectoryName(i, 2)));
+  }
+  image::FrameImage image = EmptyImage();
+  FrameCall call(stub_.get());
+  call.Send(good);
+  EXPECT_TRUE(call.ReadPixels(&image).has_frame_done());
+  EXPECT_TRUE(image == Expected(task, {{}, of_field}));
+
+  const auto expect = [&](const std::string& code, const std::string& message,
+                          const std::function<void(v1::BeginFrame*)>& spoil) {
+    v1::RenderFrameRequest bad = good;
+    spoil(bad.mutable_begin());
+    const grpc::Status status = EndOf(bad);
+    EXPECT_EQ(CodeOf(status), code) << status.error_message();
+    EXPECT_THAT(status.error_message(), HasSubstr(message));
+  };
+  expect("INVALID_ARGUMENT", "begin.color_dataset_ids has 1 elements: must have none, or one for",
+         [](v1::BeginFrame* bad) { bad->mutable_color_dataset_ids()->RemoveLast(); });
+  expect("INVALID_ARGUMENT", "must be empty, because surface 0 shows no other field",
+         [&](v1::BeginFrame* bad) { bad->set_color_dataset_ids(0, field_id); });
+  expect("INVALID_ARGUMENT", "surface 1 shows another field, but the frame does not name",
+         [](v1::BeginFrame* bad) { bad->clear_color_dataset_ids(); });
+  expect("INVALID_ARGUMENT", "surfaces[1].color_by.range is not set", [](v1::BeginFrame* bad) {
+    bad->mutable_request()->mutable_surfaces(1)->mutable_color_by()->clear_range();
+  });
+  expect("FAILED_PRECONDITION", "is not served by this agent",
+         [](v1::BeginFrame* bad) { bad->set_color_dataset_ids(1, "nobody"); });
+  expect("FAILED_PRECONDITION", "has blocks of 5 x 5 x 5 cells",
+         [&](v1::BeginFrame* bad) { bad->set_color_dataset_ids(1, other_cut_id); });
 }
 
 TEST_F(PartitionAgentServiceTest, MessagesThatAreDamagedOnTheirWayAreNotTheCoordinatorsFault) {

@@ -696,16 +696,16 @@ std::map<std::tuple<float, float, float>, float> MagnitudesOf(const Volume& volu
     const std::string block = testing::CutBlock(layout, volume.type, volume.bytes, id);
     const volume::BlockSamples samples{id, volume.type, block.data()};
     const mesh::BlockMeshView plain = extractor.Extract(samples, isovalue);
-    EXPECT_TRUE(plain.gradient_magnitudes.empty());
+    EXPECT_TRUE(plain.values.empty());
     const std::vector<Vec3f> normals(plain.normals.begin(), plain.normals.end());
     const mesh::BlockMeshView mesh = extractor.Extract(samples, isovalue, true);
-    EXPECT_EQ(mesh.gradient_magnitudes.size(), mesh.positions.size());
+    EXPECT_EQ(mesh.values.size(), mesh.positions.size());
     EXPECT_TRUE(
         std::equal(normals.begin(), normals.end(), mesh.normals.begin(), mesh.normals.end()));
     for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
       const Vec3f& p = mesh.positions[v];
-      const auto [at, is_new] = magnitudes.insert({{p.x, p.y, p.z}, mesh.gradient_magnitudes[v]});
-      EXPECT_TRUE(is_new || at->second == mesh.gradient_magnitudes[v])
+      const auto [at, is_new] = magnitudes.insert({{p.x, p.y, p.z}, mesh.values.narrow()[v]});
+      EXPECT_TRUE(is_new || at->second == mesh.values.narrow()[v])
           << "blocks differ in a vertex that they share";
     }
   }
@@ -752,8 +752,7 @@ TEST(BlockExtractorTest, EveryInstructionSetGivesTheSameMagnitudes) {
       const auto id = static_cast<volume::BlockId>(i);
       const std::string block = testing::CutBlock(layout, volume.type, volume.bytes, id);
       const auto mesh = extractor.Extract({id, volume.type, block.data()}, 100, true);
-      magnitudes.insert(magnitudes.end(), mesh.gradient_magnitudes.begin(),
-                        mesh.gradient_magnitudes.end());
+      magnitudes.insert(magnitudes.end(), mesh.values.narrow().begin(), mesh.values.narrow().end());
     }
     if (expected.empty()) {
       expected = magnitudes;

@@ -84,7 +84,7 @@ float LongestOfVertices(const volume::GridGeometry& geometry, ScalarType type,
     const auto id = static_cast<volume::BlockId>(i);
     const std::string block = testing::CutBlock(layout, type, bytes, id);
     for (const float magnitude :
-         extractor.Extract({id, type, block.data()}, isovalue, true).gradient_magnitudes) {
+         extractor.Extract({id, type, block.data()}, isovalue, true).values.narrow()) {
       longest = std::max(longest, magnitude);
     }
   }

@@ -51,24 +51,31 @@ void ExpectSame(const CompactMesh& compact, const BlockMesh& mesh) {
   }
 }
 
-TEST(CompactMeshTest, GradientMagnitudesAreKeptAndOthersTakeNoRoom) {
+template <typename T>
+void ExpectValuesAreKept(std::size_t vertex_count) {
+  const BlockMesh mesh = MakeMesh(vertex_count, 1900);
+  BlockMeshView view = mesh;
+  const std::size_t without = CompactSizeBytes(view);
+  std::vector<T> values(vertex_count);
+  for (std::size_t i = 0; i < vertex_count; ++i) {
+    values[i] = static_cast<T>(i) / 3;
+  }
+  view.values = VertexValues(std::span<const T>(values));
+  EXPECT_GE(CompactSizeBytes(view), without + sizeof(T) * vertex_count);
+  const std::shared_ptr<const CompactMesh> compact = Compact(view);
+  ExpectSame(*compact, mesh);
+  ASSERT_EQ(compact->values.size(), vertex_count);
+  for (std::size_t i = 0; i < vertex_count; ++i) {
+    ASSERT_EQ(compact->values[i], static_cast<double>(values[i]));
+  }
+  EXPECT_EQ(compact->size_bytes(), Compact(mesh)->size_bytes() + sizeof(T) * vertex_count);
+  EXPECT_TRUE(Compact(mesh)->values.empty());
+}
+
+TEST(CompactMeshTest, ValuesAreKeptAndTakeNoRoomWhereThereAreNone) {
   for (const std::size_t vertex_count : {std::size_t{1000}, std::size_t{70'000}}) {
-    const BlockMesh mesh = MakeMesh(vertex_count, 1900);
-    BlockMeshView view = mesh;
-    const std::size_t without = CompactSizeBytes(view);
-    std::vector<float> magnitudes(vertex_count);
-    for (std::size_t i = 0; i < vertex_count; ++i) {
-      magnitudes[i] = 0.5F * static_cast<float>(i);
-    }
-    view.gradient_magnitudes = magnitudes;
-    EXPECT_GE(CompactSizeBytes(view), without + 4 * vertex_count);
-    const std::shared_ptr<const CompactMesh> compact = Compact(view);
-    ExpectSame(*compact, mesh);
-    EXPECT_TRUE(std::equal(magnitudes.begin(), magnitudes.end(),
-                           compact->gradient_magnitudes.begin(),
-                           compact->gradient_magnitudes.end()));
-    EXPECT_EQ(compact->size_bytes(), Compact(mesh)->size_bytes() + 4 * vertex_count);
-    EXPECT_TRUE(Compact(mesh)->gradient_magnitudes.empty());
+    ExpectValuesAreKept<float>(vertex_count);
+    ExpectValuesAreKept<double>(vertex_count);
   }
 }
 

@@ -81,7 +81,7 @@ TEST(ColorMapTest, WithoutARangeItIsTheVolumesBox) {
   EXPECT_EQ(ColorRangeOf(color_by, geometry), (frame::ColorRange{100, 160}));
   color_by.range = frame::ColorRange{0, 1};
   EXPECT_EQ(ColorRangeOf(color_by, geometry), (frame::ColorRange{0, 1}));
-  color_by.quantity = frame::ColorBy::Quantity::kGradientMagnitude;
+  color_by.quantity = frame::ColorBy::Quantity::kField;
   EXPECT_EQ(ColorRangeOf(color_by, geometry), (frame::ColorRange{0, 1}));
 }
 

@@ -9,12 +9,14 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
+#include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/render/pass_resources.h"
 #include "core/render/shade_kernel.h"
@@ -78,8 +80,10 @@ frame::FrameSpec CutAt(double z, double isovalue) {
 }
 
 // All caps of the volume, with samples only where they are needed.
+//
+// field: of float32 samples, which the second surface shows; may be empty
 std::vector<CapFragment> PaintAll(const CapPainter& painter, const Volume& volume,
-                                  int* sample_count = nullptr) {
+                                  int* sample_count = nullptr, const std::string& field = "") {
   std::vector<CapFragment> fragments;
   for (std::int64_t i = 0; i < volume.layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
@@ -93,8 +97,14 @@ std::vector<CapFragment> PaintAll(const CapPainter& painter, const Volume& volum
     if (sample_count != nullptr && need == CapPainter::Need::kSamples) {
       ++*sample_count;
     }
+    std::string of_field;
+    std::vector<volume::BlockSamples> fields(2);
+    if (!field.empty()) {
+      of_field = testing::CutBlock(volume.layout, volume::ScalarType::kFloat32, field, id);
+      fields[1] = {id, volume::ScalarType::kFloat32, of_field.data()};
+    }
     painter.Paint(
-        id, volume.ranges, need == CapPainter::Need::kSamples ? &samples : nullptr,
+        id, volume.ranges, need == CapPainter::Need::kSamples ? &samples : nullptr, fields,
         [](int, int, float) { return false; },
         [&](const CapFragment& fragment) { fragments.push_back(fragment); });
   }
@@ -203,6 +213,54 @@ TEST(CapPainterTest, SamplesShowThroughTheirColorsAndNormalsLeadToWhatIsDropped)
   }
 }
 
+TEST(CapPainterTest, CapsOfASurfaceThatShowsAFieldShowItUnlessTheyHaveAMap) {
+  const Volume volume = Ramp();
+  std::string field;  // 3 x - y, and NaN in a corner
+  for (std::int64_t z = 0; z < kDims.z; ++z) {
+    for (std::int64_t y = 0; y < kDims.y; ++y) {
+      for (std::int64_t x = 0; x < kDims.x; ++x) {
+        const auto value = static_cast<float>(3 * x - y);
+        base::AppendLittleEndian(x + y == 0 ? std::numeric_limits<float>::quiet_NaN() : value,
+                                 &field);
+      }
+    }
+  }
+  frame::FrameSpec spec = CutAt(20.5, 100'000);
+  spec.surfaces.resize(2);
+  spec.surfaces[1].isovalue = 1000;
+  spec.surfaces[1].color_by = frame::ColorBy{.quantity = frame::ColorBy::Quantity::kField,
+                                             .range = frame::ColorRange{-32, 96}};
+  spec.sends_normals = true;
+  EXPECT_FALSE(
+      CapPainter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr).ShowsField(1))
+      << "no steps are sent";
+  spec.sends_map_steps = true;
+  const CapPainter painter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr);
+  EXPECT_FALSE(painter.ShowsField(0));
+  EXPECT_TRUE(painter.ShowsField(1));
+  const std::vector<CapFragment> fragments = PaintAll(painter, volume, nullptr, field);
+  EXPECT_EQ(fragments.size(), 32U * 32U);
+  for (const CapFragment& fragment : fragments) {
+    const double x = fragment.x - 3.5;
+    const double y = 35.5 - fragment.y;
+    const int expected = x < 1 && y < 1 ? 255 : static_cast<int>((3 * x - y + 32) * 2);
+    EXPECT_EQ(image::StepOf(fragment.color), expected) << x << ", " << y;
+  }
+  spec.surfaces[1].opacity = 0.5F;
+  EXPECT_FALSE(
+      CapPainter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr).ShowsField(1))
+      << "it has no caps";
+  spec.surfaces[1].opacity = 1;
+  const CapPainter with_map(
+      FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, [](double value) {
+        return image::Rgba8{static_cast<std::uint8_t>(value / 100), 0, 0, 255};
+      });
+  EXPECT_FALSE(with_map.ShowsField(1));
+  for (const CapFragment& fragment : PaintAll(with_map, volume)) {
+    EXPECT_EQ(fragment.color.r, 20) << "samples of the volume that is drawn";
+  }
+}
+
 TEST(CapPainterTest, BlocksAwayFromTheCutAndOutsideNeedNothing) {
   const Volume volume = Ramp();
   const CapPainter painter(FromAbove(), volume.layout, CutAt(20.5, 3100), frame::BackEnd::kCpu,
@@ -231,7 +289,7 @@ TEST(CapPainterTest, WhatIsHiddenIsLeftOut) {
     const auto id = static_cast<volume::BlockId>(i);
     if (painter.NeedOf(id, volume.ranges) == CapPainter::Need::kSpan) {
       painter.Paint(
-          id, volume.ranges, nullptr, [](int x, int, float) { return x != 20; },
+          id, volume.ranges, nullptr, {}, [](int x, int, float) { return x != 20; },
           [&](const CapFragment& fragment) {
             EXPECT_EQ(fragment.x, 20);
             ++count;

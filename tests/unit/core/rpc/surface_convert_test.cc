@@ -175,6 +175,87 @@ TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
   }
 }
 
+TEST(SurfaceConvertTest, AFieldIsNamedExactlyWhereItIsShown) {
+  using ColorBy = isoscope::v1::ColorBy;
+  const frame::ColorBy by_field{.quantity = frame::ColorBy::Quantity::kField,
+                                .map = frame::ColorMap::kMagma,
+                                .range = frame::ColorRange{-1, 4},
+                                .opacity_at_max = 0.5F,
+                                .field = "velocity",
+                                .component = "x"};
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  ColorBy* const color_by = request.add_surfaces()->mutable_color_by();
+  *color_by = ToProto(by_field);
+  EXPECT_EQ(color_by->field(), "velocity");
+  EXPECT_EQ(color_by->component(), "x");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.surfaces[0].color_by, by_field);
+  EXPECT_TRUE(spec.surfaces[0].shows_field() && spec.surfaces[0].shows_values());
+  EXPECT_EQ(frame::DrawnBy(spec, frame::BackEnd::kEgl), frame::BackEnd::kCpu);
+  const auto expect = [&](const std::string& message) {
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));
+  };
+  color_by->set_quantity(ColorBy::QUANTITY_POSITION_X);
+  expect(
+      "surfaces[0].color_by.field is \"velocity\" beside surfaces[0].color_by.quantity 1, which "
+      "shows no other field: must be unset");
+  color_by->clear_field();
+  expect("surfaces[0].color_by.component is \"x\" beside surfaces[0].color_by.quantity 1");
+  color_by->set_quantity(ColorBy::QUANTITY_FIELD);
+  expect("surfaces[0].color_by.field is not set: required with surfaces[0].color_by.quantity 6");
+}
+
+TEST(ResolveColorRangesTest, TheMapOfAFieldHasTheRangeOfItsComponent) {
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("flow");
+  isoscope::v1::Field* const pressure = dataset.add_fields();
+  pressure->set_name("pressure");
+  pressure->add_components()->mutable_value_range()->set_max(7);
+  isoscope::v1::Field* const velocity = dataset.add_fields();
+  velocity->set_name("velocity");
+  for (const auto& [name, min, max] :
+       {std::tuple("x", -1.0, 2.0), {"y", 3.0, 3.0}, {"magnitude", 0.0, 5.0}}) {
+    isoscope::v1::FieldComponent* const component = velocity->add_components();
+    component->set_name(name);
+    component->mutable_value_range()->set_min(min);
+    component->mutable_value_range()->set_max(max);
+  }
+  velocity->add_components()->set_name("nan");
+  const auto resolve = [&](const std::string& field, const std::string& component) {
+    isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+    request.set_isovalue(0);
+    *request.add_surfaces()->mutable_color_by() = ToProto(
+        {.quantity = frame::ColorBy::Quantity::kField, .field = field, .component = component});
+    frame::FrameSpec spec = FrameSpecFromProto(request).value();
+    const absl::Status status = ResolveColorRanges(dataset, &request, &spec);
+    if (status.ok()) {
+      EXPECT_EQ(FrameSpecFromProto(request).value(), spec) << "agents read the same";
+    }
+    return std::pair(status, spec.surfaces[0].color_by->range);
+  };
+  EXPECT_EQ(resolve("pressure", "").second, (frame::ColorRange{0, 7}));
+  EXPECT_EQ(resolve("velocity", "x").second, (frame::ColorRange{-1, 2}));
+  EXPECT_EQ(resolve("velocity", "magnitude").second, (frame::ColorRange{0, 5}));
+  EXPECT_EQ(resolve("velocity", "y").second, (frame::ColorRange{3, std::nextafter(3.0, 4.0)}));
+  EXPECT_EQ(resolve("velocity", "nan").second, (frame::ColorRange{0, 1}));
+  velocity->mutable_components()->RemoveLast();
+  EXPECT_EQ(resolve("velocity", "").second, (frame::ColorRange{0, 5})) << "the magnitude";
+  EXPECT_THAT(
+      resolve("temperature", "").first,
+      StatusIs(absl::StatusCode::kInvalidArgument,
+               HasSubstr("surfaces[0].color_by.field is \"temperature\": dataset 'flow' has "
+                         "\"pressure\", \"velocity\"")));
+  EXPECT_THAT(resolve("velocity", "w").first,
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("surfaces[0].color_by.component is \"w\": field \"velocity\" has "
+                                 "\"x\", \"y\", \"magnitude\"")));
+  dataset.clear_fields();
+  EXPECT_THAT(resolve("pressure", "").first,
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("has no fields")));
+}
+
 TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
@@ -221,7 +302,7 @@ TEST(SurfaceConvertTest, HostileLightsAndColorByAreNamed) {
              {"lights[0].space", {-1, 3, 1e9}},
              {"lights[0].color.green", {kNan, -0.01, 1.01}},
              {"lights[0].color.alpha", {kNan, 0, 0.5}},
-             {"surfaces[0].color_by.quantity", {0, -1, 6}},
+             {"surfaces[0].color_by.quantity", {0, -1, 7}},
              {"surfaces[0].color_by.color_map", {-1, 7, 1e9}},
              {"surfaces[0].color_by.range.min", {kNan, kInfinity, 1, 2}},
              {"surfaces[0].color_by.range.max", {kNan, -kInfinity, 0, -1}},
