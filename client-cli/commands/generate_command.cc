@@ -1,12 +1,12 @@
 // isoscope generate FIELD --dims X,Y,Z --output FILE
 //
-// kFields has a row for each field. GenerateFlags has the flags of all fields. A check by field
-// makes a flag without effect wrong usage.
-//
-// To add a field: its function in core, a row in kFields, and its flags.
+// Every field but one is a volume; flow is a series of several fields and time steps. kFields has a
+// row for each field; the flags of a field are in GenerateFlags, and which flags belong to which
+// field is checked, so that a flag without effect is wrong usage.
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -19,15 +19,20 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include "oneapi/tbb/task_arena.h"
 
 #include "client-cli/commands/program.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/cancellation.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/math/vec.h"
+#include "core/source/flow_file.h"
+#include "core/source/flow_generator.h"
 #include "core/source/volume_file.h"
 #include "core/source/volume_generator.h"
 #include "core/volume/scalar_type.h"
@@ -38,11 +43,11 @@ namespace {
 using source::GeneratedField;
 
 struct FieldRow {
-  GeneratedField field;
+  std::optional<GeneratedField> field;  // unset: flow
   const char* name;
   const char* summary;  // for --help: the field, and the isovalues of its surfaces
 };
-constexpr std::array<FieldRow, 5> kFields{{
+constexpr std::array<FieldRow, 6> kFields{{
     {GeneratedField::kRandom, "random",
      "waves of a seeded power spectrum: many sheets; 0.5 cuts it in halves, 0.7 leaves blobs"},
     {GeneratedField::kGyroid, "gyroid", "one sheet all over the volume at 0.5; tubes at 0.2, 0.8"},
@@ -51,11 +56,32 @@ constexpr std::array<FieldRow, 5> kFields{{
     {GeneratedField::kShells, "shells", "nested spheres, each hiding the next: 0.5 (any in 0..1)"},
     {GeneratedField::kMixing, "mixing",
      "two fluids stirred where they meet, bubbles and spikes: 0.5 (0.1, 0.9 are their rims)"},
+    {std::nullopt, "flow",
+     "a series of time steps: pressure, temperature and velocity of a vortex; see below"},
 }};
+
+// As the head of core/source/flow_generator.h has it.
+constexpr char kHelpOfFlow[] = R"(
+flow is a decaying vortex that is carried along with a warm cloud, on a grid of 1 m (its longest
+axis) around (0, 0, 0). It writes a ParaView collection, .pvd, and a .vti for each of N steps beside
+it. Step i is at time t = i DT, in s. At (x, y, z), in m:
+  (X, Y, Z)   = (x + 0.08 - 0.03 t, y + 0.05 - 0.02 t, z + 0.12 - 0.05 t)
+  v           = 0.1 exp(-0.4 t) (sin kZ + 0.6 cos kY, 0.8 sin kX + cos kZ,
+                                 0.6 sin kY + 0.8 cos kX),  k = 4 pi /m
+  velocity    = (0.03, 0.02, 0.05) + v      m/s, 3 components
+  pressure    = -500 |v|^2                  Pa, from that at rest; tubes at half its lowest value
+  temperature = 293.15 + 60 g(X', 0.1) g(Y', 0.1) g(Z', 0.2)
+                                            K; the cloud's rim at 300, its core at 330
+  g(q, h)     = h / b exp(-q^2 / (2 b^2)),  b^2 = h^2 + 0.0002 t
+(X', Y', Z') is (X, Y, Z) carried back along v: two times, with s = (1 - exp(-0.4 t)) / 8,
+  X -= s (sin kZ + 0.6 cos kY), then Y -= s (0.8 sin kX + cos kZ), then Z -= s (0.6 sin kY +
+  0.8 cos kX).
+All samples are float32, with the same bits on every machine.
+)";
 
 struct GenerateFlags {
   bool is_quiet = false;
-  std::optional<GeneratedField> field;
+  std::optional<const FieldRow*> field;
   std::optional<std::string> output;
   std::optional<math::Index3> dims;
   std::optional<volume::ScalarType> type;
@@ -70,14 +96,17 @@ struct GenerateFlags {
   std::optional<double> alpha;
   std::optional<std::int64_t> shell_count;
   std::optional<double> thickness;
+  std::optional<std::int64_t> step_count;
+  std::optional<double> time_step;
+  std::optional<std::int64_t> thread_count;
 };
 
-absl::StatusOr<GeneratedField> ParseField(absl::string_view text) {
-  std::vector<std::pair<std::string, GeneratedField>> choices;
+absl::StatusOr<const FieldRow*> ParseField(absl::string_view text) {
+  std::vector<std::pair<std::string, const FieldRow*>> choices;
   for (const FieldRow& row : kFields) {
-    choices.emplace_back(row.name, row.field);
+    choices.emplace_back(row.name, &row);
   }
-  return client::ParseChoice<GeneratedField>(text, choices);
+  return client::ParseChoice<const FieldRow*>(text, choices);
 }
 
 absl::StatusOr<std::int64_t> ParseWaveCount(absl::string_view text) {
@@ -88,31 +117,36 @@ absl::StatusOr<std::int64_t> ParseShellsInBall(absl::string_view text) {
   return client::ParseInteger(text, 1, 1000);
 }
 
-const char* NameOf(GeneratedField field) {
-  for (const FieldRow& row : kFields) {
-    if (row.field == field) {
-      return row.name;
-    }
+absl::StatusOr<std::int64_t> ParseStepCount(absl::string_view text) {
+  return client::ParseInteger(text, 1, source::kMaxFlowSteps);
+}
+
+absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
+  return client::ParseInteger(text, 1, 1024);
+}
+
+absl::Status CheckOutput(const GenerateFlags& flags, bool is_flow) {
+  if (!flags.output) {
+    return UsageError(is_flow ? "--output FILE.pvd is missing: the collection to write"
+                              : "--output FILE is missing: a .nrrd, .nhdr, .mha or .raw file to "
+                                "write");
   }
-  return "";
+  const absl::Status kind = is_flow ? source::CheckFlowPath(*flags.output)
+                                    : source::VolumeFileKindOf(*flags.output).status();
+  return kind.ok() ? kind : UsageError(kind.message());
 }
 
 absl::Status CheckUsage(const GenerateFlags& flags) {
   if (!flags.field) {
-    return UsageError("FIELD is missing: random, gyroid, marschner-lobb, shells or mixing");
+    return UsageError("FIELD is missing: random, gyroid, marschner-lobb, shells, mixing or flow");
   }
   if (!flags.dims) {
     return UsageError("--dims X,Y,Z is missing: the samples on each axis");
   }
-  if (!flags.output) {
-    return UsageError("--output FILE is missing: a .nrrd, .nhdr, .mha or .raw file to write");
-  }
-  const absl::Status kind = source::VolumeFileKindOf(*flags.output).status();
-  if (!kind.ok()) {
-    return UsageError(kind.message());
-  }
-  const bool has_waves =
-      *flags.field == GeneratedField::kRandom || *flags.field == GeneratedField::kMixing;
+  const std::optional<GeneratedField>& field = (*flags.field)->field;
+  const bool is_flow = !field;
+  ISOSCOPE_RETURN_IF_ERROR(CheckOutput(flags, is_flow));
+  const bool has_waves = field == GeneratedField::kRandom || field == GeneratedField::kMixing;
   const struct {
     const char* name;
     bool is_given;
@@ -121,24 +155,32 @@ absl::Status CheckUsage(const GenerateFlags& flags) {
       {"--waves", flags.wave_count.has_value(), has_waves},
       {"--wave-number", flags.max_wave_number.has_value(), has_waves},
       {"--exponent", flags.spectrum_exponent.has_value(), has_waves},
-      {"--periods", flags.periods.has_value(), *flags.field == GeneratedField::kGyroid},
-      {"--frequency", flags.frequency.has_value(), *flags.field == GeneratedField::kMarschnerLobb},
-      {"--alpha", flags.alpha.has_value(), *flags.field == GeneratedField::kMarschnerLobb},
-      {"--shells", flags.shell_count.has_value(), *flags.field == GeneratedField::kShells},
-      {"--thickness", flags.thickness.has_value(), *flags.field == GeneratedField::kMixing},
+      {"--periods", flags.periods.has_value(), field == GeneratedField::kGyroid},
+      {"--frequency", flags.frequency.has_value(), field == GeneratedField::kMarschnerLobb},
+      {"--alpha", flags.alpha.has_value(), field == GeneratedField::kMarschnerLobb},
+      {"--shells", flags.shell_count.has_value(), field == GeneratedField::kShells},
+      {"--thickness", flags.thickness.has_value(), field == GeneratedField::kMixing},
+      {"--type", flags.type.has_value(), !is_flow},
+      {"--seed", flags.seed.has_value(), !is_flow},
+      {"--spacing", flags.spacing.has_value(), !is_flow},
+      {"--origin", flags.origin.has_value(), !is_flow},
+      {"--steps", flags.step_count.has_value(), is_flow},
+      {"--time-step", flags.time_step.has_value(), is_flow},
   };
   for (const auto& row : rows) {
     if (row.is_given && !row.is_used) {
       return UsageError(absl::StrCat(row.name, " has no meaning for the field ",
-                                     NameOf(*flags.field), "; --help lists what belongs to which"));
+                                     (*flags.field)->name, "; --help lists what belongs to which"));
     }
   }
-  return absl::OkStatus();
+  return !is_flow || flags.step_count
+             ? absl::OkStatus()
+             : UsageError("--steps N is missing: the time steps of the flow");
 }
 
 source::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
   source::GeneratorParameters p;
-  p.field = *flags.field;
+  p.field = (*flags.field)->field.value_or(p.field);
   p.seed = flags.seed.value_or(p.seed);
   p.wave_count = static_cast<int>(flags.wave_count.value_or(p.wave_count));
   p.max_wave_number = flags.max_wave_number.value_or(p.max_wave_number);
@@ -163,43 +205,83 @@ double MiddleOf(volume::ScalarType type) {
   });
 }
 
-absl::Status Run(const GenerateFlags& flags, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+// What stands before the colon of a line about a file, and behind it about its samples.
+std::string FileAndDims(const GenerateFlags& flags) {
+  const math::Index3& dims = *flags.dims;
+  return absl::StrFormat("%s: %s, %d x %d x %d samples", *flags.output, (*flags.field)->name,
+                         dims.x, dims.y, dims.z);
+}
+
+using Progress = std::function<void(std::int64_t done_bytes, std::int64_t total_bytes)>;
+
+// Writes the volume. Returns a text that says what was written.
+absl::StatusOr<std::string> GenerateVolume(const GenerateFlags& flags, const Progress& progress,
+                                           const base::Cancellation& cancellation) {
   const volume::ScalarType type = flags.type.value_or(volume::ScalarType::kUint16);
-  const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeGenerator> generator,
                             source::VolumeGenerator::Make(ParametersOf(flags), *flags.dims, type));
-  absl::StatusOr<std::int64_t> bytes;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::int64_t bytes,
+      source::WriteVolumeFile(*generator,
+                              {.path = *flags.output,
+                               .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),
+                               .origin = flags.origin.value_or(math::Vec3d{}),
+                               .progress = progress},
+                              cancellation));
+  return absl::StrCat(FileAndDims(flags), " of ", volume::NameOf(type), ", ",
+                      FormatMebibytes(bytes), ", middle value ",
+                      absl::StrFormat("%.10g", MiddleOf(type)));
+}
+
+// Writes the series of a flow. Returns a text that says what was written.
+absl::StatusOr<std::string> GenerateFlow(const GenerateFlags& flags, const Progress& progress,
+                                         const base::Cancellation& cancellation) {
+  source::FlowFileOptions options{.path = *flags.output,
+                                  .dims = *flags.dims,
+                                  .step_count = *flags.step_count,
+                                  .progress = progress};
+  options.time_step = flags.time_step.value_or(options.time_step);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t bytes, source::WriteFlow(options, cancellation));
+  std::string fields;
+  for (const source::FlowFieldRow& row : source::kFlowFields) {
+    absl::StrAppend(&fields, ", ", row.name, " [", row.unit, "]");
+  }
+  return absl::StrCat(FileAndDims(flags), fields, ", ", options.step_count,
+                      options.step_count == 1 ? " step" : " steps", " of ",
+                      absl::StrFormat("%.10g s, ", options.time_step), FormatMebibytes(bytes));
+}
+
+absl::Status Run(const GenerateFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  const absl::Time start = absl::Now();
+  const base::Cancellation& cancellation = context.interrupt->cancellation();
+  absl::StatusOr<std::string> written;
   {
     ProgressLine line(context.err, context.err_is_terminal);
-    bytes = source::WriteVolumeFile(
-        *generator,
-        {.path = *flags.output,
-         .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),
-         .origin = flags.origin.value_or(math::Vec3d{}),
-         .progress = [&line](std::int64_t done,
-                             std::int64_t total) { line.Update("generating", done, total); }},
-        context.interrupt->cancellation());
+    const Progress progress = [&line](std::int64_t done, std::int64_t total) {
+      line.Update("generating", done, total);
+    };
+    const std::shared_ptr<tbb::task_arena> arena =
+        base::MakeTaskArena(static_cast<int>(flags.thread_count.value_or(0)));
+    written = base::RunIn(arena.get(), [&] {
+      return (*flags.field)->field ? GenerateVolume(flags, progress, cancellation)
+                                   : GenerateFlow(flags, progress, cancellation);
+    });
   }
-  if (!bytes.ok() && context.interrupt->cancellation().is_cancelled()) {
+  if (!written.ok() && cancellation.is_cancelled()) {
     return absl::CancelledError("interrupted while generating; nothing was left behind");
   }
-  ISOSCOPE_RETURN_IF_ERROR(bytes.status());
-  const math::Index3& dims = *flags.dims;
-  *context.out << *flags.output << ": " << NameOf(*flags.field) << ", " << dims.x << " x " << dims.y
-               << " x " << dims.z << " samples of " << volume::NameOf(type) << ", "
-               << FormatMebibytes(*bytes) << ", middle value "
-               << absl::StrFormat("%.10g", MiddleOf(type)) << ", in "
-               << FormatElapsed(absl::Now() - start) << "\n";
+  ISOSCOPE_RETURN_IF_ERROR(written.status());
+  *context.out << *written << ", in " << FormatElapsed(absl::Now() - start) << "\n";
   return absl::OkStatus();
 }
 
 Action RegisterGenerateFlags(FlagSet* set) {
   const auto flags = std::make_shared<GenerateFlags>();
   AddFlag(set, "field", "FIELD", &flags->field, ParseField,
-          "random, gyroid, marschner-lobb, shells or mixing; see below");
+          "random, gyroid, marschner-lobb, shells, mixing or flow; see below");
   AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
-          "the volume: .nrrd, .mha, .nhdr with a .raw beside it, or .raw");
+          "the volume: .nrrd, .mha, .nhdr with a .raw beside it, or .raw; of a flow: .pvd");
   AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,
           "samples on each axis, x fastest");
   AddFlag(set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
@@ -210,6 +292,8 @@ Action RegisterGenerateFlags(FlagSet* set) {
           "world units between samples, for the header (default: 1,1,1)");
   AddFlag(set, "--origin", "X,Y,Z", &flags->origin, client::ParseVector,
           "world position of the first sample, for the header (default: 0,0,0)");
+  AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
+          "threads (default: one for each core); the bytes do not depend on it");
   const auto add = [](Flag flag) { flag.Group("Fields"); };
   add(AddFlag(set, "--waves", "N", &flags->wave_count, ParseWaveCount,
               "random, mixing: plane waves that are summed up (default: 64)"));
@@ -229,6 +313,10 @@ Action RegisterGenerateFlags(FlagSet* set) {
   add(AddFlag(set, "--thickness", "H", &flags->thickness, client::ParsePositiveNumber,
               "mixing: half the height of the stirred layer, 1 being half the longest axis "
               "(default: 0.4)"));
+  add(AddFlag(set, "--steps", "N", &flags->step_count, ParseStepCount,
+              "flow: time steps, the first at 0 s"));
+  add(AddFlag(set, "--time-step", "DT", &flags->time_step, client::ParsePositiveNumber,
+              "flow: seconds between steps (default: 0.1)"));
   AddQuietFlag(set, &flags->is_quiet);
   return [flags](const Context& context) {
     return Run(*flags, flags->is_quiet ? QuietContext(context) : context);
@@ -240,6 +328,8 @@ std::string HelpOfFields() {
       "  isoscope generate random --dims 512,512,512 --seed 7 --output random.nrrd\n"
       "  isoscope generate shells --dims 256,256,256 --type uint8 --output s.nrrd\n"
       "  isoscope render s.nrrd --isovalue 127.5 --output s.png\n"
+      "  isoscope generate flow --dims 128,128,128 --steps 50 --output flow.pvd\n"
+      "  isoscope render flow_00020.vti:temperature --isovalue 300 --output f.png\n"
       "\nFields, and levels that show something:\n";
   for (const FieldRow& row : kFields) {
     absl::StrAppendFormat(&text, "  %-15s %s\n", row.name, row.summary);
@@ -247,7 +337,8 @@ std::string HelpOfFields() {
   absl::StrAppend(
       &text,
       "Levels are fractions of the type's range: of uint8 0.5 is 127.5, of uint16 32767.5,\n"
-      "of signed types the middle is -0.5; float32 and float64 hold 0 to 1 themselves.\n");
+      "of signed types the middle is -0.5; float32 and float64 hold 0 to 1 themselves.\n",
+      kHelpOfFlow);
   return text;
 }
 
@@ -255,7 +346,8 @@ std::string HelpOfFields() {
 
 Command GenerateCommand() {
   return {.name = "generate",
-          .summary = "Writes a test volume of any size: random fields, gyroids, shells and more",
+          .summary =
+              "Writes a test volume or flow of any size: random fields, gyroids, shells and more",
           .usage = "FIELD --dims X,Y,Z --output FILE [OPTIONS]",
           .examples = HelpOfFields(),
           .register_flags = RegisterGenerateFlags};

@@ -9,31 +9,21 @@
 
 #include "core/source/volume_file.h"
 
-#include <algorithm>
 #include <array>
-#include <atomic>
-#include <cstddef>
-#include <filesystem>
 #include <memory>
-#include <system_error>
-#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "oneapi/tbb/parallel_pipeline.h"
-#include "oneapi/tbb/task_arena.h"
+#include "absl/strings/string_view.h"
 
 #include "core/base/status_macros.h"
-#include "core/base/units.h"
 #include "core/io/atomic_file.h"
-#include "core/io/file.h"
+#include "core/source/generated_file.h"
 #include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
 namespace {
-
-constexpr std::int64_t kChunkBytes = 2 * base::kMiB;
 
 struct Ending {
   const char* text;
@@ -107,82 +97,28 @@ std::string MetaImageHeader(const VolumeGenerator& generator, const VolumeFileOp
 }
 
 absl::StatusOr<std::unique_ptr<io::AtomicFile>> CreateVolumeFile(const std::string& path) {
-  if (io::IsDirectory(path)) {
-    return absl::FailedPreconditionError(
-        absl::StrCat(path, ": is a folder; expected the name of a file"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckNoFolder(path));
   return io::AtomicFile::Create(path);
 }
 
-absl::Status CheckFreeSpace(const std::string& path, std::int64_t bytes) {
-  std::filesystem::path parent = std::filesystem::path(path).parent_path();
-  std::error_code error;
-  const std::filesystem::space_info space =
-      std::filesystem::space(parent.empty() ? "." : parent, error);
-  if (!error && space.available < static_cast<std::uintmax_t>(bytes)) {
-    return absl::ResourceExhaustedError(
-        absl::StrFormat("%s: needs %d bytes, its file system has %d left: free some, or give "
-                        "smaller --dims or a smaller --type",
-                        path, bytes, space.available));
-  }
-  return absl::OkStatus();
-}
-
-// Fills rows in parallel, and writes them to the file in order.
 absl::Status WriteSamples(const VolumeGenerator& generator, const VolumeFileOptions& options,
                           const base::Cancellation& cancellation, io::AtomicFile* file) {
-  const std::int64_t row_bytes =
-      generator.dims().x * static_cast<std::int64_t>(volume::SizeOf(generator.type()));
-  const std::int64_t total_bytes = row_bytes * generator.row_count();
-  const std::int64_t chunk_rows = std::max<std::int64_t>(kChunkBytes / row_bytes / 4 * 4, 4);
-  const auto tokens = 2 * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
-
-  struct Chunk {
-    std::int64_t begin = 0;
-    std::int64_t end = 0;
-    std::string bytes;
-  };
-  // One chunk for each token of the pipeline: its buffer is free again after it was written.
-  std::vector<Chunk> chunks(tokens);
-  std::size_t next_chunk = 0;
-  std::int64_t next_row = 0;
+  const RowSource rows{
+      .row_count = generator.row_count(),
+      .row_bytes = generator.dims().x * static_cast<std::int64_t>(volume::SizeOf(generator.type())),
+      .fill = [&generator](std::int64_t begin, std::int64_t end, char* out) {
+        generator.FillRows(begin, end, out);
+      }};
   std::int64_t done_bytes = 0;
-  absl::Status status;  // the reading filter's and the writing filter's, which exclude each other
-  std::atomic<bool> is_stopped{false};
-
-  const auto take = [&](tbb::flow_control& control) -> Chunk* {
-    if (next_row >= generator.row_count() || is_stopped || cancellation.is_cancelled()) {
-      control.stop();
-      return nullptr;
-    }
-    Chunk& chunk = chunks[next_chunk];
-    next_chunk = (next_chunk + 1) % chunks.size();
-    chunk.begin = next_row;
-    chunk.end = next_row = std::min(next_row + chunk_rows, generator.row_count());
-    return &chunk;
-  };
-  const auto fill = [&](Chunk* chunk) {
-    chunk->bytes.resize(static_cast<std::size_t>((chunk->end - chunk->begin) * row_bytes));
-    generator.FillRows(chunk->begin, chunk->end, chunk->bytes.data());
-    return chunk;
-  };
-  const auto write = [&](const Chunk* chunk) {
-    if (is_stopped) {
-      return;
-    }
-    status = file->Append(chunk->bytes);
-    is_stopped = !status.ok();
-    done_bytes += static_cast<std::int64_t>(chunk->bytes.size());
+  const auto append = [&](absl::string_view bytes) {
+    const absl::Status status = file->Append(bytes);
+    done_bytes += static_cast<std::int64_t>(bytes.size());
     if (options.progress) {
-      options.progress(done_bytes, total_bytes);
+      options.progress(done_bytes, rows.row_count * rows.row_bytes);
     }
+    return status;
   };
-  tbb::parallel_pipeline(
-      tokens, tbb::make_filter<void, Chunk*>(tbb::filter_mode::serial_in_order, take) &
-                  tbb::make_filter<Chunk*, Chunk*>(tbb::filter_mode::parallel, fill) &
-                  tbb::make_filter<Chunk*, void>(tbb::filter_mode::serial_in_order, write));
-  ISOSCOPE_RETURN_IF_ERROR(status);
-  return cancellation.Check();
+  return AppendRows(rows, append, cancellation);
 }
 
 }  // namespace
@@ -210,7 +146,8 @@ absl::StatusOr<std::int64_t> WriteVolumeFile(const VolumeGenerator& generator,
   ISOSCOPE_RETURN_IF_ERROR(volume::Validate(geometry));
   const std::int64_t sample_bytes =
       math::Volume(generator.dims()) * static_cast<std::int64_t>(volume::SizeOf(generator.type()));
-  ISOSCOPE_RETURN_IF_ERROR(CheckFreeSpace(options.path, sample_bytes));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFreeSpace(options.path, sample_bytes,
+                                          "free some, or give smaller --dims or a smaller --type"));
 
   std::string data_path = options.path;
   std::unique_ptr<io::AtomicFile> header;

@@ -1,5 +1,6 @@
 #include "client-cli/commands/program.h"
 
+#include <filesystem>
 #include <fstream>
 #include <ostream>
 #include <sstream>
@@ -217,12 +218,16 @@ std::vector<WrongUsage> RenderRows() {
   };
 }
 
-// `generate FIELD --dims 4,4,4 --output v.nrrd` with `more`.
+// `generate FIELD --dims 4,4,4 --output OUTPUT` with `more`.
 WrongUsage Generate(const std::string& field, const std::vector<std::string>& more,
-                    const std::vector<std::string>& said) {
-  WrongUsage row{{"generate", field, "--dims", "4,4,4", "--output", "v.nrrd"}, said};
+                    const std::vector<std::string>& said, const std::string& output = "v.nrrd") {
+  WrongUsage row{{"generate", field, "--dims", "4,4,4", "--output", output}, said};
   row.arguments.insert(row.arguments.end(), more.begin(), more.end());
   return row;
+}
+WrongUsage GenerateFlow(const std::vector<std::string>& more,
+                        const std::vector<std::string>& said) {
+  return Generate("flow", more, said, "f.pvd");
 }
 
 std::vector<WrongUsage> GenerateRows() {
@@ -233,7 +238,8 @@ std::vector<WrongUsage> GenerateRows() {
       {{"generate", "gyroid", "--dims", "4,4,4", "--output", "v.vti"},
        {"v.vti", "unknown kind of volume file", ".nrrd", ".nhdr", ".mha", ".raw"}},
       {{"generate", "gyroid", "--dims", "4,4", "--output", "v.nrrd"}, {"--dims", "'4,4'"}},
-      Generate("noise", {}, {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing"}),
+      Generate("noise", {},
+               {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing, flow"}),
       Generate("random", {"--type", "byte"}, {"--type", "\"byte\"", "uint8"}),
       Generate("random", {"--seed", "-1"}, {"--seed", "'-1'"}),
       Generate("random", {"--waves", "0"}, {"--waves", "'0'"}),
@@ -250,6 +256,19 @@ std::vector<WrongUsage> GenerateRows() {
       Generate("shells", {"--frequency", "3"}, {"--frequency has no meaning for the field shells"}),
       Generate("mixing", {"--alpha", "1"}, {"--alpha has no meaning for the field mixing"}),
       Generate("mixing", {"--shells", "3"}, {"--shells has no meaning for the field mixing"}),
+      Generate("random", {"--steps", "3"}, {"--steps has no meaning for the field random"}),
+      Generate("random", {"--time-step", "3"}, {"--time-step has no meaning for the field random"}),
+      Generate("random", {"--threads", "0"}, {"--threads", "'0'"}),
+      Generate("flow", {}, {"v.nrrd", "expected a name that ends in .pvd"}),
+      {{"generate", "flow", "--dims", "4,4,4"}, {"--output FILE.pvd is missing"}},
+      GenerateFlow({}, {"--steps N is missing"}),
+      GenerateFlow({"--steps", "0"}, {"--steps", "'0'"}),
+      GenerateFlow({"--steps", "100001"}, {"--steps", "'100001'"}),
+      GenerateFlow({"--time-step", "0"}, {"--time-step", "'0'"}),
+      GenerateFlow({"--type", "uint8"}, {"--type has no meaning for the field flow"}),
+      GenerateFlow({"--seed", "1"}, {"--seed has no meaning for the field flow"}),
+      GenerateFlow({"--spacing", "1,1,1"}, {"--spacing has no meaning for the field flow"}),
+      GenerateFlow({"--origin", "1,1,1"}, {"--origin has no meaning for the field flow"}),
   };
 }
 
@@ -403,6 +422,47 @@ TEST_F(GenerateTest, EveryFieldInEveryKindOfFileIsAVolumeForPartition) {
       EXPECT_GT(manifest.value_range.max, 128);
     }
   }
+}
+
+TEST_F(GenerateTest, FlowIsACollectionOfSteps) {
+  const auto generate = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{"generate", "flow", "--dims",   "24,20,16",
+                                       "--steps",  "3",    "--output", folder_.Sub(name)};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return RunCli(arguments);
+  };
+  const auto bytes = [&](const std::string& name) {
+    return io::ReadWholeFile(folder_.Sub(name), base::kMiB).value_or("");
+  };
+  const Outcome outcome = generate("f.pvd", {});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out,
+              HasSubstr("f.pvd: flow, 24 x 20 x 16 samples, pressure [Pa], temperature [K], "
+                        "velocity [m/s], 3 steps of 0.1 s, 0.4 MiB, in "));
+  EXPECT_THAT(bytes("f.pvd"), HasSubstr("timestep=\"0.2\""));
+  EXPECT_EQ(generate("g.pvd", {"--threads", "1"}).exit_code, 0);
+  EXPECT_EQ(generate("h.pvd", {"--time-step", "0.2"}).exit_code, 0);
+  for (const char* step : {"00000", "00001", "00002"}) {
+    EXPECT_FALSE(bytes(absl::StrCat("f_", step, ".vti")).empty());
+    EXPECT_EQ(bytes(absl::StrCat("f_", step, ".vti")), bytes(absl::StrCat("g_", step, ".vti")));
+  }
+  EXPECT_EQ(bytes("f_00002.vti"), bytes("h_00001.vti"));
+  EXPECT_NE(bytes("f_00001.vti"), bytes("h_00001.vti"));
+}
+
+TEST_F(GenerateTest, InterruptedFlowLeavesNothing) {
+  Interrupt interrupt;
+  interrupt.Trigger();
+  std::ostringstream out;
+  std::ostringstream err;
+  EXPECT_EQ(RunProgram(IsoscopeProgram(),
+                       {"generate", "flow", "--dims", "8,8,8", "--steps", "2", "--output",
+                        folder_.Sub("f.pvd")},
+                       {.out = &out, .err = &err, .interrupt = &interrupt}),
+            1);
+  EXPECT_THAT(err.str(), HasSubstr("interrupted while generating; nothing was left behind"));
+  EXPECT_EQ(out.str(), "");
+  EXPECT_TRUE(std::filesystem::is_empty(folder_.path()));
 }
 
 TEST_F(GenerateTest, SeedAloneDecidesAboutChance) {

@@ -1,0 +1,122 @@
+#!/usr/bin/env python3
+"""Generates a flow and reads it with VTK, which others have written.
+
+    read_flow_with_vtk.py ISOSCOPE
+
+Grid, times, names, units, components and values must be those of `isoscope generate --help`. Exit
+code 77 (CTest: skipped) where there is no VTK: apt-get install python3-vtk9.
+"""
+
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+import skips  # noqa: E402
+
+DEBIAN_PYTHON = "/usr/bin/python3"
+
+try:
+    import vtk
+except ImportError:
+    # Debian's VTK belongs to Debian's Python.
+    if os.path.exists(DEBIAN_PYTHON) and os.environ.get("ISOSCOPE_DEBIAN_PYTHON") is None:
+        os.environ["ISOSCOPE_DEBIAN_PYTHON"] = "1"
+        os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
+    skips.skip_program("vtk", "no VTK (Debian: python3-vtk9)")
+
+DIMS = (24, 17, 13)
+TIME_STEP = 0.7
+STEPS = 4
+
+
+def fluid(position, t):
+    """Pressure, temperature and velocity by the formulas of --help."""
+    def sin(value):
+        return math.sin(4 * math.pi * value)
+
+    def cos(value):
+        return math.cos(4 * math.pi * value)
+
+    def g(q, h):
+        square = h * h + 0.0002 * t
+        return h / math.sqrt(square) * math.exp(-q * q / (2 * square))
+
+    x = position[0] + 0.08 - 0.03 * t
+    y = position[1] + 0.05 - 0.02 * t
+    z = position[2] + 0.12 - 0.05 * t
+    speed = 0.1 * math.exp(-0.4 * t)
+    v = (speed * (sin(z) + 0.6 * cos(y)), speed * (0.8 * sin(x) + cos(z)),
+         speed * (0.6 * sin(y) + 0.8 * cos(x)))
+    s = (1 - math.exp(-0.4 * t)) / 8
+    for _ in range(2):
+        x -= s * (sin(z) + 0.6 * cos(y))
+        y -= s * (0.8 * sin(x) + cos(z))
+        z -= s * (0.6 * sin(y) + 0.8 * cos(x))
+    temperature = 293.15 + 60 * g(x, 0.1) * g(y, 0.1) * g(z, 0.2)
+    return -500 * sum(c * c for c in v), temperature, (0.03 + v[0], 0.02 + v[1], 0.05 + v[2])
+
+
+def unit(array):
+    return array.GetInformation().Get(vtk.vtkDataArray.UNITS_LABEL())
+
+
+def check(truth, text):
+    if not truth:
+        sys.exit(f"read_flow_with_vtk: {text}")
+
+
+def check_step(path, time):
+    reader = vtk.vtkXMLImageDataReader()
+    reader.SetFileName(path)
+    check(reader.CanReadFile(path), f"VTK does not read {path}")
+    reader.Update()
+    check(reader.GetErrorCode() == 0, f"VTK fails on {path}")
+    image = reader.GetOutput()
+    check(image.GetDimensions() == DIMS, f"dimensions {image.GetDimensions()}")
+    center = image.GetCenter()
+    check(max(abs(c) for c in center) < 1e-15, f"the middle is at {center}")
+    length = max(image.GetBounds()[2 * i + 1] - image.GetBounds()[2 * i] for i in range(3))
+    check(abs(length - 1) < 1e-15, f"the longest axis spans {length}")
+
+    times = image.GetFieldData().GetArray("TimeValue")
+    check(times.GetValue(0) == time and unit(times) == "s", f"time {times}")
+    points = image.GetPointData()
+    check([points.GetArrayName(i) for i in range(points.GetNumberOfArrays())] ==
+          ["pressure", "temperature", "velocity"], "other arrays")
+    check(points.GetScalars().GetName() == "pressure" and points.GetVectors().GetName() == "velocity",
+          "other active arrays")
+    pressure, temperature, velocity = (points.GetArray(i) for i in range(3))
+    check([unit(a) for a in (pressure, temperature, velocity)] == ["Pa", "K", "m/s"], "other units")
+    check([velocity.GetComponentName(i) for i in range(3)] == ["x", "y", "z"], "other components")
+    check(all(a.GetDataType() == vtk.VTK_FLOAT for a in (pressure, temperature, velocity)), "other types")
+    for i in range(image.GetNumberOfPoints()):
+        p, t, v = fluid(image.GetPoint(i), time)
+        check(abs(pressure.GetValue(i) - p) <= 1e-12 + 6e-8 * abs(p), f"pressure of point {i}")
+        check(abs(temperature.GetValue(i) - t) <= 1.6e-5, f"temperature of point {i}")
+        check(max(abs(a - b) for a, b in zip(velocity.GetTuple3(i), v)) <= 8e-9, f"velocity of point {i}")
+
+
+def main():
+    isoscope = sys.argv[1]
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([isoscope, "generate", "flow", "--dims", ",".join(map(str, DIMS)), "--steps", str(STEPS),
+                        "--time-step", str(TIME_STEP), "--output", os.path.join(folder, "flow.pvd"), "--quiet"],
+                       check=True)
+        collection = xml.etree.ElementTree.parse(os.path.join(folder, "flow.pvd")).getroot()
+        check(collection.get("type") == "Collection", "no collection")
+        check(collection.find("Collection").get("TimeUnit") == "s", "another unit of time")
+        steps = collection.findall("Collection/DataSet")
+        check(len(steps) == STEPS, f"{len(steps)} steps")
+        for i, step in enumerate(steps):
+            check(float(step.get("timestep")) == i * TIME_STEP, f"step {i} at {step.get('timestep')}")
+            check_step(os.path.join(folder, step.get("file")), i * TIME_STEP)
+    print(f"read_flow_with_vtk: {STEPS} steps, VTK {vtk.VTK_VERSION}")
+
+
+if __name__ == "__main__":
+    main()
