@@ -7,18 +7,20 @@ import contextlib
 import hashlib
 import json
 import os
+import pathlib
 import secrets
 import shutil
 import signal
 import subprocess
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO, Any, Union
 
 import numpy as np
 import numpy.typing as npt
 
+from isoscope import _series_files
 from isoscope._channel import DEFAULT_TIMEOUT
 from isoscope.client import Client, connect
 from isoscope.errors import InvalidArgumentError, ProgramError, printable
@@ -68,12 +70,14 @@ def find_program() -> str:
 
 
 def serve(
-    source: Union[str, os.PathLike[str], npt.NDArray[Any]],
+    source: Union[str, os.PathLike[str], npt.NDArray[Any], Mapping[str, npt.ArrayLike]],
     *,
     name: str | None = None,
     folder: str | os.PathLike[str] | None = None,
     spacing: Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
+    times: Sequence[float] | None = None,
+    vectors: bool | Sequence[str] = False,
     dims: Sequence[int] | None = None,
     dtype: npt.DTypeLike | None = None,
     shards: int = 1,
@@ -91,17 +95,21 @@ def serve(
         client.dataset().render(isovalue=60)
 
         client = isoscope.serve(array, spacing=(0.5, 0.5, 1.0))    # array[z, y, x]
+        client = isoscope.serve({"p": pressure, "v": velocity}, times=times, vectors=["v"])
 
     Args:
         source: a dataset folder; or a volume that `isoscope partition` takes: NIfTI, NRRD, MetaImage,
             VTI, HDF5 (file.h5:/dataset), DICOM, TIFF or raw samples; or a numpy array of shape
-            (nz, ny, nx).
+            (nz, ny, nx), or (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name.
         name: name of the dataset: a dataset folder of that name is made for this client alone.
         folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
             partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then
             its dataset is named as there, and `client.dataset()` needs no name. An array is "array", not cached.
         spacing: world units between samples along x, y, z: of an array, or of raw samples.
         origin: world position of the first sample: of an array, or of raw samples.
+        times: times of the steps of arrays, strictly ascending; default: 0, 1, 2, ...
+        vectors: names of the arrays of a dict that have a last axis of components, (nz, ny, nx, nc) or (nt, nz, ny, nx,
+            nc); True: all arrays have it.
         dims: samples along x, y, z: of raw samples.
         dtype: type of raw samples, little-endian.
         shards: shards to cut a volume into, one agent each.
@@ -117,8 +125,8 @@ def serve(
     server = _Server()
     try:
         volume = _volume(
-            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, dims=dims,
-            dtype=dtype, shards=shards,
+            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, times=times,
+            vectors=vectors, dims=dims, dtype=dtype, shards=shards,
         )  # fmt: skip
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
         flags += [] if threads is None else ["--threads", str(threads)]
@@ -137,13 +145,15 @@ def serve(
 
 def _volume(
     program: str,
-    source: str | os.PathLike[str] | npt.NDArray[Any],
+    source: str | os.PathLike[str] | npt.NDArray[Any] | Mapping[str, npt.ArrayLike],
     server: _Server,
     *,
     name: str | None,
     folder: str | os.PathLike[str] | None,
     spacing: Sequence[float] | None,
     origin: Sequence[float] | None,
+    times: Sequence[float] | None,
+    vectors: bool | Sequence[str],
     dims: Sequence[int] | None,
     dtype: npt.DTypeLike | None,
     shards: int,
@@ -152,12 +162,19 @@ def _volume(
 
     An array, and a volume with a name or folder of its own, become a dataset folder by `isoscope partition`.
     """
-    is_file = not isinstance(source, np.ndarray)
-    if isinstance(source, np.ndarray):
+    is_file = not isinstance(source, (np.ndarray, Mapping))
+    if isinstance(source, (np.ndarray, Mapping)):
         if dims is not None or dtype is not None:
             raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
-        path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
         name = name or ("array" if folder is None else None)
+        if isinstance(source, Mapping) or source.ndim > 3 or times is not None or vectors is not False:
+            series = _series_files.as_series(source, times, vectors)
+            path = str(_series_files.write(series, pathlib.Path(server.scratch()), spacing=spacing, origin=origin))
+            spacing = origin = None
+        else:
+            path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
+    elif times is not None or vectors is not False:
+        raise InvalidArgumentError("times and vectors are for arrays: a file has its own")
     else:
         path = os.fspath(source)
         if os.path.isfile(os.path.join(path, "manifest.json")):
@@ -235,7 +252,8 @@ class _Server:
         """Writes the samples of array[z, y, x], x fastest, little-endian; returns the path."""
         if array.ndim != 3 or min(array.shape) < 2:
             raise InvalidArgumentError(
-                f"array of shape {array.shape}: must be (nz, ny, nx), with at least 2 samples on each axis"
+                f"array of shape {array.shape}: must be (nz, ny, nx), or (nt, nz, ny, nx) with steps, with at least 2 "
+                "samples on each axis of the grid"
             )
         samples = array.astype(_sample_type(array).newbyteorder("<"), order="C", copy=False)
         path = os.path.join(self.scratch(), "samples.raw")
