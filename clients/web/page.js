@@ -2,7 +2,7 @@
 // state; controls write it, and are drawn from it whenever it changes.
 // @ts-check
 
-import { Announcer, Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount, roundLength,
+import { Announcer, Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, lengthUnitOf, mount, roundLength,
   whileShown } from './isoscope-view.js';
 import { COLOR_MAPS, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, otherSideOf, stateFromHash,
   stateToCommand, stateToHash } from './view-state.js';
@@ -403,8 +403,8 @@ function valueRange() {
   return high > low ? { min: low, max: high } : { min: low - 0.5, max: low + 0.5 };
 }
 
-/** Units of lengths: files that know the patient are in millimetres. */
-const unit = () => shown.dataset?.lengthUnit ? ` ${shown.dataset.lengthUnit}` : shown.dataset?.patientFrame ? ' mm' : '';
+/** Behind a length: its unit, if it is known. */
+const unit = () => ` ${lengthUnitOf(shown.dataset)}`.trimEnd();
 
 /**
  * Gives a slider the value that it has, and its limits.

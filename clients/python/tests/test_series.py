@@ -195,7 +195,7 @@ def read_vti(path):
     data = path.read_bytes()
     header, _, appended = data.partition(b"<AppendedData encoding=\"raw\">\n   _")
     arrays = {}
-    pattern = rb'<DataArray type="(\w+)" Name="([^"]*)" NumberOfComponents="(\d+)" format="appended" offset="(\d+)"/>'
+    pattern = rb'<DataArray type="(\w+)" Name="([^"]*)" NumberOfComponents="(\d+)" format="appended" offset="(\d+)">'
     for kind, name, components, offset in re.findall(pattern, header):
         (size,) = struct.unpack_from("<Q", appended, int(offset))
         dtype = np.dtype(kind.decode().lower()).newbyteorder("<")
@@ -208,14 +208,18 @@ def test_arrays_with_times_become_a_file_for_each_step(tmp_path):
     rng = np.random.default_rng(5)
     pressure = rng.random((2, 3, 4, 5)).astype(">f4")
     velocity = rng.integers(-9, 9, (2, 3, 4, 5, 3), dtype=np.int16)[:, :, ::-1]
-    made = _series_files.as_series({"p<1>": pressure, "v": velocity}, [0.1, 2], ["v"])
+    made = _series_files.as_series(
+        {"p<1>": pressure, "v": velocity}, [0.1, 2], ["v"], units={"v": "<m>/s"}, time_unit="s", length_unit="m"
+    )
     assert made.dims == (5, 4, 3) and made.times == (0.1, 2)
     listing = _series_files.write(made, tmp_path, spacing=(0.5, 1, 2), origin=(-1, 0, 3))
     rows = re.findall(r'<DataSet timestep="([^"]*)" file="([^"]*)"/>', listing.read_text())
+    assert '<Collection TimeUnit="s">' in listing.read_text()
     assert rows == [("0.1", "step-00000.vti"), ("2.0", "step-00001.vti")]
     for step, (_, name) in enumerate(rows):
         header, arrays = read_vti(tmp_path / name)
-        assert 'WholeExtent="0 4 0 3 0 2" Origin="-1.0 0.0 3.0" Spacing="0.5 1.0 2.0"' in header
+        assert 'WholeExtent="0 4 0 3 0 2" Origin="-1.0 0.0 3.0" Spacing="0.5 1.0 2.0" Unit="m">' in header
+        assert header.count("UNITS_LABEL") == 1 and ">&lt;m&gt;/s</InformationKey></DataArray>" in header
         assert list(arrays) == ["p&lt;1&gt;", "v"]
         assert (arrays["p&lt;1&gt;"] == pressure[step].ravel()).all()
         assert (arrays["v"] == velocity[step].reshape(-1, 3)).all()
@@ -255,8 +259,10 @@ def test_the_axes_are_steps_grid_and_where_it_is_said_components(shape, times, v
         ({"a": np.zeros((2, 3, 3, 3))}, {"times": [1, 1]}, "ascending"),
         ({"a": np.zeros((2, 3, 3, 3))}, {"times": [1, np.nan]}, "finite"),
         ({"a": np.zeros((2, 3, 3, 3))}, {"times": "ab"}, "must be numbers"),
+        ({"a": np.zeros((3, 3, 3))}, {"units": {"b": "m"}}, "units names 'b'"),
+        ({"a": np.zeros((3, 3, 3))}, {"units": "\n"}, "units '..'"), ({"a": np.zeros((3, 3, 3))}, {"time_unit": 3}, "time_unit 3"),
     ],
 )  # fmt: skip
 def test_arrays_that_do_not_fit_are_named(source, how, words):
     with pytest.raises(InvalidArgumentError, match=words):
-        _series_files.as_series(source, how.get("times"), how.get("vectors", False))
+        _series_files.as_series(source, **{"times": None, "vectors": False, **how})

@@ -3,7 +3,8 @@
     series.pvd
     step-00000.vti      ImageData: one array for each field, appended raw
 
-Samples go from the arrays to the files as they are, x fastest, the components of a sample together.
+Samples go from the arrays to the files as they are, x fastest, the components of a sample together. Units stand where
+`isoscope generate flow` writes them: the UNITS_LABEL of an array, `TimeUnit` of the collection, `Unit` of the image.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,7 @@ _VTK_TYPES = {
 class _FieldOfArrays:
     name: str
     samples: npt.NDArray[Any]  # (t, z, y, x) or (t, z, y, x, c)
+    unit: str | None = None
 
     @property
     def component_count(self) -> int:
@@ -44,6 +46,8 @@ class Series:
 
     fields: tuple[_FieldOfArrays, ...]
     times: tuple[float, ...] | None  # None: one step without a time
+    time_unit: str | None = None
+    length_unit: str | None = None
 
     @property
     def dims(self) -> tuple[int, int, int]:
@@ -56,6 +60,10 @@ def as_series(
     source: npt.NDArray[Any] | Mapping[str, npt.ArrayLike],
     times: Sequence[float] | None,
     vectors: bool | Sequence[str],
+    *,
+    units: Mapping[str, str] | str | None = None,
+    time_unit: str | None = None,
+    length_unit: str | None = None,
 ) -> Series:
     """Checks arrays, one or several by name, and gives all of them a time axis.
 
@@ -63,6 +71,8 @@ def as_series(
         source: shape (z, y, x) or (t, z, y, x); with a last axis of components if `vectors` says so.
         times: of the steps, strictly ascending; default: 0, 1, 2, ...
         vectors: names of the arrays that have a last axis of components; True: all of them.
+        units: of the samples, by name of the array, or of all.
+        time_unit, length_unit: of times and of the grid.
     """
     named = dict(source) if isinstance(source, Mapping) else {"samples": source}
     if not named:
@@ -71,13 +81,20 @@ def as_series(
     for name in with_components:
         if name not in named:
             raise InvalidArgumentError(f"vectors names {name!r}: the arrays are {', '.join(map(repr, named))}")
+    unit_of = dict.fromkeys(named, units) if units is None or isinstance(units, str) else dict(units)
+    for name in unit_of:
+        if name not in named:
+            raise InvalidArgumentError(f"units names {name!r}: the arrays are {', '.join(map(repr, named))}")
+    for what, unit in [*(("units", unit) for unit in unit_of.values()), ("time_unit", time_unit), ("length_unit", length_unit)]:
+        if unit is not None and not (isinstance(unit, str) and unit.isprintable()):
+            raise InvalidArgumentError(f"{what} {unit!r}: must be text to print, such as 'm/s'")
     has_time = times is not None
     fields = []
     for name, values in named.items():
         samples = _checked(name, np.asarray(values), name in with_components)
         axes = samples.ndim - (name in with_components)
         has_time = has_time or axes == 4
-        fields.append(_FieldOfArrays(name, samples if axes == 4 else samples[np.newaxis]))
+        fields.append(_FieldOfArrays(name, samples if axes == 4 else samples[np.newaxis], unit_of.get(name)))
     first = fields[0]
     for one in fields[1:]:
         if one.samples.shape[:4] != first.samples.shape[:4]:
@@ -85,7 +102,8 @@ def as_series(
                 f"field {one.name!r} has (t, z, y, x) = {one.samples.shape[:4]}, and field {first.name!r} has "
                 f"{first.samples.shape[:4]}: all fields need the same grid and steps"
             )
-    return Series(tuple(fields), _checked_times(times, len(first.samples)) if has_time else None)
+    checked_times = _checked_times(times, len(first.samples)) if has_time else None
+    return Series(tuple(fields), checked_times, time_unit, length_unit)
 
 
 def _checked(name: str, samples: npt.NDArray[Any], has_components: bool) -> npt.NDArray[Any]:
@@ -145,7 +163,8 @@ def write(
     )
     listing = folder / "series.pvd"
     listing.write_text(
-        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n'
+        f"  <Collection{_attribute('TimeUnit', series.time_unit)}>\n"
         f"{rows}  </Collection>\n</VTKFile>\n",
         encoding="utf-8",
     )
@@ -161,6 +180,10 @@ def _numbers(values: Sequence[float] | None, name: str, default: float) -> str:
     return " ".join(map(repr, numbers))
 
 
+def _attribute(name: str, value: str | None) -> str:
+    return f" {name}={quoteattr(value)}" if value else ""
+
+
 def _write_step(series: Series, step: int, path: pathlib.Path, spacing: str, origin: str) -> None:
     extent = " ".join(f"0 {side - 1}" for side in series.dims)
     arrays, offset = "", 0
@@ -168,13 +191,17 @@ def _write_step(series: Series, step: int, path: pathlib.Path, spacing: str, ori
     for one, samples in zip(series.fields, parts):
         arrays += (
             f'        <DataArray type="{_VTK_TYPES[samples.dtype.name]}" Name={quoteattr(one.name)} '
-            f'NumberOfComponents="{one.component_count}" format="appended" offset="{offset}"/>\n'
+            f'NumberOfComponents="{one.component_count}" format="appended" offset="{offset}">'
         )
+        if one.unit:
+            arrays += f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(one.unit)}</InformationKey>'
+        arrays += "</DataArray>\n"
         offset += 8 + samples.nbytes
     header = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
+        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}"'
+        f"{_attribute('Unit', series.length_unit)}>\n"
         f'    <Piece Extent="{extent}">\n      <PointData>\n{arrays}      </PointData>\n    </Piece>\n  </ImageData>\n'
         '  <AppendedData encoding="raw">\n   _'
     )

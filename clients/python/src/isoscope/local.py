@@ -78,6 +78,9 @@ def serve(
     origin: Sequence[float] | None = None,
     times: Sequence[float] | None = None,
     vectors: bool | Sequence[str] = False,
+    units: Mapping[str, str] | str | None = None,
+    time_unit: str | None = None,
+    length_unit: str | None = None,
     dims: Sequence[int] | None = None,
     dtype: npt.DTypeLike | None = None,
     shards: int = 1,
@@ -110,6 +113,8 @@ def serve(
         times: times of the steps of arrays, strictly ascending; default: 0, 1, 2, ...
         vectors: names of the arrays of a dict that have a last axis of components, (nz, ny, nx, nc) or (nt, nz, ny, nx,
             nc); True: all arrays have it.
+        units: units of the arrays of a dict by name, such as {"p": "Pa"}, or of all of them.
+        time_unit, length_unit: units of times and of spacing and origin, of arrays.
         dims: samples along x, y, z: of raw samples.
         dtype: type of raw samples, little-endian.
         shards: shards to cut a volume into, one agent each.
@@ -126,7 +131,8 @@ def serve(
     try:
         volume = _volume(
             program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, times=times,
-            vectors=vectors, dims=dims, dtype=dtype, shards=shards,
+            vectors=vectors, units=units, time_unit=time_unit, length_unit=length_unit, dims=dims, dtype=dtype,
+            shards=shards,
         )  # fmt: skip
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
         flags += [] if threads is None else ["--threads", str(threads)]
@@ -154,6 +160,9 @@ def _volume(
     origin: Sequence[float] | None,
     times: Sequence[float] | None,
     vectors: bool | Sequence[str],
+    units: Mapping[str, str] | str | None,
+    time_unit: str | None,
+    length_unit: str | None,
     dims: Sequence[int] | None,
     dtype: npt.DTypeLike | None,
     shards: int,
@@ -163,18 +172,21 @@ def _volume(
     An array, and a volume with a name or folder of its own, become a dataset folder by `isoscope partition`.
     """
     is_file = not isinstance(source, (np.ndarray, Mapping))
+    is_series = times is not None or vectors is not False or any((units, time_unit, length_unit))
     if isinstance(source, (np.ndarray, Mapping)):
         if dims is not None or dtype is not None:
             raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
         name = name or ("array" if folder is None else None)
-        if isinstance(source, Mapping) or source.ndim > 3 or times is not None or vectors is not False:
-            series = _series_files.as_series(source, times, vectors)
+        if isinstance(source, Mapping) or source.ndim > 3 or is_series:
+            series = _series_files.as_series(
+                source, times, vectors, units=units, time_unit=time_unit, length_unit=length_unit
+            )
             path = str(_series_files.write(series, pathlib.Path(server.scratch()), spacing=spacing, origin=origin))
             spacing = origin = None
         else:
             path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
-    elif times is not None or vectors is not False:
-        raise InvalidArgumentError("times and vectors are for arrays: a file has its own")
+    elif is_series:
+        raise InvalidArgumentError("times, vectors and units are for arrays: a file has its own")
     else:
         path = os.fspath(source)
         if os.path.isfile(os.path.join(path, "manifest.json")):
