@@ -1065,6 +1065,14 @@ function drawAxes(context, scene) {
 }
 
 /**
+ * The unit of world space, for people; '' if it is unknown. Files that know the patient are in millimetres.
+ * @param {DatasetJson | null} dataset @returns {string}
+ */
+export function lengthUnitOf(dataset) {
+  return dataset?.lengthUnit ? String(dataset.lengthUnit).slice(0, 12) : dataset?.patientFrame ? 'mm' : '';
+}
+
+/**
  * Returns the scale bar: its length in CSS pixels, and its text.
  * @param {Camera} camera @param {number} width @param {number} height of the view in CSS pixels
  */
@@ -2389,7 +2397,7 @@ export class View extends EventTarget {
     const clip = this.state.clip?.box;
     const patientFrame = this.dataset?.patientFrame ?? '';
     const bar = scaleBarOf(camera, cssWidth, cssHeight);
-    bar.text += patientFrame ? ' mm' : '';
+    bar.text += ` ${lengthUnitOf(this.dataset)}`.trimEnd();
     /** @type {Scene} */
     const scene = { camera, frame: this.frame, box: boxOfDataset(this.dataset),
       clipBox: clip ? { min: vecFromJson(clip.min), max: vecFromJson(clip.max) } : null, patientFrame, pins, ink, halo,

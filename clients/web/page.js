@@ -10,11 +10,12 @@
 // same state.
 // @ts-check
 
-import { Announcer, Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount, roundLength,
+import { Announcer, Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, lengthUnitOf, mount, roundLength,
   whileShown } from './isoscope-view.js';
-import { COLOR_MAPS, colorMapFromJson, colorMapToJson, otherSideOf, quantityFromJson, quantityToJson, stateFromHash,
+import { COLOR_MAPS, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, otherSideOf, stateFromHash,
   stateToCommand, stateToHash } from './view-state.js';
 import { COLOR_MAP_POINTS } from './color-maps.js';
+import { SeriesControls, choiceOf, histogramWords, titleOfColoring, withoutFields } from './series.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 /** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
@@ -201,6 +202,16 @@ view = shown;
 // For users of the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };
 
+const series = new SeriesControls(shown, { field: byId('field', HTMLSelectElement), fieldPicker: byId('field-picker', HTMLElement),
+  timeline: byId('timeline', HTMLElement), back: byId('step-back', HTMLButtonElement), play: byId('play', HTMLButtonElement),
+  on: byId('step-on', HTMLButtonElement), step: byId('step', HTMLInputElement), time: byId('time', HTMLElement),
+  loop: byId('loop', HTMLInputElement), quantities: byId('field-quantities', HTMLOptGroupElement) },
+{ say, format, chooseField: (selection) => {
+  // Isovalues, clips of samples and ranges of colours were of other samples.
+  const { surfaces, caps, ...rest } = shown.getState();
+  open({ ...rest, selection }, []);
+} });
+
 /** @param {FrameRequest} part @param {boolean} [isMoving] */
 function change(part, isMoving = false) {
   shown.update(part, { isMoving });
@@ -278,8 +289,10 @@ let histogramOf = '';
 /** @param {any} dataset */
 function factsOf(dataset) {
   const dims = dataset.geometry?.sampleDims ?? {};
-  const type = (dataset.sampleType ?? '').replace('SAMPLE_TYPE_', '').toLowerCase();
-  const range = dataset.valueRange ? ` · ${format(Number(dataset.valueRange.min ?? 0))} to ${format(Number(dataset.valueRange.max ?? 0))}` : '';
+  const { field, component } = choiceOf(dataset, shown.state.selection) ?? { field: {}, component: dataset };
+  const type = (component.sampleType ?? '').replace('SAMPLE_TYPE_', '').toLowerCase();
+  const { valueRange: ends } = component;
+  const range = ends ? ` · ${format(Number(ends.min ?? 0))} to ${format(Number(ends.max ?? 0))}${field.unit ? ` ${field.unit}` : ''}` : '';
   return `${dims.x} × ${dims.y} × ${dims.z} ${type}${range}`;
 }
 
@@ -314,8 +327,9 @@ async function loadDatasets() {
  */
 async function open(state, problems) {
   const dataset = datasets.find((one) => one.name === state.dataset) ?? (state.dataset ? null : datasets[0]);
-  if (problems.length > 0) {
-    say(problems.slice(0, 3).join('\n'), true);
+  const wrong = [...problems, ...(dataset ? withoutFields(state, dataset) : [])];
+  if (wrong.length > 0) {
+    say(wrong.slice(0, 3).join('\n'), true);
   }
   if (!dataset) {
     if (state.dataset) {
@@ -325,10 +339,10 @@ async function open(state, problems) {
   }
   page.dataset.value = dataset.name;
   document.title = `${dataset.name} · Isoscope`;
-  await loadHistogram(dataset);
+  await loadHistogram(dataset, state.selection);
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
-  filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset), color: fromHex(PALETTE[0]) }];
+  filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   picks = [];
@@ -336,11 +350,17 @@ async function open(state, problems) {
   shown.setState(filled);
 }
 
-/** @param {any} dataset */
-function suggestedIsovalue(dataset) {
+/**
+ * The samples of what is shown: of a field, or of the dataset.
+ * @param {any} dataset @param {any} selection
+ */
+const samplesOf = (dataset, selection) => choiceOf(dataset, selection)?.component ?? dataset ?? {};
+
+/** @param {any} dataset @param {any} selection */
+function suggestedIsovalue(dataset, selection) {
   const suggestions = histogram?.suggestions ?? [];
   const best = suggestions.find((/** @type {any} */ one) => one.method === 'METHOD_BETWEEN_CLASSES') ?? suggestions[0];
-  const { min = 0, max = 1 } = dataset.valueRange ?? {};
+  const { min = 0, max = 1 } = samplesOf(dataset, selection).valueRange ?? {};
   return best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2;
 }
 
@@ -349,15 +369,25 @@ function chartHint() {
     : 'Active blocks by isovalue: partition this dataset anew to count its samples.';
 }
 
-/** @param {any} dataset */
-async function loadHistogram(dataset) {
-  if (histogramOf === dataset.name && histogram) {
+/** @param {any} dataset @param {any} selection */
+const histogramAddress = (dataset, selection) =>
+  `v1/datasets/${encodeURIComponent(dataset.name)}/histogram?bins=256${histogramWords(dataset, selection)}`;
+
+/** @param {any} dataset @param {any} selection */
+async function loadHistogram(dataset, selection) {
+  const address = histogramAddress(dataset, selection);
+  if (histogramOf === address && histogram) {
     return;
   }
-  histogramOf = dataset.name;
-  histogram = null;
+  // The curve of another step stays until the new one is here.
+  histogram = histogramOf.startsWith(`v1/datasets/${encodeURIComponent(dataset.name)}/`) ? histogram : null;
+  histogramOf = address;
   try {
-    histogram = await client.get(`v1/datasets/${encodeURIComponent(dataset.name)}/histogram?bins=256`);
+    const answer = await client.get(address);
+    if (histogramOf !== address) {
+      return;  // another one was asked for meanwhile
+    }
+    histogram = answer;
     page.hover.textContent = chartHint();
     page.hover.classList.remove('error');
   } catch (error) {
@@ -374,15 +404,16 @@ page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColo
 const CHART = { width: 294, height: 132, left: 6, right: 6, top: 16, bottom: 18 };
 
 function valueRange() {
-  const bins = histogram?.bins ?? [];
-  const { min = 0, max = 1 } = shown.dataset?.valueRange ?? {};
+  // Of a field that over all steps, so that a surface's line stands still while they are played.
+  const bins = (shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [];
+  const { min = 0, max = 1 } = samplesOf(shown.dataset, shown.state.selection).valueRange ?? {};
   const low = bins.length > 0 ? Number(bins[0].min ?? 0) : Number(min);
   const high = bins.length > 0 ? Number(bins.at(-1).max ?? 0) : Number(max);
   return high > low ? { min: low, max: high } : { min: low - 0.5, max: low + 0.5 };
 }
 
-/** Units of lengths: files that know the patient are in millimetres. */
-const unit = () => shown.dataset?.patientFrame ? ' mm' : '';
+/** Behind a length: its unit, if it is known. */
+const unit = () => ` ${lengthUnitOf(shown.dataset)}`.trimEnd();
 
 /**
  * Sets the value and the limits of a slider.
@@ -605,7 +636,7 @@ function changeColorBy(isMoving) {
   for (const surface of surfaces) {
     delete surface.colorBy;
     if (quantity !== 'none') {
-      surface.colorBy = { quantity: quantityToJson(quantity), ...(isMapped ? { colorMap: colorMapToJson(page.map.value) } : {}),
+      surface.colorBy = { ...colorByFromKey(quantity), ...(isMapped ? { colorMap: colorMapToJson(page.map.value) } : {}),
         ...(isRange ? { range: { min, max } } : {}), ...(isMapped && atMin * atMax < 1 ? { opacity: { atMin, atMax } } : {}) };
     }
   }
@@ -647,7 +678,7 @@ page.parallel.onchange = () => {
 function drawLook() {
   const { state } = shown;
   const colorBy = (state.surfaces ?? []).find((/** @type {any} */ surface) => surface.colorBy)?.colorBy;
-  const quantity = quantityFromJson(colorBy?.quantity);
+  const quantity = colorByToKey(colorBy);
   page.quantity.value = quantity;
   const isMapped = quantity !== 'none' && quantity !== 'normal';
   document.querySelectorAll('[data-for=map]').forEach((row) => { /** @type {HTMLElement} */ (row).hidden = !isMapped; });
@@ -687,7 +718,7 @@ function drawLegend(frame) {
     return;
   }
   const [title, canvas, top, bottom] = page.legend.children;
-  title.textContent = quantityFromJson(coloring.quantity) === 'gradient' ? 'gradient' : `position ${quantityFromJson(coloring.quantity)}`;
+  title.textContent = titleOfColoring(coloring, shown.dataset);
   top.textContent = format(Number(coloring.range.max ?? 0), 4);
   bottom.textContent = format(Number(coloring.range.min ?? 0), 4);
   const context = /** @type {HTMLCanvasElement} */ (canvas).getContext('2d');
@@ -899,6 +930,8 @@ function drawControls() {
   if (shown.dataset) {
     page.facts.textContent = factsOf(shown.dataset);
   }
+  series.draw();
+  followHistogram();
   drawHistogram();
   drawSurfaces();
   drawLook();
@@ -906,6 +939,16 @@ function drawControls() {
   drawViews();
 }
 shown.addEventListener('dataset', redraw);
+
+let histogramTimer = 0;
+/** Counts of another step are asked for once the time rests. */
+function followHistogram() {
+  clearTimeout(histogramTimer);
+  const { dataset, state } = shown;
+  if (dataset && dataset.name === state.dataset && !series.isPlaying && histogramOf !== histogramAddress(dataset, state.selection)) {
+    histogramTimer = window.setTimeout(() => loadHistogram(dataset, state.selection), 250);
+  }
+}
 window.addEventListener('resize', redraw);
 
 // ---- picks ----
@@ -915,7 +958,8 @@ window.addEventListener('resize', redraw);
 let picks = [];
 shown.addEventListener('click', async (event) => {
   const { x, y, width, height } = /** @type {CustomEvent} */ (event).detail;
-  const frame = { ...shown.getState(), viewport: { widthPx: width, heightPx: height } };
+  /** @type {FrameRequest} */
+  const frame = { ...series.pinned(shown.getState()), viewport: { widthPx: width, heightPx: height } };
   try {
     const response = await client.post(`v1/datasets/${encodeURIComponent(frame.dataset ?? '')}/pick`, { frame, pixels: [{ x, y }] });
     const point = (await response.json()).points?.[0];
@@ -1057,6 +1101,18 @@ async function watchAgents() {
 }
 let watchedProblem = '';
 
+/** A simulation that runs may append steps. */
+async function watchSteps() {
+  const { dataset } = shown;
+  if ((dataset?.timeSteps ?? []).length > 0) {
+    try {
+      series.refresh(await client.get(`v1/datasets/${encodeURIComponent(dataset?.name ?? '')}`));
+    } catch {
+      // The view says that the gateway is away.
+    }
+  }
+}
+
 // ---- pill ----
 
 shown.addEventListener('frame', (event) => {
@@ -1065,6 +1121,7 @@ shown.addEventListener('frame', (event) => {
     addCost(header.frame.statistics);
   }
   drawLegend(header.frame);
+  series.frameShown(header.frame);
   pillChanged();
 });
 shown.addEventListener('status', (event) => {
@@ -1104,11 +1161,11 @@ function drawPill() {
 // ---- link and downloads ----
 
 byId('link', HTMLElement).onclick = () => {
-  history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
+  history.replaceState(null, '', `#${stateToHash(series.pinned(shown.getState()))}`);
   copy(location.href, 'The link is copied: it opens this view again.');
 };
 function drawCommand() {
-  page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
+  page.command.textContent = stateToCommand(series.pinned(shown.getState()), 'picture.png', shown);
 }
 // The server sends the camera of a view that is being fitted.
 shown.addEventListener('state', () => page.dialog.open && drawCommand());
@@ -1164,7 +1221,8 @@ async function download(button, note, verb, name, ask) {
 }
 
 page.savePng.onclick = () => {
-  const state = shown.getState();
+  const state = series.pinned(shown.getState());
+  /** @type {FrameRequest} */
   const request = { ...state, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
     samples: Number(page.saveSamples.value) };
   if (page.transparent.checked) {
@@ -1175,8 +1233,8 @@ page.savePng.onclick = () => {
 };
 byId('save-mesh', HTMLElement).onclick = (event) => {
   const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
-  const state = shown.getState();
-  const words = stateToHash({ surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
+  const state = series.pinned(shown.getState());
+  const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
   download(button, page.meshNote, 'Extracting …', `${state.dataset || 'isoscope'}.glb`,
     () => client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`));
 };
@@ -1184,3 +1242,4 @@ byId('save-mesh', HTMLElement).onclick = (event) => {
 listenToHistogram();
 loadDatasets();
 whileShown(watchAgents, 5000);
+whileShown(watchSteps, 5000);

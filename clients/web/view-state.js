@@ -25,6 +25,30 @@ export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) =>
 export const quantityToJson = (name) => QUANTITIES[name];
 
 /**
+ * Returns what a colouring shows, as one word: 'none', 'x', ..., or 'field:velocity:x'.
+ * @param {any} colorBy
+ */
+export const colorByToKey = (colorBy) => colorBy?.quantity === 'QUANTITY_FIELD' ? `field:${fieldToWord(colorBy)}`
+  : quantityFromJson(colorBy?.quantity);
+/**
+ * The inverse, of all but 'none'.
+ * @param {string} key
+ */
+export const colorByFromKey = (key) => key.startsWith('field:')
+  ? { quantity: 'QUANTITY_FIELD', ...fieldFromWord(key.slice('field:'.length)) } : { quantity: quantityToJson(key) };
+
+/**
+ * A field and its component in one word: 'pressure', 'velocity:x'.
+ * @param {{field?: string, component?: string}} of
+ */
+export const fieldToWord = ({ field, component }) => `${field ?? ''}${component ? `:${component}` : ''}`;
+/** @param {string} word @returns {{field: string, component?: string}} */
+export function fieldFromWord(word) {
+  const colon = word.lastIndexOf(':');
+  return colon < 0 ? { field: word } : { field: word.slice(0, colon), component: word.slice(colon + 1) };
+}
+
+/**
  * Returns the half-space on the other side of the same plane.
  * @param {any} halfSpace
  */
@@ -39,7 +63,7 @@ const rgb = (c) => `${c?.red ?? 0},${c?.green ?? 0},${c?.blue ?? 0}`;
 
 /** @param {any} colorBy */
 function colorByToWords(colorBy) {
-  const quantity = quantityFromJson(colorBy?.quantity);
+  const quantity = colorBy?.quantity === 'QUANTITY_FIELD' ? fieldToWord(colorBy) : quantityFromJson(colorBy?.quantity);
   if (quantity === 'none' || quantity === 'normal') {
     return quantity;
   }
@@ -55,6 +79,9 @@ function colorByToWords(colorBy) {
  */
 const FLAG_VALUES = {
   dataset: ({ dataset }) => dataset ? [dataset] : [],
+  field: ({ selection }) => selection?.field ? [fieldToWord(selection)] : [],
+  step: ({ selection }) => selection?.timeStep == null ? [] : [selection.timeStep < 0 ? 'last' : String(selection.timeStep)],
+  time: ({ selection }) => selection?.time == null || selection.timeStep != null ? [] : [String(selection.time)],
   surface: ({ surfaces }) => (surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => {
     const alpha = color?.alpha ?? 0;
     return `${isovalue ?? 0}${color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : ''}`;
@@ -198,17 +225,46 @@ export function stateFromHash(hash) {
       }
     },
     color: (value) => { plain = reader.color('color', value); },
+    field: (value) => {
+      const chosen = fieldFromWord(value);
+      if (!chosen.field || chosen.component === '') {
+        reader.problems.push(`field=${value.slice(0, 60)} of this link was left out: it is NAME or NAME:COMPONENT.`);
+        return;
+      }
+      state.selection = { ...state.selection, ...chosen };
+    },
+    component: (value) => { state.selection = { ...state.selection, component: value }; },
+    step: (value) => {
+      const number = value === 'first' ? 0 : value === 'last' ? -1 : Number(value);
+      if (!Number.isInteger(number) || value.trim() === '' || number < -1 || number >= 2 ** 31) {
+        reader.problems.push(`step=${value.slice(0, 60)} of this link was left out: it is the number of a time step, from ` +
+          '0, or first or last.');
+        return;
+      }
+      state.selection = { ...state.selection, timeStep: number };
+    },
+    time: (value) => {
+      const time = reader.numbers('time', value, 1);
+      if (time) {
+        state.selection = { ...state.selection, time: time[0] };
+      }
+    },
     'color-by': (value) => {
-      const [quantity, map, ends, opacities] = value.split(':');
-      if (quantity !== 'none' && !QUANTITIES[quantity] || map && !COLOR_MAPS.includes(map)) {
-        reader.problems.push(`color-by=${value.slice(0, 60)} of this link was left out: it is x, y, z, normal, gradient ` +
-          `or none, then one of ${COLOR_MAPS.join(', ')}.`);
+      const [first, ...rest] = value.split(':');
+      const isField = first !== 'none' && !QUANTITIES[first];
+      // What follows a field is its component, unless it is a map.
+      const component = isField && rest.length > 0 && !COLOR_MAPS.includes(rest[0]) ? rest.shift() : undefined;
+      const [map, ends, opacities] = rest;
+      if (first === '' || component === '' || map && !COLOR_MAPS.includes(map)) {
+        reader.problems.push(`color-by=${value.slice(0, 60)} of this link was left out: it is x, y, z, normal, gradient, ` +
+          `none or a field, then one of ${COLOR_MAPS.join(', ')}.`);
         return;
       }
       const range = ends ? reader.numbers('color-by', ends, 2) : null;
       const opacity = opacities ? reader.numbers('color-by', opacities, 2) : null;
-      colorings.push(quantity === 'none' ? null : {
-        quantity: QUANTITIES[quantity], ...(map ? { colorMap: colorMapToJson(map) } : {}),
+      colorings.push(first === 'none' ? null : {
+        ...(isField ? { quantity: 'QUANTITY_FIELD', field: first, ...(component ? { component } : {}) } : { quantity: QUANTITIES[first] }),
+        ...(map ? { colorMap: colorMapToJson(map) } : {}),
         ...(range ? { range: { min: range[0], max: range[1] } } : {}),
         ...(opacity ? { opacity: { atMin: opacity[0], atMax: opacity[1] } } : {}) });
     },
@@ -297,6 +353,10 @@ export function stateFromHash(hash) {
   }
   if (search.get('light-space') === 'world') {
     state.lights?.forEach((/** @type {any} */ light) => { light.space = 'SPACE_WORLD'; });
+  }
+  if (state.selection?.timeStep !== undefined && state.selection.time !== undefined) {
+    reader.problems.push('time of this link was left out: it has a step, too.');
+    delete state.selection.time;
   }
   (state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
     if (plain) {

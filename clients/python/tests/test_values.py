@@ -207,7 +207,7 @@ def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field
         for request in (
             _request.frame(info(), 1),
             _request.export(info(), 1, None, None),
-            _request.histogram("v", 8, None),
+            _request.histogram(info(), 8, None),
         ):
             _request.expect_dataset(request, info(), capabilities)
             assert request.dataset_id == expected

@@ -127,7 +127,7 @@ class PageTest(unittest.TestCase):
 
     def setUp(self):
         self.browser.get('about:blank')
-        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, reset=True)
+        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, steps=6, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')
@@ -436,6 +436,142 @@ class ControlTest(PageTest):
         self.assertEqual(({'widthPx': 90, 'heightPx': 60}, 4), (render['viewport'], render['samples']))
         self.assertEqual(0, render['backgroundColor']['alpha'])
         self.assertEqual(self.js('return isoscope.view.getState().camera'), render['camera'])
+
+
+class SeriesTest(PageTest):
+    STEP = 'isoscope.view.state.selection?.timeStep'
+    IS_RESTING = 'document.getElementById("play").getAttribute("aria-label") === "Play"'
+    RECORD = '''window.steps = []; isoscope.view.addEventListener('frame', (event) => {
+        const step = event.detail.header.frame.selection.timeStep ?? 0; if (steps.at(-1) !== step) steps.push(step); });
+        isoscope.view.root.focus();'''
+
+    def by_id(self, name):
+        return self.browser.find_element(By.ID, name)
+
+    def is_shown(self, name):
+        return self.js('return !document.getElementById(arguments[0]).hidden', name)
+
+    def choose(self, menu, value):
+        self.js('const menu = document.getElementById(arguments[0]); menu.value = arguments[1]; '
+                'menu.dispatchEvent(new Event("change"))', menu, value)
+
+    def until_step(self, step):
+        self.until(f'isoscope.view.isExact && {self.STEP} === {step}')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_a_dataset_of_one_field_has_neither_menu_nor_time_bar(self):
+        self.open_and_wait()
+        self.assertFalse(self.is_shown('field-picker') or self.is_shown('timeline') or self.is_shown('field-quantities'))
+        self.js('isoscope.view.root.focus()')
+        ActionChains(self.browser).send_keys(']').send_keys(' ').perform()
+        self.assertIsNone(self.js('return isoscope.view.getState().selection ?? null'))
+        self.open_and_wait('#dataset=ball&surface=40&field=pressure&step=2&color-by=heat')
+        self.assertIn('Field and time of this link were left out', self.by_id('toast').text)
+
+    def test_without_a_choice_the_last_step_of_the_first_field_shows(self):
+        self.open_and_wait('#dataset=flow')
+        self.until('document.getElementById("step").max === "5"')
+        self.assertTrue(self.is_shown('field-picker') and self.is_shown('timeline'))
+        self.assertEqual(('pressure', '5'), (self.by_id('field').get_attribute('value'), self.by_id('step').get_attribute('value')))
+        self.assertEqual('1.25 s · step 5 (6 of 6)', self.by_id('time').text)
+        self.assertIn('float32 · 0 to 100 Pa', self.by_id('facts').get_attribute('textContent'))
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_the_slider_goes_through_time_and_the_link_names_the_step(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=0')
+        self.until('document.getElementById("step").max === "5"')
+        before, slider = self.picture(), self.by_id('step')
+        slider.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+        self.until_step(2)
+        self.assertLess(self.share_of_equal(self.picture(), before), 0.99)
+        self.assertEqual('0.5 s · step 2 (3 of 6)', slider.get_attribute('aria-valuetext'))
+        self.until('location.hash.includes("step=2")')
+        ActionChains(self.browser, duration=10).move_to_element_with_offset(
+            slider, slider.rect['width'] // 2 - 3, 0).click().perform()
+        self.until_step(5)
+        self.assertTrue(self.by_id('step-on').get_attribute('disabled'))
+        # A link by time reopens at the nearest step.
+        self.open_and_wait('#dataset=flow&surface=40&time=0.6')
+        self.until('document.getElementById("step").value === "2"')
+
+    def test_keys_and_buttons_take_single_steps_and_stay_within_the_ends(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=4')
+        self.until('document.getElementById("step").max === "5"')
+        self.js('isoscope.view.root.focus()')
+        ActionChains(self.browser).send_keys(']').perform()
+        self.until_step(5)
+        ActionChains(self.browser).send_keys(']').send_keys('[').perform()
+        self.until_step(4)
+        self.by_id('step-back').click()
+        self.until_step(3)
+        self.by_id('step-on').click()
+        self.until_step(4)
+
+    def test_play_shows_every_step_in_order_and_ends_at_the_last_one_exactly(self):
+        self.open_and_wait('#dataset=flow&surface=40')
+        self.until('document.getElementById("step").max === "5"')
+        self.js(self.RECORD)
+        self.by_id('play').click()
+        self.until(f'steps.includes(0) && steps.includes(5) && {self.IS_RESTING}')
+        self.assertEqual([0, 1, 2, 3, 4, 5], self.js('return steps'))
+        self.until_step(5)
+
+    def test_a_loop_plays_on_until_a_key_ends_it(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=4')
+        self.until('document.getElementById("step").max === "5"')
+        self.by_id('loop').click()
+        self.js(self.RECORD)
+        ActionChains(self.browser).send_keys(' ').perform()
+        self.until('steps.length > 8')
+        self.assertEqual([5, 0, 1, 2, 3, 4, 5, 0], self.js('return steps.slice(0, 8)'))
+        ActionChains(self.browser).send_keys(' ').perform()
+        self.until(f'isoscope.view.isExact && {self.IS_RESTING}')
+        at = self.js(f'return {self.STEP}')
+        time.sleep(0.5)
+        self.until_step(at)
+
+    def test_an_error_ends_the_play(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=0')
+        self.until('document.getElementById("step").max === "5"')
+        self.gateway.control(fail={'code': 14, 'message': 'agent 1 was lost'})
+        self.by_id('play').click()
+        self.until(f'isoscope.view.stats().notice.includes("was lost") && {self.IS_RESTING}')
+
+    def test_the_menu_chooses_a_field_with_an_isovalue_of_its_own(self):
+        self.open_and_wait('#dataset=flow&surface=70&step=1')
+        self.until('document.getElementById("step").max === "5"')
+        self.gateway.control(reset=True)
+        self.choose('field', 'velocity:x')
+        self.until('isoscope.view.isExact && isoscope.view.state.selection.component === "x"')
+        state = self.js('return isoscope.view.getState()')
+        self.assertEqual(({'field': 'velocity', 'component': 'x', 'timeStep': 1}, 40),
+                         (state['selection'], state['surfaces'][0]['isovalue']))
+        asked = [target for target in self.gateway.control()['targets'] if '/histogram' in target]
+        self.assertEqual(['/v1/datasets/flow/histogram?bins=256&field=velocity&component=x&step=1'], asked)
+        self.until('document.getElementById("step").max === "4"')  # those of the field
+        # The axis is the range over all steps.
+        ticks = [tick.get_attribute('textContent') for tick in self.browser.find_elements(By.CSS_SELECTOR, '#chart .tick')]
+        self.assertEqual(['-2', '24', '50'], ticks)
+
+    def test_colours_by_a_field_have_a_legend_with_its_unit(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1')
+        self.until('document.getElementById("step").max === "5"')
+        self.choose('quantity', 'field:velocity:magnitude')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy')
+        self.assertEqual({'quantity': 'QUANTITY_FIELD', 'field': 'velocity', 'component': 'magnitude', 'colorMap': 'COLOR_MAP_VIRIDIS'},
+                         self.js('return isoscope.view.state.surfaces[0].colorBy'))
+        self.assertIn('velocity magnitude (m/s)', self.by_id('legend').text)
+        self.until('location.hash.includes("color-by=velocity:magnitude:viridis")')
+
+    def test_steps_that_come_while_it_is_open_are_there_and_the_last_one_is_followed(self):
+        self.open_and_wait('#dataset=flow&surface=40')
+        self.gateway.control(steps=8)
+        self.until('document.getElementById("step").max === "7" && isoscope.view.isExact')
+        self.assertEqual('1.75 s · step 7 (8 of 8)', self.by_id('time').text)
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        # Links, commands, picks and downloads mean the step on the screen.
+        self.by_id('save').click()
+        self.assertIn('--step 7', self.by_id('command').text)
 
 
 class ScreenReaderTest(PageTest):

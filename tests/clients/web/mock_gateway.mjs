@@ -1,5 +1,5 @@
-// A gateway for tests, without a server behind it: it serves clients/web, answers /v1/... for two
-// datasets, and draws their surface, a sphere with a bump, by casting rays, with exact depths. Its
+// A gateway for tests, without a server behind it: it serves clients/web, answers /v1/... for three
+// datasets, one with fields and steps, and draws their surface, a sphere with a bump, by casting rays, with exact depths. Its
 // pictures are PNG also while the view moves (`isExact` tells). What goes wrong is asked for by POST
 // /control.
 //
@@ -9,7 +9,7 @@
 // `answer`: the sequence number of a state that was not answered, to answer now by a quick frame;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
 // `refuse`: whether new streams are refused; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
-// dataset | null; `reset`: whether to clear the records. GET /control: {shown: [numbers], states: n, first and last:
+// dataset | null; `steps`: how many the dataset flow has; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
 // states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
@@ -18,6 +18,7 @@ import { join, normalize } from 'node:path';
 import { fileURLToPath, pathToFileURL } from 'node:url';
 import { deflateSync, crc32 as zlibCrc32 } from 'node:zlib';
 
+import * as series from '../../../clients/web/series.js';
 import * as view from '../../../clients/web/isoscope-view.js';
 
 const folder = fileURLToPath(new URL('../../../clients/web/', import.meta.url));
@@ -70,6 +71,25 @@ const DATASETS = ['ball', 'patient'].map((name) => ({
   sampleType: 'SAMPLE_TYPE_UINT8', valueRange: { max: 100 }, blockCells: { x: '8', y: '8', z: '8' },
   blockCount: '2197', shardCount: 2, patientFrame: name === 'patient' ? 'LPS' : undefined,
 }));
+// The later the step, the smaller the spheres; velocity has one step less.
+const flow = () => ({ ...DATASETS[0], name: 'flow', datasetId: '2'.repeat(32), timeUnit: 's', lengthUnit: 'm',
+  timeSteps: Array.from({ length: control.steps }, (_, i) => ({ value: i / 4, number: i })),
+  fields: [
+    { name: 'pressure', unit: 'Pa', components: [{ sampleType: 'SAMPLE_TYPE_FLOAT32', valueRange: { max: 100 } }],
+      timeSteps: Array.from({ length: control.steps }, (_, i) => i) },
+    { name: 'velocity', unit: 'm/s', components: ['x', 'y', 'z', 'magnitude'].map((name) => ({ name, sampleType: 'SAMPLE_TYPE_FLOAT32',
+      valueRange: { min: -2, max: 50 } })), timeSteps: Array.from({ length: control.steps - 1 }, (_, i) => i) }] });
+
+// Field and step of a request, as the coordinator resolves them; null for the other datasets.
+function selectionOf(request) {
+  if (request.dataset !== 'flow') {
+    return null;
+  }
+  const choice = series.choiceOf(flow(), request.selection);
+  const steps = series.stepsOf(flow(), choice.field);
+  return { field: choice.field.name, component: choice.component.name, timeStep: steps[series.indexOfStep(steps, request.selection)].number };
+}
+
 const BOX = view.boxOfDataset(DATASETS[0]);
 
 // Two spheres; the greater the isovalue, the smaller they are.
@@ -91,7 +111,9 @@ function cameraOf(request) {
 }
 
 function surfacesOf(request) {
-  return request.surfaces ?? [{ isovalue: request.isovalue ?? 0, color: request.baseColor }];
+  const surfaces = request.surfaces ?? [{ isovalue: request.isovalue ?? 0, color: request.baseColor }];
+  const later = 6 * (selectionOf(request)?.timeStep ?? 0);
+  return surfaces.map((surface) => ({ ...surface, isovalue: (surface.isovalue ?? 0) + later }));
 }
 
 // Returns what the ray through a point of the picture hits first, or null.
@@ -167,7 +189,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6 };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] };
 const streams = new Set();
 
@@ -200,8 +222,10 @@ function answer(stream, state, isExact) {
     const grid = isExact ? null : gridOf(image, 128);
     const png = encodePng(image.width, image.height, image.rgb);
     const colorBy = surfacesOf(state.frame)[0]?.colorBy;
+    const selection = selectionOf(state.frame);
     header = { ...base, isExact: isExact || undefined,
       frame: { camera: view.cameraToJson(image.camera), extent: { widthPx: image.width, heightPx: image.height },
+        ...(selection ? { selection, time: selection.timeStep / 4 } : {}),
         colorings: colorBy ? [{ colorBy: { range: { max: 100 }, ...colorBy } }] : [],
         statistics: { triangleCount: '1000', activeBlockCount: '20', visibleBlockCount: '12', culledBlockCount: '8',
           durations: { occluderRenderingDuration: '0.004s', encodeDuration: '0.001s' },
@@ -327,7 +351,7 @@ async function respond(request, body, reply) {
   const parts = url.pathname.split('/').slice(1).map(decodeURIComponent);
   const send = (value) => reply(200, 'application/json', JSON.stringify(value));
   const fail = (status, code, message) => reply(status, 'application/json', JSON.stringify({ code, message }));
-  const datasets = DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one);
+  const datasets = [...DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one), flow()];
   if (parts[0] === 'v1' && !isAdmitted(request, [])) {
     fail(401, 'UNAUTHENTICATED', 'a token is asked for here: open the address that was printed');
   } else if (url.pathname === '/control') {

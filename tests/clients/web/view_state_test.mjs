@@ -5,7 +5,7 @@ import { test } from 'node:test';
 
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
-import { COLOR_MAPS, otherSideOf, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
+import { COLOR_MAPS, colorByFromKey, colorByToKey, otherSideOf, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
 
 const FULL = {
   dataset: 'a name/with &=#%:, ünd',
@@ -34,6 +34,35 @@ test('a state with everything in it comes back from its hash, bit for bit', () =
   assert.deepEqual(state, FULL);
 });
 
+test('field and time are in the words of the command line, and come back', () => {
+  const velocity = { quantity: 'QUANTITY_FIELD', field: 'velocity', component: 'x', colorMap: 'COLOR_MAP_MAGMA', range: { min: 0, max: 2 } };
+  for (const [hash, state] of Object.entries({
+    'field=pressure&step=3': { selection: { field: 'pressure', timeStep: 3 } },
+    'field=velocity:x&time=0.30000000000000004': { selection: { field: 'velocity', component: 'x', time: 0.1 + 0.2 } },
+    'step=0': { selection: { timeStep: 0 } },
+    'step=last': { selection: { timeStep: -1 } },
+    'surface=1&color-by=velocity:x:magma:0,2': { surfaces: [{ isovalue: 1, colorBy: velocity }] },
+    'surface=1&color-by=heat:viridis': { surfaces: [{ isovalue: 1, colorBy: { quantity: 'QUANTITY_FIELD', field: 'heat', colorMap: 'COLOR_MAP_VIRIDIS' } }] },
+  })) {
+    assert.deepEqual(stateFromHash(hash), { state, problems: [] });
+    assert.equal(stateToHash(state), hash);
+  }
+  assert.deepEqual(stateFromHash('step=first&field=a:b:2&component=y').state.selection, { timeStep: 0, field: 'a:b', component: 'y' });
+  const { state, problems } = stateFromHash('#step=1.5&step=-2&step=&time=now&field=:x&field=v:&color-by=heat:');
+  assert.deepEqual(state, {});
+  assert.equal(problems.length, 6);
+  assert.deepEqual(stateFromHash('#step=2&time=1'), { state: { selection: { timeStep: 2 } }, problems: ['time of this link was left out: it has a step, too.'] });
+});
+
+test('what colours show is one word for a menu', () => {
+  for (const [key, colorBy] of Object.entries({ x: { quantity: 'QUANTITY_POSITION_X' }, gradient: { quantity: 'QUANTITY_GRADIENT_MAGNITUDE' },
+    'field:heat': { quantity: 'QUANTITY_FIELD', field: 'heat' }, 'field:v:z': { quantity: 'QUANTITY_FIELD', field: 'v', component: 'z' } })) {
+    assert.equal(colorByToKey(colorBy), key);
+    assert.deepEqual(colorByFromKey(key), colorBy);
+  }
+  assert.equal(colorByToKey(undefined), 'none');
+});
+
 test('the other side of a plane has the same plane: offset and normal change their signs', () => {
   const flipped = otherSideOf({ normal: { x: 1, z: -0.5 }, offset: 12.5 });
   assert.equal(JSON.stringify(flipped), JSON.stringify({ normal: { x: -1, y: 0, z: 0.5 }, offset: -12.5 }));
@@ -58,7 +87,7 @@ test('the hash can be read by people, and survives a mail program that encodes i
 
 test('what is wrong in a link is left out with a sentence, and the rest is kept', () => {
   const { state, problems } = stateFromHash('#surface=x&surface=60:1,2&surface=30&eye=1,2&fov-y=wide&clip-box=1,2,3&' +
-    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=heat&caps=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=reddish');
+    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=x:heat&caps=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=reddish');
   assert.deepEqual(state, { surfaces: [{ isovalue: 30 }] });
   assert.equal(problems.length, 13);
   problems.forEach((sentence) => assert.match(sentence, /of this link was left out: .+\.$/));

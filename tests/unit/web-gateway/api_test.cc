@@ -129,6 +129,7 @@ class ApiTest : public ::testing::Test {
 
   HttpResponse Get(const std::string& target, const std::string& if_none_match = "",
                    const std::string& token = "") {
+    AwaitPlaces();
     HttpRequest request;
     request.target = *ParseTarget(target);
     request.if_none_match = if_none_match;
@@ -141,6 +142,14 @@ class ApiTest : public ::testing::Test {
     });
     answered.WaitForNotification();
     return response;
+  }
+
+  // An answer comes shortly before its place is free.
+  void AwaitPlaces() {
+    const absl::Time limit = absl::Now() + absl::Seconds(20);
+    while (api_->pictures_in_work() > 0 && absl::Now() < limit) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
   }
 
   Cluster cluster_;
@@ -218,13 +227,14 @@ TEST_F(ApiTest, APictureOfAStepIsGoodUntilAnotherStepIsMeant) {
   EXPECT_EQ(HeaderOf(last, "X-Isoscope-Selection"), R"({"field":"velocity","timeStep":2})");
   EXPECT_EQ(HeaderOf(last, "X-Isoscope-Time"), "1.0");
   const std::string etag = HeaderOf(last, "ETag");
-  EXPECT_EQ(Get(absl::StrCat(target, "&step=2"), etag).status, 304);
-  EXPECT_EQ(Get(absl::StrCat(target, "&time=0.9"), etag).status, 304);
-  EXPECT_EQ(Get(absl::StrCat(target, "&step=1"), etag).status, 200);
-  EXPECT_EQ(Get("/v1/datasets/head/render?isovalue=1&width=8&height=8", etag).status, 200);
+  const auto status = [&](const std::string& asked) { return Get(asked, etag).status; };
+  EXPECT_EQ(status(absl::StrCat(target, "&step=2")), 304);
+  EXPECT_EQ(status(absl::StrCat(target, "&time=0.9")), 304);
+  EXPECT_EQ(status(absl::StrCat(target, "&step=1")), 200);
+  EXPECT_EQ(status("/v1/datasets/head/render?isovalue=1&width=8&height=8"), 200);
   datasets_.step_count = 4;
-  EXPECT_EQ(Get(target, etag).status, 200) << "another step is the last one";
-  EXPECT_EQ(Get(absl::StrCat(target, "&step=2"), etag).status, 304);
+  EXPECT_EQ(status(target), 200) << "another step is the last one";
+  EXPECT_EQ(status(absl::StrCat(target, "&step=2")), 304);
 }
 
 TEST_F(ApiTest, ColorsWithoutARangeAreGoodUntilTheRangeOfAllStepsChanges) {
@@ -271,11 +281,7 @@ TEST_F(ApiTest, PlacesForPicturesComeBackHoweverTheyEnd) {
        {"/v1/datasets/head/render?isovalue=1&width=8&height=8",
         "/v1/datasets/none/render?isovalue=1", "/v1/datasets/head/render?isovalue=x"}) {
     EXPECT_NE(Get(target).status, 429);
-    // The answer comes shortly before its place is free.
-    const absl::Time limit = absl::Now() + absl::Seconds(20);
-    while (api_->pictures_in_work() > 0 && absl::Now() < limit) {
-      absl::SleepFor(absl::Milliseconds(1));
-    }
+    AwaitPlaces();
     ASSERT_EQ(api_->pictures_in_work(), 0) << target;
   }
 }

@@ -24,6 +24,8 @@ from isoscope.data import (
     AgentState,
     AgentStatistics,
     Capabilities,
+    Field,
+    FieldComponent,
     Histogram,
     Mesh,
     PickedPoint,
@@ -31,6 +33,7 @@ from isoscope.data import (
     Suggestion,
     SurfaceColoring,
     SurfaceStatistics,
+    TimeStep,
 )
 from isoscope.errors import InternalError
 from isoscope.frame import Frame, Planes
@@ -60,12 +63,44 @@ def _tuple3(vector: Any) -> tuple[Any, Any, Any]:
     return (vector.x, vector.y, vector.z)
 
 
+def _dtype(number: int) -> np.dtype[Any]:
+    return np.dtype(_DTYPES[number] if number < len(_DTYPES) else _DTYPES[0])
+
+
+def _value_range(proto: Any) -> tuple[float, float] | None:
+    return (proto.value_range.min, proto.value_range.max) if proto.HasField("value_range") else None
+
+
+def _field(proto: dataset_pb2.Field, numbers: Sequence[int]) -> Field:
+    """Returns a field. `numbers` are those of the dataset's steps."""
+    return Field(
+        name=proto.name,
+        long_name=proto.long_name or None,
+        unit=proto.unit or None,
+        components=tuple(
+            FieldComponent(
+                one.name, _dtype(int(one.sample_type)), _value_range(one), _optional(one, "max_gradient_magnitude")
+            )
+            for one in proto.components
+        ),
+        steps=tuple(numbers[at] for at in proto.time_steps if at < len(numbers)),
+    )
+
+
+def selection(proto: dataset_pb2.FieldSelection | None) -> dict[str, Any]:
+    """Returns field, component and step of an answer; None where the dataset has none."""
+    if proto is None or not proto.field:
+        return {"field": None, "component": None, "step": None}
+    step = proto.time_step if proto.WhichOneof("when") == "time_step" else None
+    return {"field": proto.field, "component": proto.component or None, "step": step}
+
+
 def dataset_fields(proto: dataset_pb2.Dataset) -> dict[str, Any]:
     """Returns the keyword arguments of a DatasetInfo."""
     columns = [_tuple3(column) for column in proto.geometry.direction_columns]
     if len(columns) != 3:
         columns = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-    kind = int(proto.sample_type)
+    steps = tuple(TimeStep(step.number, step.value) for step in proto.time_steps)
     return {
         **_copied(proto, "name", "source", "block_count", "shard_count"),
         "id": proto.dataset_id,
@@ -73,13 +108,17 @@ def dataset_fields(proto: dataset_pb2.Dataset) -> dict[str, Any]:
         "spacing": _tuple3(proto.geometry.spacing),
         "origin": _tuple3(proto.geometry.origin),
         "direction": (columns[0], columns[1], columns[2]),
-        "dtype": np.dtype(_DTYPES[kind] if kind < len(_DTYPES) else _DTYPES[0]),
-        "range": (proto.value_range.min, proto.value_range.max) if proto.HasField("value_range") else None,
+        "dtype": _dtype(int(proto.sample_type)),
+        "range": _value_range(proto),
         "block_cells": _tuple3(proto.block_cells),
         "missing_shards": tuple(proto.missing_shards),
         "samples_digest": proto.samples_digest or None,
         "patient_frame": proto.patient_frame or None,
         "max_gradient": _optional(proto, "max_gradient_magnitude"),
+        "fields": tuple(_field(one, [step.number for step in steps]) for one in proto.fields),
+        "time_steps": steps,
+        "time_unit": proto.time_unit or None,
+        "length_unit": proto.length_unit or None,
     }
 
 
@@ -95,6 +134,7 @@ def histogram(proto: datasets_pb.GetHistogramResponse) -> Histogram:
             Suggestion(_METHODS.get(int(one.method), "unknown"), one.isovalue, one.inside_fraction)
             for one in proto.suggestions
         ),
+        **selection(_optional(proto, "selection")),
     )
 
 
@@ -171,6 +211,8 @@ def _coloring(proto: pb.SurfaceColoring) -> SurfaceColoring:
             map=cast(Any, _key(MAPS, int(one.color_map), "viridis")) if int(one.quantity) != 4 else None,
             range=(one.range.min, one.range.max) if one.HasField("range") else None,
             opacity=(one.opacity.at_min, one.opacity.at_max) if one.HasField("opacity") else None,
+            field=one.field or None,
+            component=one.component or None,
         ),
     )
 
@@ -194,11 +236,16 @@ class FrameParts:
         self._rest.MergeFrom(part)
 
     def result(self, do: Callable[[Any], Any] | None) -> Frame:
-        """Returns the frame. Its request repeats it exactly, with the camera that the server resolved."""
+        """Returns the frame, with the request that gives it again wherever the server had moved the camera.
+
+        It also names the step that was the last one, or the nearest to a time.
+        """
         again = pb.RenderIsosurfaceRequest()
         again.CopyFrom(self._request)
         again.camera.CopyFrom(self._rest.camera)
         again.ClearField("camera_fit")
+        if self._rest.HasField("selection"):
+            again.selection.CopyFrom(self._rest.selection)
         return Frame(
             width=self._rest.extent.width_px,
             height=self._rest.extent.height_px,
@@ -206,6 +253,8 @@ class FrameParts:
             stats=statistics(self._rest.statistics),
             colorings=tuple(map(_coloring, self._rest.colorings)),
             jpeg=self._joined("jpeg") or None,
+            **selection(_optional(self._rest, "selection")),
+            time=_optional(self._rest, "time"),
             _png_bytes=self._joined("png"),
             _rgba_bytes=self._joined("rgba8"),
             _planes=self._planes(),

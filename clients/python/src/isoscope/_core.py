@@ -28,7 +28,7 @@ from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint
 from isoscope.errors import CancelledError, InternalError, InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
-from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
+from isoscope.look import AmbientOcclusion, ClipLike, ColorByLike, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -266,6 +266,10 @@ def render(
     isovalue: float | None = None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | Literal["first", "last"] | None = None,
     color: ColorLike | None = None,
     camera: CameraLike | None = None,
     view: str | None = None,
@@ -278,7 +282,7 @@ def render(
     background: ColorLike | None = None,
     clip: ClipLike | None = None,
     lights: Sequence[LightLike] | LightLike = (),
-    color_by: ColorBy | None = None,
+    color_by: ColorByLike | None = None,
     samples: int | None = None,
     ambient_occlusion: AmbientOcclusion | bool = False,
     silhouette: Silhouette | bool = False,
@@ -294,10 +298,16 @@ def render(
 
         dataset.render(60, view="anterior", size=(800, 600))
         dataset.render(surfaces=[Surface(75), Surface(30, color="tan", opacity=0.35)], azimuth=30)
+        dataset.render(1.5, field="velocity", time=0.25, color_by="temperature")
 
     Args:
         isovalue: level of the only surface, field units.
         surfaces: 1 to 16 surfaces (or isovalues) instead.
+        field: field whose surfaces are drawn; default: the first of `Dataset.fields`. "velocity:x" names a component,
+            too.
+        component: "x", "y", "z", a number or "magnitude"; default: the only one, or the magnitude.
+        time: the step nearest to it is drawn, of two the earlier; `frame.time` says which.
+        step: number of the step, "first" or "last" (-1), instead of a time; default: the last.
         color: colour of the only surface; default: a light clay.
         camera: Camera, or (eye, target, up); default: sees the whole volume along -z with +y up.
         view: side to look from, one of isoscope.VIEWS.
@@ -310,7 +320,8 @@ def render(
         background: colour behind, with alpha; default: opaque black.
         clip: part of the world that is shown.
         lights: up to 4 lights in place of the head light.
-        color_by: quantity that surfaces without one of their own show.
+        color_by: quantity or field that surfaces without one of their own show: ColorBy, or words as
+            "temperature:magma:280,320".
         samples: 1, 4, 9 or 16 samples a pixel, for smooth edges.
         ambient_occlusion, silhouette: effects; True for their defaults.
         max_layers: translucent fragments that show in a pixel, 1 to 16; default 8.
@@ -328,7 +339,8 @@ def render(
     """
     request = _request.frame(
         self, isovalue, surfaces=surfaces, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
-        zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers,
+        zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers, field=field,
+        component=component, time=time, step=step,
     )  # fmt: skip
     _request.set_appearance(
         request, color=color, background=background, lights=lights, color_by=color_by, samples=samples,
@@ -361,7 +373,8 @@ def points(request: pb.RenderIsosurfaceRequest, pixels: Any, timeout: float | No
 
 
 _PICK_ARGUMENTS = (
-    "surfaces", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers",
+    "surfaces", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers", "field",
+    "component", "time", "step",
 )  # fmt: skip
 
 
@@ -383,7 +396,8 @@ def pick(
         pixels: one (column, row), or a sequence or array of 1 to 1000; row 0 is the top.
         isovalue: as in `render`.
         frame: the frame whose pixels are meant, instead of isovalue and the rest.
-        look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, as in `render`.
+        look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
+            step, as in `render`.
         timeout: deadline in seconds; default: the client's.
 
     Returns:
@@ -408,6 +422,10 @@ def mesh(
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
     clip: ClipLike | None = None,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | Literal["first", "last"] | None = None,
     timeout: float | None = None,
 ) -> Call[Mesh]:
     """Returns whole isosurfaces as one welded mesh in memory: 36 bytes a triangle, or so.
@@ -418,9 +436,10 @@ def mesh(
         isovalue: level of the only surface, field units.
         surfaces: 1 to 16 surfaces (or isovalues) instead.
         clip: triangles are cut at its borders; nothing closes the cut.
+        field, component, time, step: as in `render`.
         timeout: deadline in seconds; default: the client's.
     """
-    request = _expecting(self, _request.export(self, isovalue, surfaces, clip))
+    request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step))
     return Call(request, _answer.MeshParts(request), timeout)
 
 
@@ -429,6 +448,10 @@ def histogram(
     bins: int = 256,
     range: tuple[float, float] | None = None,
     *,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | Literal["first", "last"] | None = None,
     timeout: float | None = None,
 ) -> Call[Histogram]:
     """Counts the samples by value, and estimates what the surface at each value costs.
@@ -436,9 +459,10 @@ def histogram(
     Args:
         bins: most bins, 1 to 4096.
         range: values to look at, widened to whole bins; default: all finite samples.
+        field, component, time, step: as in `render`.
         timeout: deadline in seconds; default: the client's.
     """
-    request = _expecting(self, _request.histogram(self.name, bins, range))
+    request = _expecting(self, _request.histogram(self, bins, range, field, component, time, step))
     return Call(request, One(_answer.histogram), timeout)
 
 

@@ -25,7 +25,7 @@ from isoscope.look import (
     AmbientOcclusion,
     Caps,
     ClipLike,
-    ColorBy,
+    ColorByLike,
     ColorLike,
     LightLike,
     Material,
@@ -33,6 +33,7 @@ from isoscope.look import (
     SurfaceLike,
     as_bounds,
     as_clip,
+    as_color_by,
     as_light,
     as_lights,
     as_plane,
@@ -41,10 +42,11 @@ from isoscope.look import (
 )
 
 MAPS = {name: 1 + at for at, name in enumerate(("viridis", "magma", "cividis", "turbo", "cool-warm", "grey"))}
-QUANTITIES = {name: 1 + at for at, name in enumerate(("x", "y", "z", "normal", "gradient"))}
+QUANTITIES = {name: 1 + at for at, name in enumerate(("x", "y", "z", "normal", "gradient", "field"))}
 _SPACES = {"view": 1, "world": 2}
 _CULLINGS = {"depth": 1, "mask": 2, "none": 3}
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
+_ENDS = {"first": 0, "last": -1}
 _FITS = {"volume": 1, "surface": 2}
 #: Type and components of a pixel of each plane.
 PLANES: dict[str, tuple[str, int]] = {
@@ -116,8 +118,57 @@ def camera_message(camera: Camera) -> geometry_pb2.Camera:
     return proto
 
 
-def _color_by(value: ColorBy) -> pb.ColorBy:
+def _component(value: str | int) -> str:
+    return value if isinstance(value, str) else str(_int(value, "component"))
+
+
+def _field_and_component(
+    field: str, component: str | int | None, names: Sequence[str] = ()
+) -> tuple[str, str]:
+    """Returns the two names, also of "velocity:x", unless that is one of `names`."""
+    if not isinstance(field, str) or not field:
+        raise InvalidArgumentError(f"field {field!r}: must be the name of a field, such as 'velocity' or 'velocity:x'")
+    if field in names or ":" not in field:
+        return field, "" if component is None else _component(component)
+    name, _, of_name = field.rpartition(":")
+    if component is not None:
+        raise InvalidArgumentError(f"field {field!r} names a component, and component {component!r} another: give one")
+    return name, of_name
+
+
+def _selection(
+    dataset: DatasetInfo, field: str | None, component: str | int | None, time: float | None, step: int | str | None
+) -> dataset_pb2.FieldSelection | None:
+    """Returns the message of what is drawn and when; None if nothing is named. The server checks the names."""
+    if field is None and component is None and time is None and step is None:
+        return None
+    proto = dataset_pb2.FieldSelection()
+    if field is not None:
+        proto.field, proto.component = _field_and_component(field, component, [one.name for one in dataset.fields])
+    elif component is not None:
+        proto.component = _component(component)
+    if time is not None and step is not None:
+        raise InvalidArgumentError(f"time {time!r} and step {step!r} can't be given together: both name a time step")
+    if time is not None:
+        proto.time = _number(time, "time")
+    elif step is not None:
+        proto.time_step = _ENDS[step] if isinstance(step, str) and step in _ENDS else _int(step, "step")
+    return proto
+
+
+def _color_by(like: ColorByLike) -> pb.ColorBy | None:
+    value = as_color_by(like)
+    if value is None:
+        return None
     proto = pb.ColorBy(quantity=cast(Any, _choice(QUANTITIES, value.quantity, "color_by quantity")))
+    if (value.quantity == "field") != (value.field is not None):
+        raise InvalidArgumentError(
+            "color_by: give either a quantity such as ColorBy('z'), or a field: ColorBy(field='temperature')"
+        )
+    if value.field is not None:
+        proto.field, proto.component = _field_and_component(value.field, value.component)
+    elif value.component is not None:
+        raise InvalidArgumentError(f"color_by component {value.component!r}: only a field has one")
     if value.map is not None:
         proto.color_map = cast(Any, _choice(MAPS, value.map, "color_by map"))
     if value.range is not None:
@@ -141,8 +192,9 @@ def surface_message(surface: SurfaceLike, default_color: ColorLike = _CLAY) -> p
         proto.color.CopyFrom(_color(color, "surface color", value.opacity))
     if value.material is not None:
         proto.material.CopyFrom(_material(value.material))
-    if value.color_by is not None:
-        proto.color_by.CopyFrom(_color_by(value.color_by))
+    color_by = None if value.color_by is None else _color_by(value.color_by)
+    if color_by is not None:
+        proto.color_by.CopyFrom(color_by)
     return proto
 
 
@@ -239,9 +291,14 @@ def frame(
     region: tuple[int, int, int, int] | None = None,
     clip: ClipLike | None = None,
     max_layers: int | None = None,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | str | None = None,
 ) -> pb.RenderIsosurfaceRequest:
-    """Returns the request for what a frame or a pick sees: surfaces, camera, size and clip region."""
-    request = pb.RenderIsosurfaceRequest(dataset=dataset.name)
+    """Returns the request for what a frame or a pick sees: surfaces, camera, size, clip region, field and time."""
+    selection = _selection(dataset, field, component, time, step)
+    request = pb.RenderIsosurfaceRequest(dataset=dataset.name, selection=selection)
     _set_surfaces(request, isovalue, surfaces)
     request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
     request.camera_fit = cast(Any, _choice(_FITS, fit, "fit"))
@@ -278,7 +335,7 @@ def set_appearance(
     color: ColorLike | None,
     background: ColorLike | None,
     lights: Sequence[LightLike] | LightLike,
-    color_by: ColorBy | None,
+    color_by: ColorByLike | None,
     samples: int | None,
     ambient_occlusion: AmbientOcclusion | bool,
     silhouette: Silhouette | bool,
@@ -289,8 +346,9 @@ def set_appearance(
         if request.surfaces:
             raise InvalidArgumentError("color is that of the only surface: with surfaces, write Surface(V, color=...)")
         request.base_color.CopyFrom(_color(color, "color"))
-    if color_by is not None:
-        _set_color_by(request, color_by)
+    coloring = None if color_by is None else _color_by(color_by)
+    if coloring is not None:
+        _set_color_by(request, coloring)
     if background is not None:
         request.background_color.CopyFrom(_color(background, "background"))
     request.lights.extend(map(_light, as_lights(lights)))
@@ -312,7 +370,7 @@ def set_appearance(
     request.culling = cast(Any, _choice(_CULLINGS, culling, "culling"))
 
 
-def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: ColorBy) -> None:
+def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: pb.ColorBy) -> None:
     """Colours all surfaces that have no color_by of their own."""
     if not request.surfaces:
         surface = request.surfaces.add(isovalue=request.isovalue)
@@ -322,7 +380,7 @@ def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: ColorBy) -> Non
             request.ClearField("base_color")
     for surface in request.surfaces:
         if not surface.HasField("color_by"):
-            surface.color_by.CopyFrom(_color_by(color_by))
+            surface.color_by.CopyFrom(color_by)
 
 
 def set_output(
@@ -371,9 +429,14 @@ def export(
     isovalue: float | None,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None,
     clip: ClipLike | None,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | str | None = None,
 ) -> pb.ExportIsosurfaceRequest:
     """Returns the request for a mesh."""
-    request = pb.ExportIsosurfaceRequest(dataset=dataset.name)
+    selection = _selection(dataset, field, component, time, step)
+    request = pb.ExportIsosurfaceRequest(dataset=dataset.name, selection=selection)
     _set_surfaces(request, isovalue, surfaces)
     if clip is not None:
         clip_region, caps = clip_messages(clip)
@@ -383,9 +446,20 @@ def export(
     return request
 
 
-def histogram(name: str, bins: int, values: tuple[float, float] | None) -> datasets_pb.GetHistogramRequest:
+def histogram(
+    dataset: DatasetInfo,
+    bins: int,
+    values: tuple[float, float] | None,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | str | None = None,
+) -> datasets_pb.GetHistogramRequest:
     """Returns the request for a histogram."""
-    request = datasets_pb.GetHistogramRequest(dataset=name, max_bin_count=_int(bins, "bins"))
+    selection = _selection(dataset, field, component, time, step)
+    request = datasets_pb.GetHistogramRequest(
+        dataset=dataset.name, max_bin_count=_int(bins, "bins"), selection=selection
+    )
     if values is not None:
         lower, upper = _pair(values, "histogram range")
         request.value_range.CopyFrom(dataset_pb2.ValueRange(min=lower, max=upper))

@@ -151,9 +151,12 @@ class Dataset(_core.DatasetOfClient):
     async def histogram(self, *what: Any, **how: Any) -> Histogram:
         return await self._client._do(_core.histogram(self, *what, **how))
 
-    async def suggestions(self) -> tuple[Suggestion, ...]:
-        """Returns isovalues that are worth a look; none if samples were not counted."""
-        return (await self.histogram()).suggestions
+    async def suggestions(self, **what: Any) -> tuple[Suggestion, ...]:
+        """Returns isovalues that are worth a look, of field, component, time and step as in `render`.
+
+        There are none if samples were not counted.
+        """
+        return (await self.histogram(**what)).suggestions
 
     async def refresh(self) -> Dataset:
         """Asks for the description again: `missing_shards` changes as agents come and go."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar, overload
+from typing import Any, Literal, TypeVar, overload
 
 import grpc
 
@@ -158,9 +158,12 @@ class Dataset(_core.DatasetOfClient):
     def histogram(self, *what: Any, **how: Any) -> Histogram:
         return self._client._do(_core.histogram(self, *what, **how))
 
-    def suggestions(self) -> tuple[Suggestion, ...]:
-        """Returns isovalues that are worth a look; none if samples were not counted."""
-        return self.histogram().suggestions
+    def suggestions(self, **what: Any) -> tuple[Suggestion, ...]:
+        """Returns isovalues that are worth a look, of field, component, time and step as in `render`.
+
+        There are none if samples were not counted.
+        """
+        return self.histogram(**what).suggestions
 
     def refresh(self) -> Dataset:
         """Asks for the description again: `missing_shards` changes as agents come and go."""
@@ -174,6 +177,10 @@ class Dataset(_core.DatasetOfClient):
         camera: CameraLike | None = None,
         view: str | None = None,
         clip: ClipLike | None = None,
+        field: str | None = None,
+        component: str | int | None = None,
+        time: float | None = None,
+        step: int | Literal["first", "last"] | None = None,
         size: tuple[int, int] = (800, 600),
         gateway: str | None = None,
         token: str | None = None,
@@ -184,11 +191,12 @@ class Dataset(_core.DatasetOfClient):
         cell shows the exact picture.
 
         Args:
-            isovalue, surfaces, camera, view, clip, size: as in `render`; default: the suggested isovalue.
+            isovalue, surfaces, camera, view, clip, field, component, time, step, size: as in `render`; default: the
+                suggested isovalue.
             gateway: the gateway's address, as the browser reaches it; default: what the server names.
             token: token of the gateway, where it wants one.
         """
         return make_view(
-            self, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size,
-            gateway=gateway, token=token,
+            self, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size, gateway=gateway,
+            token=token, field=field, component=component, time=time, step=step,
         )  # fmt: skip

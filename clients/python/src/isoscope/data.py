@@ -32,6 +32,8 @@ __all__ = [
     "AgentStatistics",
     "Capabilities",
     "DatasetInfo",
+    "Field",
+    "FieldComponent",
     "Histogram",
     "Mesh",
     "PickedPoint",
@@ -39,6 +41,7 @@ __all__ = [
     "Suggestion",
     "SurfaceColoring",
     "SurfaceStatistics",
+    "TimeStep",
 ]
 
 
@@ -94,6 +97,65 @@ class AgentState:
     is_draining: bool = False
 
 
+@dataclass(frozen=True)
+class TimeStep:
+    """A time step of a dataset: its number, which never changes, and its time in `DatasetInfo.time_unit`."""
+
+    number: int
+    time: float
+
+
+@dataclass(frozen=True)
+class FieldComponent:
+    """One scalar of a field.
+
+    Attributes:
+        name: "" for the only one of a field; else "x", "y", "z", a number or "magnitude".
+        dtype: type of the samples.
+        range: smallest and largest sample over all steps; None if all are NaN.
+        max_gradient: bound of the gradient's length over all steps, field units per world unit; None if unknown.
+    """
+
+    name: str
+    dtype: np.dtype[Any]
+    range: tuple[float, float] | None
+    max_gradient: float | None = None
+
+
+@dataclass(frozen=True)
+class Field:
+    """A quantity that each sample of the grid has, at each time step.
+
+    Attributes:
+        name: what `render(field=...)` takes.
+        long_name: name for people; None: `name`.
+        unit: unit of the samples, such as "Pa"; None if unknown.
+        components: what surfaces can be drawn of: one, or each component and then "magnitude", their length.
+        steps: numbers of the steps that are served.
+    """
+
+    name: str
+    long_name: str | None
+    unit: str | None
+    components: tuple[FieldComponent, ...]
+    steps: tuple[int, ...] = ()
+
+    @property
+    def default_component(self) -> FieldComponent:
+        """What is drawn unless a component is named: the only one, or the magnitude."""
+        return self.components[-1]
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Range of the default component over all steps."""
+        return self.default_component.range
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the default component."""
+        return self.default_component.dtype
+
+
 @dataclass(frozen=True, kw_only=True)
 class DatasetInfo:
     """Describes a partitioned volume.
@@ -115,6 +177,10 @@ class DatasetInfo:
         samples_digest: digest of samples and grid, however they were partitioned; None if unknown.
         patient_frame: sides of the patient that +x, +y, +z point to, such as "LPS"; None if there is none.
         max_gradient: bound of the gradient's length, field units per world unit; None if unknown.
+        fields: fields of the samples; empty: one without a name. With fields, dtype, range and max_gradient are those
+            of the first one, over all steps.
+        time_steps: steps that are served, by time; empty if there is one step without a time.
+        time_unit, length_unit: of times and of world space, such as "s" and "mm", for people; None if unknown.
     """
 
     name: str
@@ -133,6 +199,23 @@ class DatasetInfo:
     samples_digest: str | None = None
     patient_frame: str | None = None
     max_gradient: float | None = None
+    fields: tuple[Field, ...] = ()
+    time_steps: tuple[TimeStep, ...] = ()
+    time_unit: str | None = None
+    length_unit: str | None = None
+
+    @property
+    def times(self) -> npt.NDArray[np.float64]:
+        """Times of `time_steps`, ascending, in `time_unit`."""
+        return np.array([step.time for step in self.time_steps], np.float64)
+
+    def field(self, name: str) -> Field:
+        """Returns a field by its name; KeyError says which there are."""
+        for one in self.fields:
+            if one.name == name:
+                return one
+        names = ", ".join(repr(one.name) for one in self.fields)
+        raise KeyError(f"no field {name!r}: " + (f"there are {names}" if names else "the dataset has one without a name"))
 
     @property
     def is_ready(self) -> bool:
@@ -199,9 +282,21 @@ class DatasetInfo:
                 ("range", "no finite sample" if self.range is None else f"{self.range[0]:g} to {self.range[1]:g}"),
                 ("source", self.source),
                 ("patient frame", self.patient_frame or "none"),
+                *self._series_rows(),
                 ("shards", f"{self.shard_count}" + ("" if self.is_ready else f", missing {self.missing_shards}")),
             ],
         )
+
+
+    def _series_rows(self) -> list[tuple[str, str]]:
+        """What a table says of fields and times, of a dataset that has them."""
+        fields = [one.name + (f" ({one.unit})" if one.unit else "") for one in self.fields]
+        rows = [("fields", ", ".join(fields))] if fields else []
+        if self.time_steps:
+            first, last = self.time_steps[0].time, self.time_steps[-1].time
+            unit = f" {self.time_unit}" if self.time_unit else ""
+            rows.append(("times", f"{len(self.time_steps)}, {first:g} to {last:g}{unit}"))
+        return rows
 
 
 def html_table(title: str, rows: Sequence[tuple[str, str]]) -> str:
@@ -242,6 +337,7 @@ class Histogram:
         has_sample_counts: whether samples were counted when the volume was partitioned.
         nan_count, negative_infinity_count, positive_infinity_count: samples outside of all bins.
         suggestions: isovalues that are worth a look.
+        field, component, step: what was counted; None where the dataset has no fields or no times.
     """
 
     edges: npt.NDArray[np.float64]
@@ -254,6 +350,9 @@ class Histogram:
     negative_infinity_count: int
     positive_infinity_count: int
     suggestions: tuple[Suggestion, ...]
+    field: str | None = None
+    component: str | None = None
+    step: int | None = None
 
     @property
     def centers(self) -> npt.NDArray[np.float64]:

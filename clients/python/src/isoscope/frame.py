@@ -44,6 +44,8 @@ class Frame:
         stats: what it cost.
         colorings: how surfaces with `color_by` were coloured.
         jpeg: the picture as JPEG; None unless asked for.
+        field, component: what the surfaces are of; None if the dataset has no fields, or the field no components.
+        step, time: number of the time step, and its time; None if the dataset has no times.
     """
 
     width: int
@@ -57,6 +59,10 @@ class Frame:
     _planes: Planes
     _request: RenderIsosurfaceRequest
     _do: Do | None = None
+    field: str | None = None
+    component: str | None = None
+    step: int | None = None
+    time: float | None = None
 
     @property
     def png(self) -> bytes:
@@ -142,8 +148,13 @@ class Frame:
         return target
 
     def __repr__(self) -> str:
+        of = ""
+        if self.field is not None:
+            of = f"{self.field}:{self.component}, " if self.component else f"{self.field}, "
+        if self.step is not None:
+            of += f"step {self.step}" + (", " if self.time is None else f" at {self.time:g}, ")
         return (
-            f"Frame({self.width} x {self.height}, {self.stats.triangle_count} triangles, "
+            f"Frame({self.width} x {self.height}, {of}{self.stats.triangle_count} triangles, "
             f"{self.stats.seconds * 1000:.1f} ms in the coordinator)"
         )
 

@@ -13,18 +13,20 @@ import contextlib
 import hashlib
 import json
 import os
+import pathlib
 import secrets
 import shutil
 import signal
 import subprocess
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO, Any, Union
 
 import numpy as np
 import numpy.typing as npt
 
+from isoscope import _series_files
 from isoscope._channel import DEFAULT_TIMEOUT
 from isoscope.client import Client, connect
 from isoscope.errors import InvalidArgumentError, ProgramError, printable
@@ -74,12 +76,17 @@ def find_program() -> str:
 
 
 def serve(
-    source: Union[str, os.PathLike[str], npt.NDArray[Any]],
+    source: Union[str, os.PathLike[str], npt.NDArray[Any], Mapping[str, npt.ArrayLike]],
     *,
     name: str | None = None,
     folder: str | os.PathLike[str] | None = None,
     spacing: Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
+    times: Sequence[float] | None = None,
+    vectors: bool | Sequence[str] = False,
+    units: Mapping[str, str] | str | None = None,
+    time_unit: str | None = None,
+    length_unit: str | None = None,
     dims: Sequence[int] | None = None,
     dtype: npt.DTypeLike | None = None,
     shards: int = 1,
@@ -97,17 +104,23 @@ def serve(
         client.dataset().render(isovalue=60)
 
         client = isoscope.serve(array, spacing=(0.5, 0.5, 1.0))    # array[z, y, x]
+        client = isoscope.serve({"p": pressure, "v": velocity}, times=times, vectors=["v"])
 
     Args:
         source: a dataset folder; or a volume that `isoscope partition` takes: NIfTI, NRRD, MetaImage,
             VTI, HDF5 (file.h5:/dataset), DICOM, TIFF or raw samples; or a numpy array of shape
-            (nz, ny, nx).
+            (nz, ny, nx), or (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name.
         name: name of the dataset: a dataset folder of that name is made for this client alone.
         folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
             partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then
             its dataset is named as there, and `client.dataset()` needs no name. An array is "array", not cached.
         spacing: world units between samples along x, y, z: of an array, or of raw samples.
         origin: world position of the first sample: of an array, or of raw samples.
+        times: times of the steps of arrays, strictly ascending; default: 0, 1, 2, ...
+        vectors: names of the arrays of a dict that have a last axis of components, (nz, ny, nx, nc) or (nt, nz, ny, nx,
+            nc); True: all arrays have it.
+        units: units of the arrays of a dict by name, such as {"p": "Pa"}, or of all of them.
+        time_unit, length_unit: units of times and of spacing and origin, of arrays.
         dims: samples along x, y, z: of raw samples.
         dtype: type of raw samples, little-endian.
         shards: shards to cut a volume into, one agent each.
@@ -123,8 +136,9 @@ def serve(
     server = _Server()
     try:
         volume = _volume(
-            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, dims=dims,
-            dtype=dtype, shards=shards,
+            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, times=times,
+            vectors=vectors, units=units, time_unit=time_unit, length_unit=length_unit, dims=dims, dtype=dtype,
+            shards=shards,
         )  # fmt: skip
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
         flags += [] if threads is None else ["--threads", str(threads)]
@@ -143,13 +157,18 @@ def serve(
 
 def _volume(
     program: str,
-    source: str | os.PathLike[str] | npt.NDArray[Any],
+    source: str | os.PathLike[str] | npt.NDArray[Any] | Mapping[str, npt.ArrayLike],
     server: _Server,
     *,
     name: str | None,
     folder: str | os.PathLike[str] | None,
     spacing: Sequence[float] | None,
     origin: Sequence[float] | None,
+    times: Sequence[float] | None,
+    vectors: bool | Sequence[str],
+    units: Mapping[str, str] | str | None,
+    time_unit: str | None,
+    length_unit: str | None,
     dims: Sequence[int] | None,
     dtype: npt.DTypeLike | None,
     shards: int,
@@ -158,12 +177,22 @@ def _volume(
 
     An array, and a volume with a name or folder of its own, become a dataset folder by `isoscope partition`.
     """
-    is_file = not isinstance(source, np.ndarray)
-    if isinstance(source, np.ndarray):
+    is_file = not isinstance(source, (np.ndarray, Mapping))
+    is_series = times is not None or vectors is not False or any((units, time_unit, length_unit))
+    if isinstance(source, (np.ndarray, Mapping)):
         if dims is not None or dtype is not None:
             raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
-        path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
         name = name or ("array" if folder is None else None)
+        if isinstance(source, Mapping) or source.ndim > 3 or is_series:
+            series = _series_files.as_series(
+                source, times, vectors, units=units, time_unit=time_unit, length_unit=length_unit
+            )
+            path = str(_series_files.write(series, pathlib.Path(server.scratch()), spacing=spacing, origin=origin))
+            spacing = origin = None
+        else:
+            path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
+    elif is_series:
+        raise InvalidArgumentError("times, vectors and units are for arrays: a file has its own")
     else:
         path = os.fspath(source)
         if os.path.isfile(os.path.join(path, "manifest.json")):
@@ -241,7 +270,8 @@ class _Server:
         """Writes the samples of array[z, y, x], x fastest, little-endian; returns the path."""
         if array.ndim != 3 or min(array.shape) < 2:
             raise InvalidArgumentError(
-                f"array of shape {array.shape}: must be (nz, ny, nx), with at least 2 samples on each axis"
+                f"array of shape {array.shape}: must be (nz, ny, nx), or (nt, nz, ny, nx) with steps, with at least 2 "
+                "samples on each axis of the grid"
             )
         samples = array.astype(_sample_type(array).newbyteorder("<"), order="C", copy=False)
         path = os.path.join(self.scratch(), "samples.raw")

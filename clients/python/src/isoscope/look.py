@@ -13,7 +13,7 @@ import math
 import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Union, cast
+from typing import Any, Literal, Union, cast, get_args
 
 from isoscope.camera import Vec3, as_vec3
 from isoscope.errors import InvalidArgumentError
@@ -24,6 +24,7 @@ __all__ = [
     "Clip",
     "ClipLike",
     "ColorBy",
+    "ColorByLike",
     "ColorLike",
     "ColorMap",
     "Light",
@@ -40,8 +41,8 @@ __all__ = [
 ColorLike = Union[str, Sequence[float]]
 #: Colour maps of 256 colours.
 ColorMap = Literal["viridis", "magma", "cividis", "turbo", "cool-warm", "grey"]
-# Quantities of `ColorBy`: world coordinates, normals, or the length of the gradient of the samples.
-Quantity = Literal["x", "y", "z", "normal", "gradient"]
+# Quantities of `ColorBy`: world coordinates, normals, the length of the gradient of the samples, or a field.
+Quantity = Literal["x", "y", "z", "normal", "gradient", "field"]
 
 # The colours of CSS Color Module Level 4, section 6.1; "transparent" has an alpha.
 _NAMED_COLORS = {
@@ -104,16 +105,25 @@ class ColorBy:
     """A quantity that the colour of a surface shows.
 
     Attributes:
-        quantity: "x", "y", "z" (world coordinate), "normal", or "gradient" (field units per world unit).
+        quantity: "x", "y", "z" (world coordinate), "normal", "gradient" (field units per world unit), or "field".
         map: colour map; default "viridis". Not with "normal".
-        range: values at the ends of the map; default: the volume's box, or 0 to Dataset.max_gradient.
+        range: values at the ends of the map; default: the volume's box, 0 to Dataset.max_gradient, or the range of the
+            field over all steps.
         opacity: opacities at the ends of the map, in [0, 1]; default: 1 at both.
+        field: name of the field whose samples show, at the step that is drawn; "velocity:x" names a component, too.
+        component: its component; default: the only one, or the magnitude.
     """
 
-    quantity: Quantity
+    quantity: Quantity = "field"
     map: ColorMap | None = None
     range: tuple[float, float] | None = None
     opacity: tuple[float, float] | None = None
+    field: str | None = None
+    component: str | int | None = None
+
+
+#: A ColorBy, or the words of `--color-by`: "temperature", "velocity:x:magma:0,2", "z:turbo", "normal", "none".
+ColorByLike = Union[ColorBy, str]
 
 
 @dataclass(frozen=True)
@@ -132,7 +142,7 @@ class Surface:
     color: ColorLike | None = None
     opacity: float | None = None
     material: Material | None = None
-    color_by: ColorBy | None = None
+    color_by: ColorByLike | None = None
 
 
 #: A surface, or just its isovalue.
@@ -257,6 +267,40 @@ def parse_color(color: ColorLike, name: str) -> tuple[float, float, float, float
     if len(values) not in (3, 4) or not all(0 <= value <= 1 for value in values):
         raise wrong
     return (values[0], values[1], values[2], values[3] if len(values) == 4 else 1.0)
+
+
+def as_color_by(value: ColorByLike) -> ColorBy | None:
+    """Returns what to colour by, also of the words of `--color-by`; None for "none"."""
+    if not isinstance(value, str):
+        return value
+    if value == "none":
+        return None
+    first, *rest = value.split(":")
+    maps = get_args(ColorMap)
+    is_field = first not in get_args(Quantity) or first == "field"
+    component = rest.pop(0) if is_field and rest and rest[0] not in maps else None
+    name, ends, opacities, *more = [*rest, *[""] * (3 - len(rest))]
+    if first in ("", "none") or component == "" or more or (rest and name not in maps):
+        raise InvalidArgumentError(
+            f"color_by {value!r}: must be FIELD[:COMPONENT], x, y, z or gradient, then [:MAP[:MIN,MAX[:OPACITY,OPACITY]]]; "
+            f"or normal or none; maps are {', '.join(maps)}"
+        )
+    return ColorBy(
+        quantity="field" if is_field else cast(Quantity, first),
+        map=cast(ColorMap, name) or None,
+        range=_ends(ends, value),
+        opacity=_ends(opacities, value),
+        field=first if is_field else None,
+        component=component,
+    )
+
+
+def _ends(text: str, whole: str) -> tuple[float, float] | None:
+    if not text:
+        return None
+    numbers = cast(Sequence[float], text.split(","))
+    lower, upper = _numbers(numbers, 2, f"color_by {whole!r}:", "two numbers with a comma between them")
+    return lower, upper
 
 
 def as_clip(clip: ClipLike) -> Clip:

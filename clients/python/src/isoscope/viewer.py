@@ -243,10 +243,11 @@ def make_view(
     size: tuple[int, int],
     gateway: str | None,
     token: str | None,
+    **selection: Any,
 ) -> View:
     """Returns the view of `Dataset.view`."""
     if isovalue is None and surfaces is None:
-        suggestions = dataset.suggestions()
+        suggestions = dataset.suggestions(**selection)
         if not suggestions:
             raise FailedPreconditionError(
                 f"dataset {dataset.name!r} has no suggested isovalue (its samples were not counted): give isovalue=..."
@@ -257,6 +258,6 @@ def make_view(
     if gateway and not gateway.startswith(("http://", "https://", "/")):
         raise InvalidArgumentError(f"gateway {gateway!r}: must begin with http://, https:// or /")
     request = _request.frame(
-        dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size
+        dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size, **selection
     )
     return View(dataset, request, (request.viewport.width_px, request.viewport.height_px), gateway, token or "")
