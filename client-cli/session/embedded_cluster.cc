@@ -39,8 +39,8 @@ absl::Status CheckAllShardsPresent(const std::vector<std::string>& shard_directo
     return absl::OkStatus();
   }
   return absl::FailedPreconditionError(
-      absl::StrCat("'", directory, "' lacks ", missing.size(), " of its ",
-                   shard_directories.size(), " shards (", absl::StrJoin(missing, ", "),
+      absl::StrCat("'", directory, "' lacks ", missing.size(), " of its ", shard_directories.size(),
+                   " shards (", absl::StrJoin(missing, ", "),
                    "); serve them where they are with isoscope-agent, or copy them back"));
 }
 

@@ -122,7 +122,8 @@ absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
                               store::ShardDirectoriesOf(input));
     if (*flags.shard_count != static_cast<std::int64_t>(shards.size())) {
       return UsageError(absl::StrCat("--shards ", *flags.shard_count, ": '", input,
-                                     "' was cut into ", shards.size(), " shards; leave --shards out, or partition anew"));
+                                     "' was cut into ", shards.size(),
+                                     " shards; leave --shards out, or partition anew"));
     }
   }
   return CachedDataset{.directory = input};

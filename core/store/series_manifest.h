@@ -138,7 +138,8 @@ struct SeriesDescription {
 // Errors as OpenDataset.
 absl::StatusOr<SeriesDescription> OpenSeries(const std::string& directory);
 
-// Returns the shard directories of a dataset directory, of a series or of version 1, by shard index;
+// Returns the shard directories of a dataset directory, of a series or of version 1, by shard
+// index;
 // "" where one does not exist. Errors as OpenDataset.
 absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory);
 
