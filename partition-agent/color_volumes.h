@@ -75,7 +75,8 @@ struct ColoredBlock {
 
 // Visits the blocks as BlockReads::ForEach, each with its samples in the volumes that are wanted:
 // from the cache, or read first and offered to it. Keeps to resources.max_read_bytes, those samples
-// included; one block may exceed it. Returns the bytes read. Errors as BlockReads::ForEach.
+// included; one disk run or block may exceed half of it. Returns the bytes read. Errors as
+// BlockReads::ForEach.
 //
 // shards: those of the drawn volume
 // blocks: ascending, each once
