@@ -69,7 +69,7 @@ it. Step i is at time t = i DT, in s. At (x, y, z), in m:
   v           = 0.1 exp(-0.4 t) (sin kZ + 0.6 cos kY, 0.8 sin kX + cos kZ,
                                  0.6 sin kY + 0.8 cos kX),  k = 4 pi /m
   velocity    = (0.03, 0.02, 0.05) + v      m/s, 3 components
-  pressure    = -500 |v|^2                  Pa, from that at rest; tubes at half its lowest value
+  pressure    = -500 |v|^2                  Pa, relative to rest; tubes at half its lowest value
   temperature = 293.15 + 60 g(X', 0.1) g(Y', 0.1) g(Z', 0.2)
                                             K; the cloud's rim at 300, its core at 330
   g(q, h)     = h / b exp(-q^2 / (2 b^2)),  b^2 = h^2 + 0.0002 t
@@ -103,6 +103,7 @@ struct GenerateFlags {
 
 absl::StatusOr<const FieldRow*> ParseField(absl::string_view text) {
   std::vector<std::pair<std::string, const FieldRow*>> choices;
+  choices.reserve(kFields.size());
   for (const FieldRow& row : kFields) {
     choices.emplace_back(row.name, &row);
   }
@@ -205,7 +206,7 @@ double MiddleOf(volume::ScalarType type) {
   });
 }
 
-// What stands before the colon of a line about a file, and behind it about its samples.
+// Begins the line about what was written.
 std::string FileAndDims(const GenerateFlags& flags) {
   const math::Index3& dims = *flags.dims;
   return absl::StrFormat("%s: %s, %d x %d x %d samples", *flags.output, (*flags.field)->name,

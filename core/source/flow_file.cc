@@ -248,7 +248,7 @@ absl::StatusOr<std::int64_t> WriteFlow(const FlowFileOptions& options,
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> file, steps.CreateNext());
     const auto append = [&](absl::string_view bytes) {
-      const absl::Status status = file->Append(bytes);
+      absl::Status status = file->Append(bytes);
       done_bytes += static_cast<std::int64_t>(bytes.size());
       if (options.progress) {
         options.progress(done_bytes, total_bytes);

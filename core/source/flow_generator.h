@@ -11,7 +11,7 @@
 //                         C sin kY + B cos kX)
 //
 //   velocity    = w + v                                   in m/s
-//   pressure    = -(r / 2) |v|^2                          in Pa, less that of the fluid at rest
+//   pressure    = -(r / 2) |v|^2                          in Pa, relative to the fluid at rest
 //                                                         r = 1000 kg/m^3
 //   temperature = T + H g(X') g(Y') g(Z')                 in K; T = 293.15 K, H = 60 K
 //
@@ -73,7 +73,7 @@ class FlowInstant {
   FlowInstant(const volume::GridGeometry& grid, double time);
 
   // Writes rows [begin, end) of a field, row = z * dims.y + y, x fastest, little-endian, to `out`.
-  // REQUIRES: 0 <= begin <= end <= dims.y * dims.z. About 50 ns a sample of temperature.
+  // REQUIRES: 0 <= begin <= end <= dims.y * dims.z. About 40 ns a sample of temperature.
   void FillRows(FlowField field, std::int64_t begin, std::int64_t end, char* out) const;
 
  private:

@@ -111,7 +111,7 @@ absl::Status WriteSamples(const VolumeGenerator& generator, const VolumeFileOpti
       }};
   std::int64_t done_bytes = 0;
   const auto append = [&](absl::string_view bytes) {
-    const absl::Status status = file->Append(bytes);
+    absl::Status status = file->Append(bytes);
     done_bytes += static_cast<std::int64_t>(bytes.size());
     if (options.progress) {
       options.progress(done_bytes, rows.row_count * rows.row_bytes);

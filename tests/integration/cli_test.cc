@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <set>
@@ -18,6 +19,8 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
@@ -332,6 +335,25 @@ TEST_F(CliTest, RenderPrintsTablesOnlyWithStatsAndNothingWithQuiet) {
       {"render", Path("absent"), "--isovalue", "1", "-q", "-o", Path("p.png")}, Options());
   EXPECT_EQ(failed.exit_code, 1);
   EXPECT_THAT(failed.err, HasSubstr("NOT_FOUND")) << "quiet is not silent about errors";
+}
+
+TEST_F(CliTest, InterruptedFlowLeavesNothing) {
+  std::filesystem::create_directory(Path("flow"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::unique_ptr<testing::Process> process,
+      testing::StartIsoscope({"generate", "flow", "--dims", "64,64,64", "--steps", "400",
+                              "--output", Path("flow/f.pvd")}));
+  const absl::Time deadline = absl::Now() + testing::kPatience;
+  // A step is whole, and the next is begun.
+  while (std::distance(std::filesystem::directory_iterator(Path("flow")), {}) < 2 &&
+         absl::Now() < deadline) {
+    absl::SleepFor(absl::Milliseconds(5));
+  }
+  process->Signal(SIGINT);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, process->Wait(testing::kPatience));
+  EXPECT_EQ(exit_code, 130) << process->err();
+  EXPECT_THAT(process->err(), HasSubstr("nothing was left behind"));
+  EXPECT_TRUE(std::filesystem::is_empty(Path("flow")));
 }
 
 TEST_F(CliTest, InfoReadsALargeVolumesValuesOnlyIfItIsAsked) {

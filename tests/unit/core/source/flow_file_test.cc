@@ -124,7 +124,7 @@ TEST_F(FlowFileTest, EveryFieldIsAVolumeOfItsStep) {
     const bool is_vector = std::string(part) == "velocity:2";
     const FlowFieldRow& field = kFlowFields[is_vector ? 2 : *part == 'p' ? 0 : 1];
     const std::string expected = SamplesOf(field, options.dims, 1.5);
-    const auto tuple = static_cast<std::size_t>(4 * field.component_count);
+    const auto tuple = 4 * static_cast<std::size_t>(field.component_count);
     for (std::size_t i = 0; i * 4 < samples.size(); ++i) {
       ASSERT_EQ(samples.substr(i * 4, 4), expected.substr(i * tuple + (is_vector ? 8 : 0), 4))
           << part << i;
