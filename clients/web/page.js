@@ -190,7 +190,7 @@ function stateOfAddress() {
   if (location.hash.length > 1) {
     return stateFromHash(location.hash);
   }
-  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface'].includes(name));
+  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'field', 'component', 'step', 'time'].includes(name));
   return stateFromHash(new URLSearchParams(words).toString());
 }
 

@@ -1,4 +1,5 @@
-// The commands that the page shows, run by the real `isoscope render` of the folder ISOSCOPE_BIN, on a volume of 16³.
+// The commands that the page shows, run by the real `isoscope render` of the folder ISOSCOPE_BIN, on a volume of 16³
+// and on a flow of two steps.
 import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
 import { existsSync, mkdtempSync, rmSync } from 'node:fs';
@@ -19,6 +20,8 @@ function run(words) {
   return { status: result.status, text: result.stdout + result.stderr };
 }
 assert.equal(run(['generate', 'gyroid', '--dims', '16,16,16', '--type', 'uint8', '--output', volume]).status, 0);
+const flow = join(folder, 'flow.pvd');
+assert.equal(run(['generate', 'flow', '--dims', '12,12,12', '--steps', '2', '--output', flow]).status, 0);
 
 /** Takes a command apart as a shell does. @param {string} command @returns {string[]} */
 function wordsOf(command) {
@@ -68,17 +71,29 @@ const STATES = {
   'a dataset that begins as a flag does': { dataset: '--output', surfaces: [SURFACE] },
 };
 
+const WARM = { isovalue: 300, color: SURFACE.color };
+/** Of a dataset with fields and steps. @type {Record<string, any>} */
+const SERIES_STATES = {
+  'a field and a step': { selection: { field: 'temperature', timeStep: 1 }, surfaces: [WARM] },
+  'a component and a time': { selection: { field: 'velocity', component: 'x', time: 0.1 + 0.2 }, surfaces: [{ isovalue: -1e-3 }] },
+  'the last step': { selection: { field: 'temperature', timeStep: -1 }, surfaces: [WARM] },
+  'colours by a field': { selection: { field: 'temperature', timeStep: 0 }, surfaces: [{ ...WARM, colorBy: { quantity: 'QUANTITY_FIELD', field: 'pressure' } }] },
+  'colours by a component': { selection: { field: 'temperature', timeStep: 0 }, surfaces: [{ ...WARM, colorBy: { quantity: 'QUANTITY_FIELD',
+    field: 'velocity', component: 'magnitude', colorMap: 'COLOR_MAP_MAGMA', range: { min: -1e-7, max: 0.25 }, opacity: { atMin: 0.5, atMax: 1 } } }] },
+};
+const ALL_STATES = { ...STATES, ...SERIES_STATES };
+
 test('no command has a flag that isoscope render does not have, and each flag is among those tried', () => {
   const { text } = run(['render', '--help']);
   const known = new Set(text.match(/(?<=^\s+(?:-\w,)?)--[a-z-]+/gm));
   assert.ok(known.has('--surface') && known.has('--output'), text);
-  const printed = new Set(Object.values(STATES).flatMap((state) => wordsOf(commandOf(state))
+  const printed = new Set(Object.values(ALL_STATES).flatMap((state) => wordsOf(commandOf(state))
     .filter((word) => /^--[a-z-]/.test(word)).map((word) => word.replace(/=.*/s, ''))));
   assert.deepEqual([...printed].filter((flag) => !known.has(flag)), []);
   assert.deepEqual(FLAGS.filter((name) => !printed.has(`--${name}`)), [], 'a flag that the page can print is not tried here');
 });
 
-for (const [name, state] of Object.entries(STATES)) {
+for (const [name, state] of Object.entries(ALL_STATES)) {
   test(`the command draws a picture: ${name}`, () => {
     const words = wordsOf(commandOf(state));
     assert.deepEqual(words.slice(0, 3), ['render', '--server', 'HOST:50051']);
@@ -87,7 +102,7 @@ for (const [name, state] of Object.entries(STATES)) {
     if (state.dataset) {
       assert.deepEqual(rest.splice(0, 2), ['--dataset', state.dataset]);
     }
-    const { status, text } = run(['render', volume, '--renderer', 'cpu', ...rest]);
+    const { status, text } = run(['render', name in SERIES_STATES ? flow : volume, '--renderer', 'cpu', ...rest]);
     assert.equal(status, 0, `${words.join(' ')}\n${text}`);
     assert.ok(existsSync(join(folder, 'picture.png')));
     rmSync(join(folder, 'picture.png'));

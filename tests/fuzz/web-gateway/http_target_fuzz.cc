@@ -19,6 +19,7 @@
 #include "web-gateway/frame_message.h"
 #include "web-gateway/json.h"
 #include "web-gateway/render_query.h"
+#include "web-gateway/served_selection.h"
 #include "web-gateway/url.h"
 
 namespace isoscope::fuzz {
@@ -36,7 +37,29 @@ v1::Dataset MakeDataset() {
   geometry->mutable_spacing()->set_x(1);
   geometry->mutable_spacing()->set_y(1);
   geometry->mutable_spacing()->set_z(1);
+  for (int step = 0; step < 3; ++step) {
+    v1::TimeStep& time = *dataset.add_time_steps();
+    time.set_number(2 * step);
+    time.set_value(step);
+  }
+  for (const char* const name : {"pressure", "velocity"}) {
+    v1::Field& field = *dataset.add_fields();
+    field.set_name(name);
+    field.add_components()->set_name(name[0] == 'v' ? "x" : "");
+    field.add_time_steps(0);
+    field.add_time_steps(2);
+  }
   return dataset;
+}
+
+void ReadSelection(gateway::QueryParameters query) {
+  const std::size_t size = query.size();
+  const auto selection = gateway::TakeSelection(&query);
+  if (!selection.ok()) {
+    RequireError(selection.status(), {absl::StatusCode::kInvalidArgument});
+  } else {
+    Require(selection->has_value() == (query.size() < size), "a selection is of its parameters");
+  }
 }
 
 void ReadTarget(absl::string_view text) {
@@ -67,6 +90,13 @@ void ReadTarget(absl::string_view text) {
   const auto picture = gateway::RenderRequestFromQuery(target->query, dataset);
   if (picture.ok()) {
     Require(picture->dataset() == "head", "a picture is one of the dataset of its address");
+    const auto selection = gateway::ResolveSelection(picture->selection(), dataset);
+    if (selection) {
+      const auto same = gateway::ResolveSelection(*selection, dataset);
+      Require(same && same->SerializeAsString() == selection->SerializeAsString(),
+              "what a selection means has no open parts");
+      Require(!gateway::DependsOnLaterSteps(*selection, dataset), "and stays what it is");
+    }
   } else {
     RequireError(picture.status(), {absl::StatusCode::kInvalidArgument});
   }
@@ -74,6 +104,7 @@ void ReadTarget(absl::string_view text) {
   if (!mesh.ok()) {
     RequireError(mesh.status(), {absl::StatusCode::kInvalidArgument});
   }
+  ReadSelection(target->query);
 }
 
 void ReadMessage(absl::string_view text) {

@@ -28,7 +28,16 @@ from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint
 from isoscope.errors import CancelledError, InternalError, InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
-from isoscope.look import AmbientOcclusion, ClipLike, ColorByLike, ColorLike, LightLike, Silhouette, SurfaceLike, as_pixels
+from isoscope.look import (
+    AmbientOcclusion,
+    ClipLike,
+    ColorByLike,
+    ColorLike,
+    LightLike,
+    Silhouette,
+    SurfaceLike,
+    as_pixels,
+)
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

@@ -1,4 +1,4 @@
-"""Arrays with fields and times as files that `isoscope partition` reads: a VTI for each step, and a PVD that lists them.
+"""Arrays with fields and times as files that `isoscope partition` reads: a VTI for each step, a PVD that lists them.
 
     series.pvd
     step-00000.vti      ImageData: one array for each field, appended raw
@@ -85,7 +85,8 @@ def as_series(
     for name in unit_of:
         if name not in named:
             raise InvalidArgumentError(f"units names {name!r}: the arrays are {', '.join(map(repr, named))}")
-    for what, unit in [*(("units", unit) for unit in unit_of.values()), ("time_unit", time_unit), ("length_unit", length_unit)]:
+    other_units = [("time_unit", time_unit), ("length_unit", length_unit)]
+    for what, unit in [*(("units", unit) for unit in unit_of.values()), *other_units]:
         if unit is not None and not (isinstance(unit, str) and unit.isprintable()):
             raise InvalidArgumentError(f"{what} {unit!r}: must be text to print, such as 'm/s'")
     has_time = times is not None
@@ -122,7 +123,7 @@ def _checked(name: str, samples: npt.NDArray[Any], has_components: bool) -> npt.
     if axes not in (3, 4) or min(grid) < 2 or 0 in samples.shape:
         hint = "" if has_components else "; for components on the last axis, say so with vectors=True"
         raise InvalidArgumentError(
-            f"field {name!r} has shape {samples.shape}: must be {shapes}, with at least 2 samples along z, y and x{hint}"
+            f"field {name!r} has shape {samples.shape}: must be {shapes}, with at least 2 samples along z, y, x{hint}"
         )
     if has_components and samples.shape[-1] not in range(2, 10):
         raise InvalidArgumentError(f"field {name!r} has {samples.shape[-1]} components: must be 2 to 9")

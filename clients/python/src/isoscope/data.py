@@ -214,8 +214,8 @@ class DatasetInfo:
         for one in self.fields:
             if one.name == name:
                 return one
-        names = ", ".join(repr(one.name) for one in self.fields)
-        raise KeyError(f"no field {name!r}: " + (f"there are {names}" if names else "the dataset has one without a name"))
+        names = ", ".join(repr(one.name) for one in self.fields) or "none with a name"
+        raise KeyError(f"no field {name!r}: there are {names}")
 
     @property
     def is_ready(self) -> bool:

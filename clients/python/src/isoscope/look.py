@@ -282,8 +282,8 @@ def as_color_by(value: ColorByLike) -> ColorBy | None:
     name, ends, opacities, *more = [*rest, *[""] * (3 - len(rest))]
     if first in ("", "none") or component == "" or more or (rest and name not in maps):
         raise InvalidArgumentError(
-            f"color_by {value!r}: must be FIELD[:COMPONENT], x, y, z or gradient, then [:MAP[:MIN,MAX[:OPACITY,OPACITY]]]; "
-            f"or normal or none; maps are {', '.join(maps)}"
+            f"color_by {value!r}: must be FIELD[:COMPONENT], x, y, z or gradient, then "
+            f"[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]; or normal or none; maps are {', '.join(maps)}"
         )
     return ColorBy(
         quantity="field" if is_field else cast(Quantity, first),
