@@ -9,6 +9,8 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/source/hdf5_series.h"
+#include "core/source/hdf5_source.h"
 #include "core/source/part_path.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
@@ -44,17 +46,15 @@ class SingleSeries final : public VolumeSeries {
   std::unique_ptr<VolumeSource> volume_;  // until it is asked for
 };
 
-// "density" of "/d/run.h5:/fields/density", "head" of "/d/head.nii.gz" and of the folder
-// "/d/head/".
+// "head" of "/d/head.nii.gz" and of the folder "/d/head/".
 std::string FieldNameOf(absl::string_view name) {
-  constexpr std::array<absl::string_view, 15> kEndings{{".gz", ".nii", ".hdr", ".img", ".nrrd",
-                                                        ".nhdr", ".mha", ".mhd", ".tif", ".tiff",
-                                                        ".dcm", ".h5", ".hdf5", ".he5", ".hdf"}};
+  constexpr std::array<absl::string_view, 11> kNameEndings{
+      {".gz", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff", ".dcm"}};
   while (absl::ConsumeSuffix(&name, "/")) {
   }
   name = name.substr(name.rfind('/') + 1);
   const absl::string_view whole = name;
-  for (const absl::string_view ending : kEndings) {
+  for (const absl::string_view ending : kNameEndings) {
     if (absl::EndsWithIgnoreCase(name, ending)) {
       name.remove_suffix(ending.size());
     }
@@ -72,6 +72,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
+  Hdf5Path hdf5;
+  if (SplitHdf5Path(path, &hdf5)) {
+    return OpenHdf5Series(path, options.axes);
+  }
   if (!options.axes.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": --axes ", options.axes,
