@@ -181,18 +181,23 @@ std::vector<std::string> ListVolumes(hid_t file) {
   });
 }
 
-// Those that a path without a name may mean.
+// Those that a path may name.
+std::vector<std::string> ListNamed(hid_t file, Hdf5Types types, std::size_t axes) {
+  if (types == Hdf5Types::kOfVolumes) {
+    return ListVolumes(file);
+  }
+  return ListDatasets(file, types, [axes](const std::vector<std::int64_t>& dims) {
+    return axes > 0 ? dims.size() == axes : dims.size() >= 3;
+  });
+}
+
+// Those that a path without a name may mean: the only volume that there is goes before all others.
 std::vector<std::string> ListCandidates(hid_t file, Hdf5Types types, std::size_t axes) {
-  if (axes > 0) {
-    return ListDatasets(
-        file, types, [axes](const std::vector<std::int64_t>& dims) { return dims.size() == axes; });
+  std::vector<std::string> volumes;
+  if (axes == 0) {
+    volumes = ListVolumes(file);
   }
-  std::vector<std::string> volumes = ListVolumes(file);
-  if (volumes.size() == 1 || types == Hdf5Types::kOfVolumes) {
-    return volumes;
-  }
-  return ListDatasets(file, types,
-                      [](const std::vector<std::int64_t>& dims) { return dims.size() >= 3; });
+  return volumes.size() == 1 ? volumes : ListNamed(file, types, axes);
 }
 
 std::string Listed(const std::vector<std::string>& names) {
@@ -249,7 +254,7 @@ absl::StatusOr<NamedHdf5Dataset> OpenHdf5ByName(const std::string& path, Hdf5Typ
   Hdf5Handle dataset(H5Dopen2(file.get(), parts.dataset.c_str(), H5P_DEFAULT), H5Dclose);
   if (!dataset.is_valid()) {
     return absl::NotFoundError(absl::StrCat(parts.file, ": no dataset ", parts.dataset, "; ",
-                                            Listed(ListCandidates(file.get(), types, axes))));
+                                            Listed(ListNamed(file.get(), types, axes))));
   }
   return NamedHdf5Dataset{
       .parts = std::move(parts), .file = std::move(file), .dataset = std::move(dataset)};

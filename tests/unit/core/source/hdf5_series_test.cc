@@ -72,10 +72,10 @@ TEST_F(Hdf5SeriesTest, EveryStepAndComponentOfEveryOrder) {
                               {"TZCYX", {2, 4, 3, 5, 6}}, {"T-ZYX", {2, 1, 3, 4, 5}}};
   for (const bool is_chunked : {false, true}) {
     for (const Row& row : rows) {
-      Write(std::string(is_chunked ? "c" : "p") + row.letters, row.dims,
-            is_chunked ? std::vector<hsize_t>(row.dims.size(), 2) : std::vector<hsize_t>{});
-      if (std::string(row.letters).find('-') != std::string::npos) {
-        break;
+      // A chunk is no larger than its dataset.
+      if (!is_chunked || std::string(row.letters).find('-') == std::string::npos) {
+        Write(std::string(is_chunked ? "c" : "p") + row.letters, row.dims,
+              is_chunked ? std::vector<hsize_t>(row.dims.size(), 2) : std::vector<hsize_t>{});
       }
     }
   }
@@ -210,7 +210,7 @@ TEST_F(Hdf5SeriesTest, FlippedFilesNeverCrash) {
   WriteHdf5Scales(file_.get(), "u", {"/time", "", "", ""});
   Close();
   const std::string whole = ReadFile(path_);
-  for (std::size_t at = 0; at < whole.size(); at += 41) {
+  for (std::size_t at = 0; at < whole.size(); at += 173) {
     std::string flipped = whole;
     flipped[at] = static_cast<char>(flipped[at] ^ 0x41);
     WriteFile(dir_.Sub("cut.h5"), flipped);
