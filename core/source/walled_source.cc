@@ -5,6 +5,7 @@
 //   kOpen            opens the source, and keeps it     header             name
 //   kReadRows        reads rows of it                   -                  the rows
 //   kFindFiles       -                                  -                  names, each ends with 0
+//   kDescribe        -                                  -                  texts, each ends with 0
 //   an error of any                                     code               message
 //
 // Rows are read in runs: a plane, or as many as fit into kRunBytes. So a library that decodes in
@@ -39,7 +40,7 @@ constexpr std::int64_t kRunBytes = 8 * base::kMiB;
 constexpr std::size_t kSharedBytes = 32 * base::kMiB;  // memory only as far as it is used
 constexpr std::int64_t kOpenMemoryBytes = base::kGiB;
 
-enum class Question : std::uint32_t { kOpen, kReadRows, kFindFiles };
+enum class Question : std::uint32_t { kOpen, kReadRows, kFindFiles, kDescribe };
 
 struct Request {
   WalledLibrary library;
@@ -47,6 +48,7 @@ struct Request {
   std::int64_t begin_row;
   std::int64_t end_row;
   std::array<char, 4096> path;  // ends with 0
+  std::array<char, 256> part;   // ends with 0
 };
 
 struct Header {
@@ -73,26 +75,30 @@ void PutText(absl::string_view text, Answer* answer, char* shared) {
 absl::Status DoInChild(const Request& request, Answer* answer, char* shared) {
   static std::unique_ptr<VolumeSource> source;  // of this child
   const std::string path = request.path.data();
-  if (request.question == Question::kFindFiles) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files,
-                              request.library.find_files(path));
+  const std::string part = request.part.data();
+  if (request.question == Question::kFindFiles || request.question == Question::kDescribe) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> texts,
+                              request.question == Question::kFindFiles
+                                  ? request.library.find_files(path)
+                                  : request.library.describe(path, part));
     std::string names;
-    for (const std::string& file : files) {
-      names.append(file.c_str(), file.size() + 1);
+    for (const std::string& text : texts) {
+      names.append(text.c_str(), text.size() + 1);
     }
     if (names.size() > kSharedBytes) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ": too many files: ", files.size()));
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ": too many files or steps: ", names.size(), " bytes of names"));
     }
     PutText(names, answer, shared);
     return absl::OkStatus();
   }
   if (request.question == Question::kReadRows) {
-    if (source == nullptr) {  // another process killed the child that had it
-      ISOSCOPE_ASSIGN_OR_RETURN(source, request.library.open(path));
+    if (source == nullptr) {  // somebody killed the child that had it
+      ISOSCOPE_ASSIGN_OR_RETURN(source, request.library.open(path, part));
     }
     return source->ReadRows(request.begin_row, request.end_row, shared);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(source, request.library.open(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(source, request.library.open(path, part));
   answer->header = {.geometry = source->geometry(),
                     .type = source->scalar_type(),
                     .is_seekable = static_cast<std::uint8_t>(source->is_seekable() ? 1 : 0),
@@ -118,9 +124,10 @@ void HandleInChild(const void* request_bytes, void* answer_bytes, char* shared) 
 
 class Child {
  public:
-  Child(const WalledLibrary& library, const std::string& path)
+  Child(const WalledLibrary& library, const std::string& path, const std::string& part)
       : library_(library),
         path_(path),
+        part_(part),
         process_({.handler = HandleInChild,
                   .request_bytes = sizeof(Request),
                   .answer_bytes = sizeof(Answer),
@@ -130,7 +137,7 @@ class Child {
   absl::StatusOr<Answer> Ask(Question question, const DecoderProcess::Limits& limits,
                              std::int64_t begin_row = 0, std::int64_t end_row = 0) {
     Request request{};
-    if (path_.size() >= request.path.size()) {
+    if (path_.size() >= request.path.size() || part_.size() >= request.part.size()) {
       return absl::InvalidArgumentError(absl::StrCat(path_, ": the path is too long"));
     }
     request.library = library_;
@@ -138,6 +145,7 @@ class Child {
     request.begin_row = begin_row;
     request.end_row = end_row;
     path_.copy(request.path.data(), path_.size());
+    part_.copy(request.part.data(), part_.size());
     Answer answer{};
     const absl::Status asked = process_.Ask(request, limits, &answer);
     if (absl::IsUnavailable(asked)) {
@@ -173,6 +181,7 @@ class Child {
  private:
   const WalledLibrary library_;
   const std::string path_;
+  const std::string part_;
   DecoderProcess process_;
 };
 
@@ -229,8 +238,9 @@ class WalledSource final : public VolumeSource {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& library,
-                                                         const std::string& path) {
-  auto child = std::make_unique<Child>(library, path);
+                                                         const std::string& path,
+                                                         const std::string& part) {
+  auto child = std::make_unique<Child>(library, path, part);
   ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
                             child->Ask(Question::kOpen, {.memory_bytes = kOpenMemoryBytes}));
   const Header& header = answer.header;
@@ -253,11 +263,20 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
 
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,
                                                          const std::string& path) {
-  Child child(library, path);
+  Child child(library, path, "");
   ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
                             child.Ask(Question::kFindFiles, {.memory_bytes = kOpenMemoryBytes}));
   return absl::StrSplit(absl::string_view(child.shared(), answer.text_bytes), '\0',
                         absl::SkipEmpty());
+}
+
+absl::StatusOr<std::vector<std::string>> DescribeWalled(const WalledLibrary& library,
+                                                        const std::string& path,
+                                                        const std::string& part) {
+  Child child(library, path, part);
+  ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
+                            child.Ask(Question::kDescribe, {.memory_bytes = kOpenMemoryBytes}));
+  return absl::StrSplit(child.Text(answer), '\0', absl::SkipEmpty());
 }
 
 }  // namespace isoscope::source

@@ -13,11 +13,15 @@
 
 namespace isoscope::source {
 
-// The functions of a library on a path. They run in the child process.
+// What a library does with a path, in the process that it runs in. `part` is text of its own, which
+// names one of the volumes of the path; "" where there is but one.
 struct WalledLibrary {
+  using Texts = absl::StatusOr<std::vector<std::string>>;
   const char* name = "";  // for messages: "HDF5"
-  absl::StatusOr<std::unique_ptr<VolumeSource>> (*open)(const std::string& path) = nullptr;
-  absl::StatusOr<std::vector<std::string>> (*find_files)(const std::string& path) = nullptr;
+  absl::StatusOr<std::unique_ptr<VolumeSource>> (*open)(const std::string& path,
+                                                        const std::string& part) = nullptr;
+  Texts (*find_files)(const std::string& path) = nullptr;
+  Texts (*describe)(const std::string& path, const std::string& part) = nullptr;  // none empty
 };
 
 // Opens the volume by `library.open` in a child process, which then reads the rows, too, and ends
@@ -25,11 +29,18 @@ struct WalledLibrary {
 // ReadRows. DATA_LOSS also: the library ended its process, or took too long. After an error of
 // ReadRows all later ones fail. RESOURCE_EXHAUSTED: the system gives no process.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& library,
-                                                         const std::string& path);
+                                                         const std::string& path,
+                                                         const std::string& part = "");
 
 // `library.find_files`, in a child process. Errors as above.
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,
                                                          const std::string& path);
+
+// `library.describe`, in a child process; nothing in it that a terminal would obey. Errors as
+// above.
+absl::StatusOr<std::vector<std::string>> DescribeWalled(const WalledLibrary& library,
+                                                        const std::string& path,
+                                                        const std::string& part);
 
 }  // namespace isoscope::source
 

@@ -62,7 +62,8 @@ class FakeSource final : public VolumeSource {
   bool has_failed_ = false;
 };
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path,
+                                                   const std::string& part) {
   if (path == "dies") {
     std::abort();
   }
@@ -72,7 +73,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path) {
   if (path == "missing") {
     return absl::NotFoundError("missing: no such\x1b[2J file");
   }
-  return std::make_unique<FakeSource>(path);
+  return std::make_unique<FakeSource>(path + part);
 }
 
 absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
@@ -82,7 +83,13 @@ absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
   return std::vector<std::string>{path, "another one"};
 }
 
-constexpr WalledLibrary kLibrary = {.name = "libfake", .open = Open, .find_files = FindFiles};
+absl::StatusOr<std::vector<std::string>> Describe(const std::string& path,
+                                                  const std::string& part) {
+  return std::vector<std::string>{path, "part \x1b" + part};
+}
+
+constexpr WalledLibrary kLibrary = {
+    .name = "libfake", .open = Open, .find_files = FindFiles, .describe = Describe};
 
 TEST(WalledSourceTest, WhatTheLibraryReadsComesThrough) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenWalled(kLibrary, "good"));
@@ -102,6 +109,15 @@ TEST(WalledSourceTest, WhatTheLibraryReadsComesThrough) {
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FindFilesWalled(kLibrary, "good"));
   EXPECT_THAT(files, ElementsAre("good", "another one"));
+}
+
+TEST(WalledSourceTest, PartsArePassedOnAndDescribed) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenWalled(kLibrary, "good", ":3"));
+  EXPECT_EQ(source->name(), "good:3");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto texts, DescribeWalled(kLibrary, "good", "7"));
+  EXPECT_THAT(texts, ElementsAre("good", "part ?7"));
+  EXPECT_THAT(DescribeWalled(kLibrary, "good", std::string(300, 'p')),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("too long")));
 }
 
 TEST(WalledSourceTest, ErrorsComeThroughWithoutWhatATerminalObeys) {
