@@ -15,9 +15,9 @@
 namespace isoscope::source {
 
 struct SourceField {
-  std::string name;       // unique in the source; never empty
-  std::string long_name;  // may be empty
-  std::string unit;       // may be empty
+  std::string name;         // unique in the source; never empty
+  std::string long_name{};  // may be empty
+  std::string unit{};       // may be empty
   // Names of its components, without a magnitude: one "" for a scalar field; x, y, z for three that
   // the file does not name; else 0, 1, ...
   std::vector<std::string> components = {""};

@@ -51,6 +51,7 @@ constexpr std::int64_t kMaxTagBytes = base::kMiB;
 constexpr std::size_t kMaxTextBytes = 4096;  // of a name
 constexpr std::size_t kMaxArrays = 4096;
 constexpr std::int64_t kMaxComponents = 4096;
+constexpr std::int64_t kMaxNamedComponents = 9;  // of a tensor; names of more are left out
 
 struct KnownType {
   const char* name;
@@ -85,6 +86,11 @@ class HeaderParser {
     ISOSCOPE_CHECK(parser_ != nullptr);
     XML_SetUserData(parser_, this);
     XML_SetElementHandler(parser_, &HeaderParser::OnStart, &HeaderParser::OnEnd);
+  }
+  // Of all arrays, with their units and the time.
+  HeaderParser() : HeaderParser(std::string()) {
+    is_whole_ = true;
+    XML_SetCharacterDataHandler(parser_, &HeaderParser::OnText);
   }
   ~HeaderParser() { XML_ParserFree(parser_); }
   HeaderParser(const HeaderParser&) = delete;
@@ -123,7 +129,7 @@ class HeaderParser {
   }
 
  private:
-  enum class Data { kNone, kPoints, kCells };
+  enum class Data { kNone, kField, kPoints, kCells };
 
   static void XMLCALL OnStart(void* self, const XML_Char* name, const XML_Char** attributes) {
     VtiHeader::Attributes map;
@@ -133,9 +139,28 @@ class HeaderParser {
     static_cast<HeaderParser*>(self)->Start(name, std::move(map));
   }
   static void XMLCALL OnEnd(void* self, const XML_Char* name) {
-    const std::string ended = name;
-    if (ended == "PointData" || ended == "CellData") {
-      static_cast<HeaderParser*>(self)->data_ = Data::kNone;
+    static_cast<HeaderParser*>(self)->End(name);
+  }
+  static void XMLCALL OnText(void* self, const XML_Char* text, int size) {
+    std::string* const kept = static_cast<HeaderParser*>(self)->kept_text_;
+    if (kept != nullptr) {
+      kept->append(text, std::min(static_cast<std::size_t>(size), kMaxTextBytes - kept->size()));
+    }
+  }
+
+  void End(const std::string& name) {
+    if (name == "PointData" || name == "CellData" || name == "FieldData") {
+      data_ = Data::kNone;
+    } else if (name == "DataArray") {
+      is_in_array_ = false;
+      kept_text_ = nullptr;
+    } else if (name == "InformationKey" && kept_text_ != nullptr) {
+      kept_text_ = nullptr;
+      header_.arrays.back().unit =
+          std::string(absl::StripAsciiWhitespace(header_.arrays.back().unit));
+    }
+    if (name == "InformationKey" && is_in_array_) {
+      header_.arrays.back().inline_start = EndOfTag();
     }
   }
 
@@ -159,8 +184,15 @@ class HeaderParser {
         (name == "PointData" ? header_.point_scalars : header_.cell_scalars) =
             attributes["Scalars"];
       }
+    } else if (name == "FieldData") {
+      data_ = is_whole_ ? Data::kField : Data::kNone;
+    } else if (name == "DataArray" && data_ == Data::kField) {
+      StartField(std::move(attributes));
     } else if (name == "DataArray" && data_ != Data::kNone) {
       StartArray(std::move(attributes));
+    } else if (name == "InformationKey" && is_in_array_ && attributes["name"] == "UNITS_LABEL") {
+      header_.arrays.back().unit.clear();
+      kept_text_ = &header_.arrays.back().unit;
     } else if (name == "AppendedData") {
       header_.appended_encoding = attributes["encoding"];
       header_.appended_start = EndOfTag();
@@ -169,6 +201,7 @@ class HeaderParser {
   }
 
   void StartArray(VtiHeader::Attributes attributes) {
+    kept_text_ = nullptr;  // the arrays move
     VtiArray array{.name = attributes["Name"],
                    .type = attributes["type"],
                    .is_of_cells = data_ == Data::kCells,
@@ -188,11 +221,44 @@ class HeaderParser {
       return Fail(absl::StrFormat("more than %d arrays, or one with a name of more than %d bytes",
                                   kMaxArrays, kMaxTextBytes));
     }
+    if (is_whole_) {
+      array.component_names = ComponentNames(array.components, attributes);
+    }
     header_.arrays.push_back(std::move(array));
     const VtiArray& last = header_.arrays.back();
-    if (last.format != "appended" && IsCertain(last)) {
+    if (!is_whole_ && last.format != "appended" && IsCertain(last)) {
       Stop();
     }
+    is_in_array_ = is_whole_;
+  }
+
+  void StartField(VtiHeader::Attributes attributes) {
+    if (attributes["Name"] != "TimeValue" || header_.time_value.has_value()) {
+      return;
+    }
+    header_.time_value = VtiArray{.name = "TimeValue",
+                                  .type = attributes["type"].substr(0, kMaxTextBytes),
+                                  .format = attributes["format"].substr(0, kMaxTextBytes),
+                                  .offset = attributes["offset"].substr(0, kMaxTextBytes),
+                                  .inline_start = EndOfTag()};
+    if (header_.time_value->format == "ascii") {
+      kept_text_ = &header_.time_value->text;
+    }
+  }
+
+  // One name each, or none.
+  static std::vector<std::string> ComponentNames(std::int64_t components,
+                                                 const VtiHeader::Attributes& attributes) {
+    std::vector<std::string> names;
+    for (std::int64_t i = 0; i < components && components <= kMaxNamedComponents; ++i) {
+      const auto found = attributes.find(absl::StrCat("ComponentName", i));
+      if (found == attributes.end() || found->second.empty() ||
+          found->second.size() > kMaxTextBytes) {
+        return {};
+      }
+      names.push_back(found->second);
+    }
+    return names;
   }
 
   // Whether no array that follows can be preferred to this one.
@@ -224,6 +290,9 @@ class HeaderParser {
   const std::string part_;
   VtiHeader header_;
   Data data_ = Data::kNone;
+  bool is_whole_ = false;
+  bool is_in_array_ = false;          // of points or cells, and is_whole_
+  std::string* kept_text_ = nullptr;  // where text of the header goes
   bool is_done_ = false;
   std::string problem_;
 };
@@ -255,25 +324,16 @@ absl::StatusOr<std::vector<T>> ParseNumbers(const std::string& text, std::size_t
 }
 
 // The extent of the image, which its first piece must fill.
-absl::StatusOr<std::vector<std::int64_t>> WholeExtent(const VtiHeader& header,
-                                                      const std::string& path) {
+absl::StatusOr<VtiExtent> WholeExtent(const VtiHeader& header, const std::string& path) {
   const auto found = header.image.find("WholeExtent");
   const std::string text = found == header.image.end() ? "" : found->second;
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::int64_t> extent,
-                            ParseNumbers<std::int64_t>(text, 6, "WholeExtent", path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::int64_t> piece,
-                            ParseNumbers<std::int64_t>(header.piece_extent, 6, "Extent", path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, ParseVtiExtent(text, "WholeExtent", path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent piece,
+                            ParseVtiExtent(header.piece_extent, "Extent", path));
   if (piece != extent) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: its first piece is %s of %s; expected the whole image in one piece",
                         path, header.piece_extent, text));
-  }
-  constexpr std::int64_t kMaxIndex = std::numeric_limits<std::int32_t>::max();  // VTK's own
-  for (const std::int64_t index : extent) {
-    if (index < -kMaxIndex || index > kMaxIndex) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%s: WholeExtent=\"%s\"; expected 32-bit numbers", path, text));
-    }
   }
   return extent;
 }
@@ -331,6 +391,10 @@ absl::StatusOr<VtiHeader> ReadVtiHeader(const io::RandomAccessFile& file, const 
   return HeaderParser(part).Parse(file);
 }
 
+absl::StatusOr<VtiHeader> ReadWholeVtiHeader(const io::RandomAccessFile& file) {
+  return HeaderParser().Parse(file);
+}
+
 absl::StatusOr<VtiChoice> ChooseVtiArray(const VtiHeader& header, const std::string& part,
                                          const std::string& path) {
   if (!header.is_image || header.piece_count < 1 || header.arrays.empty()) {
@@ -380,13 +444,33 @@ absl::StatusOr<volume::ScalarType> VtiTypeOf(const VtiArray& array, const std::s
   return known->type;
 }
 
-absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
-                                                 const std::string& path) {
+bool IsVtiNumber(const std::string& type) {
+  return FindType(type) != nullptr || type == "Int64" || type == "UInt64";
+}
+
+absl::StatusOr<VtiExtent> ParseVtiExtent(const std::string& text, const char* attribute,
+                                         const std::string& path) {
+  constexpr std::int64_t kMaxIndex = std::numeric_limits<std::int32_t>::max();  // VTK's own
+  VtiExtent extent{};
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::int64_t> numbers,
+                            ParseNumbers<std::int64_t>(text, extent.size(), attribute, path));
+  for (const std::int64_t index : numbers) {
+    if (index < -kMaxIndex || index > kMaxIndex) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: %s=\"%s\"; expected 32-bit numbers", path, attribute, text));
+    }
+  }
+  std::copy(numbers.begin(), numbers.end(), extent.begin());
+  return extent;
+}
+
+absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& image,
+                                               const VtiExtent& extent, bool is_of_cells,
+                                               const std::string& path) {
   const auto get = [&](const char* name, const char* fallback) {
-    const auto found = header.image.find(name);
-    return found == header.image.end() ? std::string(fallback) : found->second;
+    const auto found = image.find(name);
+    return found == image.end() ? std::string(fallback) : found->second;
   };
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::int64_t> extent, WholeExtent(header, path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> origin,
                             ParseNumbers<double>(get("Origin", "0 0 0"), 3, "Origin", path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> spacing,
@@ -406,6 +490,14 @@ absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool i
     const double first = static_cast<double>(extent[2 * axis]) + (is_of_cells ? 0.5 : 0.0);
     geometry.origin = geometry.origin + geometry.direction.columns[axis] * (spacing[axis] * first);
   }
+  return geometry;
+}
+
+absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
+                                                 const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, WholeExtent(header, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            VtiGridOf(header.image, extent, is_of_cells, path));
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(

@@ -1,6 +1,8 @@
 #include "core/source/vti_source.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -8,15 +10,20 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/ascii.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
+#include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/source/byte_order.h"
 #include "core/source/vti_data.h"
 #include "core/source/vti_header.h"
+#include "core/source/wide_source.h"
 
 namespace isoscope::source {
 namespace {
@@ -99,6 +106,38 @@ class VtiSource final : public VolumeSource {
   std::vector<char> tuples_;
 };
 
+// `file` is that of the header.
+absl::StatusOr<std::unique_ptr<VolumeSource>> Open(std::unique_ptr<io::RandomAccessFile> file,
+                                                   const VtiHeader& header, const VtiChoice& choice,
+                                                   const volume::GridGeometry& geometry,
+                                                   const std::string& name) {
+  const std::optional<WideType> wide =
+      choice.array.type == "Int64"    ? std::optional<WideType>(WideType::kInt64)
+      : choice.array.type == "UInt64" ? std::optional<WideType>(WideType::kUint64)
+                                      : std::nullopt;
+  volume::ScalarType type = volume::ScalarType::kFloat64;
+  if (wide.has_value()) {
+    type = CarrierType(*wide);
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(type, VtiTypeOf(choice.array, file->path()));
+  }
+  const std::int64_t sample_count = math::Volume(geometry.sample_dims);
+  if (sample_count > std::numeric_limits<std::int64_t>::max() / 16 / choice.array.components) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(file->path(), ": more samples than any file holds"));
+  }
+  const std::int64_t size =
+      sample_count * choice.array.components * static_cast<std::int64_t>(volume::SizeOf(type));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtiData> data,
+                            OpenVtiData(*file, header, choice.array, size));
+  std::unique_ptr<VolumeSource> source = std::make_unique<VtiSource>(
+      geometry, type, name, choice, header.is_big_endian, std::move(file), std::move(data));
+  if (wide.has_value()) {
+    return MakeWideSource(std::move(source), *wide);
+  }
+  return source;
+}
+
 }  // namespace
 
 bool SplitVtiPath(const std::string& path, PartPath* parts) {
@@ -114,20 +153,55 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& pat
                             io::OpenRandomAccessFile(parts.file));
   ISOSCOPE_ASSIGN_OR_RETURN(const VtiHeader header, ReadVtiHeader(*file, parts.part));
   ISOSCOPE_ASSIGN_OR_RETURN(const VtiChoice choice, ChooseVtiArray(header, parts.part, parts.file));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type, VtiTypeOf(choice.array, parts.file));
+  ISOSCOPE_RETURN_IF_ERROR(VtiTypeOf(choice.array, parts.file).status());
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             VtiGeometry(header, choice.array.is_of_cells, parts.file));
-  const std::int64_t sample_count = math::Volume(geometry.sample_dims);
-  if (sample_count > std::numeric_limits<std::int64_t>::max() / 16 / choice.array.components) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(parts.file, ": more samples than any file holds"));
+  return Open(std::move(file), header, choice, geometry, path);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiArray(const std::string& file,
+                                                           const VtiHeader& header,
+                                                           const VtiChoice& choice,
+                                                           const volume::GridGeometry& geometry,
+                                                           const std::string& name) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> opened,
+                            io::OpenRandomAccessFile(file));
+  return Open(std::move(opened), header, choice, geometry, name);
+}
+
+absl::StatusOr<std::optional<double>> ReadVtiTime(const std::string& file,
+                                                  const VtiHeader& header) {
+  if (!header.time_value.has_value()) {
+    return std::nullopt;
   }
-  const std::int64_t size =
-      sample_count * choice.array.components * static_cast<std::int64_t>(volume::SizeOf(type));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtiData> data,
-                            OpenVtiData(*file, header, choice.array, size));
-  return std::make_unique<VtiSource>(geometry, type, path, choice, header.is_big_endian,
-                                     std::move(file), std::move(data));
+  const VtiArray& array = *header.time_value;
+  double time = std::numeric_limits<double>::quiet_NaN();
+  if (array.format == "ascii") {
+    if (!absl::SimpleAtod(absl::StripAsciiWhitespace(array.text), &time)) {
+      time = std::numeric_limits<double>::quiet_NaN();
+    }
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type, VtiTypeOf(array, file));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
+                              io::OpenRandomAccessFile(file));
+    std::array<char, 8> bytes{};
+    const std::size_t size = volume::SizeOf(type);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtiData> data,
+                              OpenVtiData(*opened, header, array, static_cast<std::int64_t>(size)));
+    ISOSCOPE_RETURN_IF_ERROR(data->ReadAt(0, size, bytes.data()));
+    if (header.is_big_endian) {
+      SwapBytes(size, 1, bytes.data());
+    }
+    volume::VisitScalarType(type, [&]<typename T>() {
+      time = static_cast<double>(base::LoadLittleEndian<T>(bytes.data()));
+    });
+  }
+  if (!std::isfinite(time)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: its TimeValue is %s; expected a finite number", file,
+        array.format == "ascii" ? absl::StrCat("\"", array.text, "\"") : absl::StrCat(time)));
+  }
+  return time;
 }
 
 }  // namespace isoscope::source

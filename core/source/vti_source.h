@@ -4,12 +4,14 @@
 #define ISOSCOPE_CORE_SOURCE_VTI_SOURCE_H_
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
 
 #include "core/source/part_path.h"
 #include "core/source/volume_source.h"
+#include "core/source/vti_header.h"
 
 namespace isoscope::source {
 
@@ -30,6 +32,20 @@ bool SplitVtiPath(const std::string& path, PartPath* parts);
 // do not fit; the file ends early. NOT_FOUND: no such array (lists those there are). DATA_LOSS:
 // damaged.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path);
+
+// Opens one component of one array of a file whose header was read before. `geometry` is that of
+// the samples in the file, which need not be a volume; `name` is for messages. As OpenVtiFile, and
+// takes Int64 and UInt64 (wide_source.h). REQUIRES: the choice is of this header; the geometry has
+// at least one sample and at most 2^62.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiArray(const std::string& file,
+                                                           const VtiHeader& header,
+                                                           const VtiChoice& choice,
+                                                           const volume::GridGeometry& geometry,
+                                                           const std::string& name);
+
+// The file's TimeValue; not set if it has none. Reads it from the file unless it stands in the
+// header. INVALID_ARGUMENT: no finite number.
+absl::StatusOr<std::optional<double>> ReadVtiTime(const std::string& file, const VtiHeader& header);
 
 }  // namespace isoscope::source
 

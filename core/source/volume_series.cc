@@ -1,0 +1,91 @@
+#include "core/source/volume_series.h"
+
+#include <array>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/source/part_path.h"
+#include "core/source/vtk_image.h"
+#include "core/source/vtk_series.h"
+
+namespace isoscope::source {
+namespace {
+
+// What a file holds whose format holds no more: one field, one step, no time.
+class SingleSeries final : public VolumeSeries {
+ public:
+  SingleSeries(std::string path, std::string field, std::unique_ptr<VolumeSource> volume)
+      : path_(std::move(path)), fields_{{.name = std::move(field)}}, volume_(std::move(volume)) {}
+
+  [[nodiscard]] const std::string& name() const override { return path_; }
+  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
+  [[nodiscard]] const std::string& time_unit() const override { return no_unit_; }
+  [[nodiscard]] const std::string& length_unit() const override { return no_unit_; }
+
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
+    ISOSCOPE_CHECK(field == 0 && component == 0 && step == 0);
+    if (volume_ != nullptr) {
+      return std::move(volume_);
+    }
+    return OpenVolumeFile(path_);
+  }
+
+ private:
+  const std::string path_;
+  const std::vector<SourceField> fields_;
+  const std::vector<double> times_;
+  const std::string no_unit_;
+  std::unique_ptr<VolumeSource> volume_;  // until it is asked for
+};
+
+// "density" of "/d/run.h5:/fields/density", "head" of "/d/head.nii.gz" and of the folder
+// "/d/head/".
+std::string FieldNameOf(absl::string_view name) {
+  constexpr std::array<absl::string_view, 15> kEndings{{".gz", ".nii", ".hdr", ".img", ".nrrd",
+                                                        ".nhdr", ".mha", ".mhd", ".tif", ".tiff",
+                                                        ".dcm", ".h5", ".hdf5", ".he5", ".hdf"}};
+  while (absl::ConsumeSuffix(&name, "/")) {
+  }
+  name = name.substr(name.rfind('/') + 1);
+  const absl::string_view whole = name;
+  for (const absl::string_view ending : kEndings) {
+    if (absl::EndsWithIgnoreCase(name, ending)) {
+      name.remove_suffix(ending.size());
+    }
+  }
+  return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path));
+  std::string field = FieldNameOf(volume->name());
+  return std::make_unique<SingleSeries>(path, std::move(field), std::move(volume));
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
+                                                               const SeriesOptions& options) {
+  if (!options.axes.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": --axes ", options.axes,
+                     ": the axes of this kind of file have their meaning; "
+                     "--axes is for datasets of HDF5 files"));
+  }
+  if (absl::EndsWithIgnoreCase(path, ".pvd")) {
+    return OpenPvdSeries(path);
+  }
+  PartPath vtk;
+  if (SplitVtkImagePath(path, &vtk)) {
+    return OpenVtkImageSeries(vtk.file, vtk.part);
+  }
+  return OpenSingle(path);
+}
+
+}  // namespace isoscope::source
