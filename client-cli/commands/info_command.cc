@@ -20,6 +20,7 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/dataset_json.h"
 #include "client-cli/output/histogram_plot.h"
+#include "client-cli/output/series_json.h"
 #include "client-cli/session/connection_flags.h"
 #include "client-cli/session/session.h"
 #include "client-cli/session/source_flags.h"
@@ -36,6 +37,7 @@
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
 #include "core/source/value_range.h"
+#include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
@@ -83,6 +85,12 @@ absl::StatusOr<volume::ScalarSpan> ParseRange(absl::string_view text) {
 }
 
 absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
+  if (store::IsSeriesDirectory(directory)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesDescription series, store::OpenSeries(directory));
+    Json json;
+    json["datasets"] = Json::array({SeriesDirectoryToJson(series)});
+    return json;
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
                             store::OpenDataset(directory));
   Json json;
@@ -223,7 +231,10 @@ std::string ToText(const Json& json, int max_width) {
         "\n");
   }
   for (const Json& dataset : json.at("datasets")) {
-    absl::StrAppend(&text, text.empty() ? "" : "\n", DescribeDataset(dataset));
+    // Only a series in a folder tells which volumes it lacks.
+    absl::StrAppend(&text, text.empty() ? "" : "\n",
+                    dataset.contains("missing_volumes") ? DescribeSeries(dataset, max_width)
+                                                        : DescribeDataset(dataset));
   }
   if (json.at("datasets").empty()) {
     absl::StrAppend(&text, "\nno dataset is served\n");

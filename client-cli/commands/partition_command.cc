@@ -1,5 +1,6 @@
-// isoscope partition INPUT --output DIR
+// isoscope partition INPUT --output DIR | --append DIR
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -11,16 +12,21 @@
 
 #include "client-cli/commands/program.h"
 #include "client-cli/session/partition_volume.h"
+#include "client-cli/session/series_flags.h"
 #include "client-cli/session/source_flags.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
+#include "core/partition/series_partitioner.h"
+#include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
+#include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 #include "core/volume/scalar_type.h"
 
@@ -31,20 +37,39 @@ struct PartitionFlags {
   bool is_quiet = false;
   std::optional<std::string> input;
   std::optional<std::string> output;
+  std::optional<std::string> append;
+  bool resumes = false;
   std::optional<std::int64_t> shard_count;
   std::optional<math::Index3> block_cells;
   std::optional<store::Distribution> distribution;
   std::optional<store::BlockEncoding> compression;
   std::optional<std::uint64_t> seed;
   std::optional<std::int64_t> memory_limit_bytes;
+  SeriesFlags series;
   SourceFlags source;
+
+  // The first flag of those that a series has for ever, or null.
+  [[nodiscard]] const char* FirstOfCut() const {
+    return output         ? "--output"
+           : shard_count  ? "--shards"
+           : block_cells  ? "--block-cells"
+           : distribution ? "--distribution"
+           : seed         ? "--seed"
+                          : nullptr;
+  }
 };
 
 absl::Status CheckUsage(const PartitionFlags& flags) {
   if (!flags.input) {
     return UsageError("INPUT is missing: the volume to partition");
   }
-  if (!flags.output) {
+  if (flags.append) {
+    if (const char* given = flags.FirstOfCut(); given != nullptr) {
+      return UsageError(absl::StrCat(given,
+                                     " can't be used with --append DIR; what is appended is "
+                                     "cut as the series"));
+    }
+  } else if (!flags.output) {
     return UsageError("--output DIR is missing: the dataset folder to make");
   }
   return CheckUsage(flags.source, *flags.input);
@@ -70,10 +95,35 @@ std::string Summarize(const store::Manifest& manifest, const std::string& direct
                       manifest.value_range.max, ", in ", FormatElapsed(elapsed), "\n");
 }
 
-absl::Status Run(const PartitionFlags& flags, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+// "5 fields, 50 steps from 0 to 4.9 s".
+std::string FieldsAndSteps(const store::SeriesManifest& series) {
+  const std::size_t fields = series.fields.size();
+  std::string text =
+      absl::StrCat(fields, fields == 1 ? " field, " : " fields, ", series.step_count(),
+                   series.step_count() == 1 ? " step" : " steps");
+  if (!series.times.empty()) {
+    absl::StrAppend(
+        &text,
+        series.times.size() == 1 ? " at " : absl::StrCat(" from ", series.times.front(), " to "),
+        series.times.back(), series.time_unit.empty() ? "" : " ", series.time_unit);
+  }
+  return text;
+}
+
+std::string Summarize(const store::SeriesManifest& series, const PartitionFlags& flags,
+                      const std::string& directory, absl::Duration elapsed) {
+  const math::Index3& dims = series.geometry.sample_dims;
+  return absl::StrCat(
+      base::Printable(*flags.input), flags.append ? " was appended" : "", ": ", dims.x, " x ",
+      dims.y, " x ", dims.z, " samples\n", directory, ": ", base::Printable(FieldsAndSteps(series)),
+      ", ", FormatCount(static_cast<std::int64_t>(series.volumes.size())),
+      series.volumes.size() == 1 ? " volume in " : " volumes in ", series.shard_count,
+      series.shard_count == 1 ? " shard" : " shards", ", in ", FormatElapsed(elapsed), "\n");
+}
+
+partition::PartitionOptions OptionsOf(const PartitionFlags& flags) {
   partition::PartitionOptions options;
-  options.output_directory = *flags.output;
+  options.output_directory = flags.append ? *flags.append : *flags.output;
   while (options.output_directory.size() > 1 && options.output_directory.back() == '/') {
     options.output_directory.pop_back();
   }
@@ -83,10 +133,33 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   options.compression = flags.compression.value_or(options.compression);
   options.seed = flags.seed.value_or(options.seed);
   options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
+  return options;
+}
+
+absl::Status Run(const PartitionFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  const partition::PartitionOptions options = OptionsOf(flags);
   const absl::Time start = absl::Now();
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
-                            PartitionVolume(flags.source, *flags.input, options, context));
-  *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
+                            OpenSourceSeries(flags.source, flags.series, *flags.input));
+  if (!flags.append && !partition::NeedsSeries(*source)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
+                              source->Open(0, 0, 0));
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
+                              PartitionVolume(*volume, options, context));
+    *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
+    return absl::OkStatus();
+  }
+  if (options.distribution == store::Distribution::kGreedy) {
+    return UsageError(
+        "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
+        "or time steps, has its blocks in the same shard in every volume: --distribution random");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const store::SeriesManifest series,
+      PartitionSeries(flags.append ? SeriesAction::kAppend : SeriesAction::kMake, *source,
+                      {.volume = options, .resumes = flags.resumes}, context));
+  *context.out << Summarize(series, flags, options.output_directory, absl::Now() - start);
   return absl::OkStatus();
 }
 
@@ -98,6 +171,10 @@ Action RegisterPartitionFlags(FlagSet* set) {
           "series, a folder or 'pattern*.tif' of slices, or a raw file");
   AddFlag(set, "-o,--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
+  AddFlag(set, "--append", "DIR", &flags->append, ParseText,
+          "a dataset folder with time steps, to which those of INPUT are appended");
+  set->AddSwitch("--resume", &flags->resumes,
+                 "go on with what an interrupted run has finished of several fields or steps");
   AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "shards to make, one for each agent (default: 1)");
   AddFlag(
@@ -112,6 +189,7 @@ Action RegisterPartitionFlags(FlagSet* set) {
           "seed of the random distribution (default: 1)");
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, client::ParseByteSize,
           "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
+  AddSeriesFlags(set, &flags->series);
   AddSourceFlags(set, &flags->source);
   AddQuietFlag(set, &flags->is_quiet);
   return [flags](const Context& context) {
@@ -124,11 +202,14 @@ Action RegisterPartitionFlags(FlagSet* set) {
 Command PartitionCommand() {
   return {.name = "partition",
           .summary = "Cuts a volume into a dataset folder of one or more shards",
-          .usage = "INPUT --output DIR [OPTIONS]",
+          .usage = "INPUT --output DIR | --append DIR [OPTIONS]",
           .examples =
               "  isoscope partition head.nii.gz --output head --shards 4\n"
               "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
-              "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n",
+              "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n"
+              "  isoscope partition flow.pvd --shards 4 --output flow\n"
+              "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p --time 4.2 "
+              "--append flow\n",
           .register_flags = RegisterPartitionFlags};
 }
 

@@ -6,10 +6,10 @@ Program IsoscopeProgram() {
   return {.name = "isoscope",
           .summary = "isosurfaces of volumes too large for one machine",
           .example = "  isoscope render head.nii.gz --isovalue 60 --output head.png\n",
-          .commands = {PartitionCommand(), InfoCommand(), ServeCommand(), RenderCommand(),
-                       PickCommand(), ExportCommand(), GenerateCommand(), TopCommand(),
-                       CacheListCommand(), CacheClearCommand(), CompletionCommand("isoscope"),
-                       ViewCommand()},
+          .commands = {PartitionCommand(), InfoCommand(), VerifyCommand(), ServeCommand(),
+                       RenderCommand(), PickCommand(), ExportCommand(), GenerateCommand(),
+                       TopCommand(), CacheListCommand(), CacheClearCommand(),
+                       CompletionCommand("isoscope"), ViewCommand()},
           .moved = {{"bench", "it is a program of its own: isoscope-bench"}}};
 }
 

@@ -10,6 +10,7 @@ namespace isoscope::cli {
 
 Command PartitionCommand();
 Command InfoCommand();
+Command VerifyCommand();
 Command ServeCommand();
 Command RenderCommand();
 Command PickCommand();

@@ -12,7 +12,11 @@
 #include "client-cli/session/source_flags.h"
 #include "core/cli/command.h"
 #include "core/partition/partitioner.h"
+#include "core/partition/series_partitioner.h"
+#include "core/source/volume_series.h"
+#include "core/source/volume_source.h"
 #include "core/store/manifest.h"
+#include "core/store/series_manifest.h"
 
 namespace isoscope::cli {
 
@@ -25,6 +29,19 @@ absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text);
 absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
                                                 partition::PartitionOptions options,
                                                 const Context& context);
+// The same of a source that is open.
+absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSource& source,
+                                                partition::PartitionOptions options,
+                                                const Context& context);
+
+enum class SeriesAction { kMake, kAppend };
+// Makes a series of a source, or appends it to one, with progress, and replaces the same options.
+// CANCELLED on an interrupt, saying what was kept; other errors as partition::PartitionSeries and
+// partition::AppendToSeries.
+absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,
+                                                      source::VolumeSeries& source,
+                                                      partition::SeriesPartitionOptions options,
+                                                      const Context& context);
 
 }  // namespace isoscope::cli
 

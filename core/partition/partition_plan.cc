@@ -31,6 +31,7 @@
 #include "core/index/interval_tree_builder.h"
 #include "core/partition/histogram_builder.h"
 #include "core/store/block_order.h"
+#include "core/store/shard_format.h"
 
 namespace isoscope::partition {
 namespace {
@@ -219,6 +220,19 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
       memory_limit_bytes, dims.x, std::min(cells.y + 3, dims.y), std::min(cells.z + 3, dims.z),
       volume::NameOf(type), layout.block_count(), planner.plan().total_bytes,
       is_greedy ? " or the random distribution" : ""));
+}
+
+absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout) {
+  const std::int64_t block_count = layout.block_count();
+  const std::int64_t max = std::min<std::int64_t>(store::kMaxShardCount, block_count);
+  if (shard_count < 1 || shard_count > max) {
+    const math::Index3& cells = layout.block_cells();
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%d shards for %d blocks of %d x %d x %d cells: expected 1 to %d; fewer shards, or "
+        "smaller blocks",
+        shard_count, block_count, cells.x, cells.y, cells.z, max));
+  }
+  return absl::OkStatus();
 }
 
 std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan) {

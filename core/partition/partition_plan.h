@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "core/math/box.h"
@@ -37,6 +38,9 @@ struct PartitionPlan {
     return block_rows_per_portion >= layout.block_dims().y;
   }
 };
+
+// INVALID_ARGUMENT unless each shard gets a block, and there are at most kMaxShardCount.
+absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout);
 
 // The most blocks of a batch.
 inline constexpr std::int64_t kMaxBatchBlocks = 8192;

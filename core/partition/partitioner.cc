@@ -62,19 +62,6 @@
 namespace isoscope::partition {
 namespace {
 
-absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout) {
-  const std::int64_t block_count = layout.block_count();
-  const std::int64_t max = std::min<std::int64_t>(store::kMaxShardCount, block_count);
-  if (shard_count < 1 || shard_count > max) {
-    const math::Index3& cells = layout.block_cells();
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%d shards for %d blocks of %d x %d x %d cells: expected 1 to %d; fewer shards, or "
-        "smaller blocks",
-        shard_count, block_count, cells.x, cells.y, cells.z, max));
-  }
-  return absl::OkStatus();
-}
-
 absl::Status CopyFile(const std::string& from, const std::string& to) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto in, io::OpenRandomAccessFile(from));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto out, io::CreateWritableFile(to));
@@ -253,7 +240,8 @@ class Partitioner {
     ISOSCOPE_ASSIGN_OR_RETURN(manifest.range_table_crc32c, range_writer_->Finish());
     const bool is_random = options_.distribution == store::Distribution::kRandom;
     manifest.name = name;
-    manifest.source = BaseName(source_.name());
+    manifest.source =
+        options_.source_name.empty() ? BaseName(source_.name()) : options_.source_name;
     manifest.geometry = source_.geometry();
     manifest.patient_frame = source_.patient_frame();
     manifest.scalar_type = type_;

@@ -28,6 +28,7 @@ struct PartitionProgress {
 struct PartitionOptions {
   std::string output_directory;             // must not exist; its parent must
   std::string name;                         // of the dataset; empty: that of the folder
+  std::string source_name;                  // for people; empty: file name of the source
   int shard_count = 1;                      // 1 .. min(kMaxShardCount, number of blocks)
   std::optional<math::Index3> block_cells;  // default: volume::DefaultBlockCells
   store::Distribution distribution = store::Distribution::kRandom;

@@ -1,0 +1,328 @@
+#include "client-cli/output/series_json.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include <nlohmann/json.hpp>
+
+#include "core/base/printable.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
+#include "core/io/file.h"
+#include "core/store/manifest.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+Json ArrayOf(const math::Index3& v) { return Json::array({v.x, v.y, v.z}); }
+// Adding 0 makes -0 the 0 that people expect.
+Json ArrayOf(const math::Vec3d& v) { return Json::array({v.x + 0.0, v.y + 0.0, v.z + 0.0}); }
+Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
+
+std::string ListOf(const Json& array, absl::string_view separator) {
+  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
+    absl::StrAppend(out, element.dump());
+  });
+}
+
+std::string PrintableText(const Json& object, const char* key) {
+  const Json& value = object.at(key);
+  return value.is_string() ? base::Printable(value.get<std::string>()) : std::string();
+}
+
+void AddSeriesLine(absl::string_view name, const std::string& value, std::string* text) {
+  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
+}
+
+std::int64_t FileBytesBelow(const std::string& path) {
+  std::int64_t bytes = 0;
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_regular_file(ignored)) {
+      bytes += static_cast<std::int64_t>(entry->file_size(ignored));
+    }
+  }
+  return bytes;
+}
+
+// The range and the greatest gradient of a component over all steps.
+struct OverSteps {
+  volume::ScalarSpan range{std::numeric_limits<double>::infinity(),
+                           -std::numeric_limits<double>::infinity()};
+  std::optional<double> gradient;
+  std::vector<int> steps;
+};
+
+using ByComponent = std::map<std::pair<int, int>, OverSteps>;
+
+ByComponent GatherOverSteps(const store::SeriesManifest& series) {
+  ByComponent gathered;
+  for (const store::ScalarVolume& volume : series.volumes) {
+    OverSteps& component = gathered[{volume.key.field, volume.key.component}];
+    component.range.min = std::min(component.range.min, volume.value_range.min);
+    component.range.max = std::max(component.range.max, volume.value_range.max);
+    if (volume.max_gradient_magnitude.has_value()) {
+      component.gradient = std::max(component.gradient.value_or(0), *volume.max_gradient_magnitude);
+    }
+    component.steps.push_back(volume.key.step);
+  }
+  return gathered;
+}
+
+Json FieldsToJson(const store::SeriesManifest& series) {
+  ByComponent gathered = GatherOverSteps(series);
+  Json fields = Json::array();
+  for (int i = 0; i < static_cast<int>(series.fields.size()); ++i) {
+    const store::Field& field = series.fields[static_cast<std::size_t>(i)];
+    Json json{{"name", field.name},
+              {"long_name", TextOrNull(field.long_name)},
+              {"unit", TextOrNull(field.unit)}};
+    json["components"] = Json::array();
+    std::vector<int> steps = gathered[{i, 0}].steps;
+    for (int j = 0; j < static_cast<int>(field.components.size()); ++j) {
+      const store::FieldComponent& component = field.components[static_cast<std::size_t>(j)];
+      const OverSteps& over = gathered[{i, j}];
+      std::vector<int> common;
+      std::set_intersection(steps.begin(), steps.end(), over.steps.begin(), over.steps.end(),
+                            std::back_inserter(common));
+      steps = std::move(common);
+      json["components"].push_back(
+          {{"name", component.name},
+           {"sample_type", std::string(volume::NameOf(component.scalar_type))},
+           {"value_range", over.range.min <= over.range.max
+                               ? Json::array({over.range.min, over.range.max})
+                               : Json(nullptr)},
+           {"max_gradient_magnitude",
+            over.gradient.has_value() ? Json(*over.gradient) : Json(nullptr)}});
+    }
+    json["time_steps"] = steps;
+    fields.push_back(std::move(json));
+  }
+  return fields;
+}
+
+// By shard: whether its folder holds the volume.
+Json MissingVolumesToJson(const store::SeriesDescription& description,
+                          std::vector<std::int64_t>* volume_counts) {
+  const store::SeriesManifest& series = description.manifest;
+  Json missing = Json::array();
+  for (int step = 0; step < series.step_count(); ++step) {
+    for (int i = 0; i < static_cast<int>(series.fields.size()); ++i) {
+      const store::Field& field = series.fields[static_cast<std::size_t>(i)];
+      for (int j = 0; j < static_cast<int>(field.components.size()); ++j) {
+        const store::ScalarVolumeKey key{.field = i, .component = j, .step = step};
+        const bool is_known = series.Find(key) != nullptr;
+        Json shards = Json::array();
+        for (std::size_t shard = 0; shard < description.shard_directories.size(); ++shard) {
+          const std::string& directory = description.shard_directories[shard];
+          if (directory.empty()) {
+            continue;
+          }
+          if (is_known && io::IsDirectory(absl::StrCat(directory, "/",
+                                                       store::ScalarVolumeDirectoryName(key)))) {
+            ++(*volume_counts)[shard];
+          } else {
+            shards.push_back(shard);
+          }
+        }
+        if (!is_known || !shards.empty()) {
+          missing.push_back({{"field", field.name},
+                             {"component", field.components[static_cast<std::size_t>(j)].name},
+                             {"step", step},
+                             {"shards", std::move(shards)}});
+        }
+      }
+    }
+  }
+  return missing;
+}
+
+// "0, 0.1, 0.2, ..., 4.9 s".
+std::string DescribeTimes(const Json& series) {
+  constexpr std::size_t kMaxTimes = 8;
+  const Json& steps = series.at("time_steps");
+  std::vector<std::string> times;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    if (steps.size() > kMaxTimes && i == kMaxTimes / 2) {
+      times.push_back("...");
+      i = steps.size() - 2;
+    }
+    times.push_back(steps[i].at("value").dump());
+  }
+  const std::string unit = PrintableText(series, "time_unit");
+  return absl::StrCat(absl::StrJoin(times, ", "), unit.empty() ? "" : " ", unit);
+}
+
+// A line for each field, component and list of shards: "u x at steps 3, 4 in shards 0, 1".
+std::vector<std::string> DescribeMissing(const Json& missing) {
+  constexpr std::size_t kMaxSteps = 8;
+  std::vector<std::pair<std::string, std::vector<std::string>>> groups;
+  for (const Json& volume : missing) {
+    const std::string component = PrintableText(volume, "component");
+    const std::string shards = ListOf(volume.at("shards"), ", ");
+    const std::string what =
+        absl::StrCat(PrintableText(volume, "field"), component.empty() ? "" : " ", component, "|",
+                     shards.empty() ? "" : absl::StrCat(" in shards ", shards));
+    auto group = std::find_if(groups.begin(), groups.end(),
+                              [&](const auto& known) { return known.first == what; });
+    if (group == groups.end()) {
+      group = groups.insert(groups.end(), {what, {}});
+    }
+    group->second.push_back(volume.at("step").dump());
+  }
+  std::vector<std::string> lines;
+  for (auto& [what, steps] : groups) {
+    const std::size_t count = steps.size();
+    if (count > kMaxSteps) {
+      steps.resize(kMaxSteps);
+      steps.push_back("...");
+    }
+    const std::size_t bar = what.rfind('|');
+    lines.push_back(absl::StrCat(what.substr(0, bar), count == 1 ? " at step " : " at steps ",
+                                 absl::StrJoin(steps, ", "), what.substr(bar + 1)));
+  }
+  return lines;
+}
+
+std::string DescribeFields(const Json& fields, int max_width) {
+  Table table = Table::OfColumns({{.title = "field", .is_left = true, .is_flexible = true},
+                                  {.title = "component", .is_left = true},
+                                  {.title = "unit", .is_left = true},
+                                  {.title = "type", .is_left = true},
+                                  {.title = "values", .is_left = true},
+                                  {.title = "steps"}});
+  for (const Json& field : fields) {
+    const std::string long_name = PrintableText(field, "long_name");
+    std::string name = absl::StrCat(PrintableText(field, "name"),
+                                    long_name.empty() ? "" : absl::StrCat(" (", long_name, ")"));
+    std::string steps = absl::StrCat(field.at("time_steps").size());
+    for (const Json& component : field.at("components")) {
+      const Json& range = component.at("value_range");
+      table.AddRow({name, PrintableText(component, "name"), PrintableText(field, "unit"),
+                    PrintableText(component, "sample_type"),
+                    range.is_null()
+                        ? "none but NaN"
+                        : absl::StrCat(range[0].get<double>(), " to ", range[1].get<double>()),
+                    steps});
+      name.clear();
+      steps.clear();
+    }
+  }
+  return table.ToString(max_width);
+}
+
+}  // namespace
+
+Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
+  const store::SeriesManifest& series = description.manifest;
+  const volume::GridGeometry& geometry = series.geometry;
+  const auto layout = volume::BlockLayout::Make(geometry.sample_dims, series.block_cells);
+  Json json;
+  json["name"] = series.name;
+  json["dataset_id"] = series.dataset_id;
+  json["source"] = series.source;
+  json["sample_dims"] = ArrayOf(geometry.sample_dims);
+  json["spacing"] = ArrayOf(geometry.spacing);
+  json["origin"] = ArrayOf(geometry.origin);
+  json["direction"] = Json::array();
+  for (const math::Vec3d& column : geometry.direction.columns) {
+    json["direction"].push_back(ArrayOf(column));
+  }
+  json["length_unit"] = TextOrNull(series.length_unit);
+  json["fields"] = FieldsToJson(series);
+  json["time_steps"] = Json::array();
+  for (std::size_t step = 0; step < series.times.size(); ++step) {
+    json["time_steps"].push_back({{"number", step}, {"value", series.times[step]}});
+  }
+  json["time_unit"] = TextOrNull(series.time_unit);
+  json["block_cells"] = ArrayOf(series.block_cells);
+  json["block_count"] = layout.ok() ? layout->block_count() : 0;
+  json["shard_count"] = series.shard_count;
+  json["patient_frame"] =
+      series.patient_frame.has_value() ? Json(series.patient_frame->name()) : Json(nullptr);
+  std::vector<std::int64_t> volume_counts(description.shard_directories.size(), 0);
+  json["missing_volumes"] = MissingVolumesToJson(description, &volume_counts);
+  json["missing_shards"] = Json::array();
+  Json shards = Json::array();
+  for (std::size_t shard = 0; shard < description.shard_directories.size(); ++shard) {
+    const std::string& directory = description.shard_directories[shard];
+    if (directory.empty()) {
+      json["missing_shards"].push_back(shard);
+    } else {
+      shards.push_back({{"shard", shard},
+                        {"volume_count", volume_counts[shard]},
+                        {"file_bytes", FileBytesBelow(directory)}});
+    }
+  }
+  json["distribution"] = std::string(store::NameOf(store::Distribution::kRandom));
+  json["seed"] = series.seed;
+  json["shards"] = std::move(shards);
+  return json;
+}
+
+std::string DescribeSeries(const Json& series, int max_width) {
+  std::string text;
+  const auto line = [&text](absl::string_view name, const std::string& value) {
+    AddSeriesLine(name, value, &text);
+  };
+  line("dataset", PrintableText(series, "name"));
+  line("id", PrintableText(series, "dataset_id"));
+  line("source", PrintableText(series, "source"));
+  line("samples", ListOf(series.at("sample_dims"), " x "));
+  const std::string unit = PrintableText(series, "length_unit");
+  line("spacing", absl::StrCat(ListOf(series.at("spacing"), ", "), unit.empty() ? "" : " ", unit));
+  line("origin", ListOf(series.at("origin"), ", "));
+  line("direction",
+       absl::StrJoin(series.at("direction"), "; ", [](std::string* out, const Json& column) {
+         absl::StrAppend(out, ListOf(column, ", "));
+       }));
+  if (series.at("patient_frame").is_string()) {
+    line("patient", absl::StrCat(PrintableText(series, "patient_frame"), " are world +x, +y, +z"));
+  }
+  const std::size_t step_count = series.at("time_steps").size();
+  line("steps", step_count == 0 ? "1, without a time" : absl::StrCat(step_count));
+  if (step_count > 0) {
+    line("times", DescribeTimes(series));
+  }
+  for (const std::string& missing : DescribeMissing(series.at("missing_volumes"))) {
+    line("missing", missing);
+  }
+  line("blocks", absl::StrCat(FormatCount(series.at("block_count").get<std::int64_t>()), " of ",
+                              ListOf(series.at("block_cells"), " x "), " cells"));
+  const Json& missing = series.at("missing_shards");
+  line("shards",
+       absl::StrCat(
+           series.at("shard_count").dump(),
+           missing.empty() ? std::string() : absl::StrCat(", missing: ", ListOf(missing, ", "))));
+  line("distribution",
+       absl::StrCat(PrintableText(series, "distribution"), ", seed ", series.at("seed").dump()));
+  absl::StrAppend(&text, "\n", DescribeFields(series.at("fields"), max_width));
+  if (!series.at("shards").empty()) {
+    Table table({"shard", "volumes", "size"});
+    for (const Json& shard : series.at("shards")) {
+      table.AddRow({shard.at("shard").dump(),
+                    FormatCount(shard.at("volume_count").get<std::int64_t>()),
+                    FormatMebibytes(shard.at("file_bytes").get<std::int64_t>())});
+    }
+    absl::StrAppend(&text, "\n", table.ToString());
+  }
+  return text;
+}
+
+}  // namespace isoscope::cli

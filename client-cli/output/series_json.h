@@ -1,0 +1,33 @@
+// The output of `info` for a series: as JSON and as text.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_SERIES_JSON_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_SERIES_JSON_H_
+
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "client-cli/output/dataset_json.h"
+#include "core/store/series_manifest.h"
+
+namespace isoscope::cli {
+
+// The members of DatasetDirectoryToJson without samples_digest, sample_type, value_range and
+// max_gradient_magnitude; shards are [{"shard", "volume_count", "file_bytes"}]. And
+//
+//   "length_unit", "time_unit"   null if unknown
+//   "fields"    [{"name", "long_name", "unit", "components": [{"name", "sample_type",
+//   "value_range",
+//               "max_gradient_magnitude"}], "time_steps"}]; ranges are over all steps; time_steps
+//               are the numbers of those at which the field is there with all components
+//   "time_steps"        [{"number", "value"}]; empty: one step without a time
+//   "missing_volumes"   [{"field", "component", "step", "shards"}]: the shards of this folder that
+//                       lack the volume; all if the series has none
+Json SeriesDirectoryToJson(const store::SeriesDescription& description);
+
+// The same for people, from the JSON above. max_width: as Table::ToString.
+std::string DescribeSeries(const Json& series, int max_width = 0);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_SERIES_JSON_H_

@@ -1,0 +1,130 @@
+#include "core/partition/series_selection.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::partition {
+namespace {
+
+class SelectedSeries final : public source::VolumeSeries {
+ public:
+  SelectedSeries(std::unique_ptr<source::VolumeSeries> source, std::vector<int> fields,
+                 std::vector<int> steps)
+      : source_(std::move(source)),
+        field_indices_(std::move(fields)),
+        step_numbers_(std::move(steps)) {
+    for (const int field : field_indices_) {
+      fields_.push_back(source_->fields()[static_cast<std::size_t>(field)]);
+    }
+    if (!source_->times().empty()) {
+      for (const int step : step_numbers_) {
+        times_.push_back(source_->times()[static_cast<std::size_t>(step)]);
+      }
+    }
+  }
+  void NameField(const std::string& name) { fields_.front().name = name; }
+  void SetTime(double time) { times_ = {time}; }
+
+  [[nodiscard]] const std::string& name() const override { return source_->name(); }
+  [[nodiscard]] const std::vector<source::SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
+  [[nodiscard]] const std::string& time_unit() const override { return source_->time_unit(); }
+  [[nodiscard]] const std::string& length_unit() const override { return source_->length_unit(); }
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> Open(int field, int component,
+                                                             int step) override {
+    return source_->Open(field_indices_[static_cast<std::size_t>(field)], component,
+                         step_numbers_[static_cast<std::size_t>(step)]);
+  }
+
+ private:
+  const std::unique_ptr<source::VolumeSeries> source_;
+  const std::vector<int> field_indices_;  // in source_
+  const std::vector<int> step_numbers_;   // in source_
+  std::vector<source::SourceField> fields_;
+  std::vector<double> times_;
+};
+
+absl::StatusOr<std::vector<int>> ChooseFields(const source::VolumeSeries& source,
+                                              const SeriesSelection& selection) {
+  const std::vector<source::SourceField>& all = source.fields();
+  std::vector<int> chosen;
+  if (selection.fields.empty() || selection.names_field) {
+    for (int field = 0; field < static_cast<int>(all.size()); ++field) {
+      chosen.push_back(field);
+    }
+  }
+  if (selection.names_field && !selection.fields.empty() &&
+      (all.size() > 1 || selection.fields.size() > 1)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: has %d fields without names: the names of %d were given",
+                        source.name(), all.size(), selection.fields.size()));
+  }
+  for (std::size_t i = 0; i < selection.fields.size() && !selection.names_field; ++i) {
+    const auto found = std::find_if(all.begin(), all.end(), [&](const source::SourceField& field) {
+      return field.name == selection.fields[i];
+    });
+    if (found == all.end()) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: no field \"%s\"; it has %s", source.name(), selection.fields[i],
+          absl::StrJoin(all, ", ", [](std::string* out, const source::SourceField& field) {
+            absl::StrAppend(out, "\"", field.name, "\"");
+          })));
+    }
+    const auto index = static_cast<int>(found - all.begin());
+    if (std::find(chosen.begin(), chosen.end(), index) != chosen.end()) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("field \"%s\" is given twice", selection.fields[i]));
+    }
+    chosen.push_back(index);
+  }
+  return chosen;
+}
+
+absl::StatusOr<std::vector<int>> ChooseSteps(const source::VolumeSeries& source,
+                                             const std::optional<StepRange>& range) {
+  const int step_count = source.step_count();
+  const StepRange steps = range.value_or(StepRange{.first = 0, .last = step_count - 1});
+  if (steps.last >= step_count) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: step %d: the source has steps 0 to %d",
+                                                      source.name(), steps.last, step_count - 1));
+  }
+  std::vector<int> chosen;
+  for (int step = steps.first; step <= steps.last; step += steps.stride) {
+    chosen.push_back(step);
+  }
+  return chosen;
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<source::VolumeSeries>> SelectFrom(
+    std::unique_ptr<source::VolumeSeries> source, const SeriesSelection& selection) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> fields, ChooseFields(*source, selection));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> steps, ChooseSteps(*source, selection.steps));
+  if (selection.time.has_value() && !source->times().empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: a time was given, but the source has times of its own, %g to %g",
+                        source->name(), source->times().front(), source->times().back()));
+  }
+  auto selected =
+      std::make_unique<SelectedSeries>(std::move(source), std::move(fields), std::move(steps));
+  if (selection.names_field && !selection.fields.empty()) {
+    selected->NameField(selection.fields.front());
+  }
+  if (selection.time.has_value()) {
+    ISOSCOPE_CHECK(std::isfinite(*selection.time));
+    selected->SetTime(*selection.time);
+  }
+  return selected;
+}
+
+}  // namespace isoscope::partition

@@ -1,0 +1,39 @@
+// Some fields and steps of a source, in place of all.
+
+#ifndef ISOSCOPE_CORE_PARTITION_SERIES_SELECTION_H_
+#define ISOSCOPE_CORE_PARTITION_SERIES_SELECTION_H_
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_series.h"
+
+namespace isoscope::partition {
+
+// Steps first, first + stride, ..., up to and with last. REQUIRES: 0 <= first <= last, stride >= 1.
+struct StepRange {
+  int first = 0;
+  int last = 0;
+  int stride = 1;
+};
+
+struct SeriesSelection {
+  std::vector<std::string> fields;  // names, in the order of the result; empty: all
+  // The format knows no names of fields: `fields`, of one element, is the name of the only one.
+  bool names_field = false;
+  std::optional<StepRange> steps = std::nullopt;  // not set: all
+  std::optional<double> time = std::nullopt;      // finite; of a source without times
+};
+
+// INVALID_ARGUMENT: no such field (lists those there are) or step, a field twice, or a time
+// although the source has times.
+absl::StatusOr<std::unique_ptr<source::VolumeSeries>> SelectFrom(
+    std::unique_ptr<source::VolumeSeries> source, const SeriesSelection& selection);
+
+}  // namespace isoscope::partition
+
+#endif  // ISOSCOPE_CORE_PARTITION_SERIES_SELECTION_H_

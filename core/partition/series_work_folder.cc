@@ -1,0 +1,170 @@
+// A scalar volume is finished once its record is there: the folders that the partitioner wrote in
+// `volume` were moved to their shards before. A process that is killed in between leaves a part of
+// a volume without a record, which Finish replaces when the volume is made again.
+
+#include "core/partition/series_work_folder.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <set>
+#include <system_error>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/store/manifest.h"
+#include "core/store/sealed_json.h"
+#include "core/store/shard_format.h"
+
+namespace isoscope::partition {
+namespace {
+
+constexpr absl::string_view kLockName = "lock";
+constexpr absl::string_view kFinishedName = "finished";
+constexpr std::int64_t kMaxRecordBytes = 4096;
+
+absl::Status MakeFolder(const std::string& path) {
+  return io::IsDirectory(path) ? absl::OkStatus() : io::CreateDirectory(path);
+}
+
+// Removes the entries of a folder that have other names.
+absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
+  std::error_code error;
+  std::vector<std::string> others;
+  for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (kept.count(entry->path().filename().string()) == 0) {
+      others.push_back(entry->path().string());
+    }
+  }
+  if (error) {
+    return io::ErrnoToStatus(error.value(), "list", path);
+  }
+  for (const std::string& other : others) {
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(other));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<SeriesWorkFolder>> SeriesWorkFolder::Take(const std::string& path) {
+  std::unique_ptr<SeriesWorkFolder> folder(new SeriesWorkFolder(path));
+  ISOSCOPE_RETURN_IF_ERROR(MakeFolder(path));
+  absl::StatusOr<std::unique_ptr<io::FileLock>> lock =
+      io::FileLock::Take(absl::StrCat(path, "/", kLockName));
+  if (absl::IsFailedPrecondition(lock.status())) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": another process writes there; wait until it has ended"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(lock.status());
+  folder->lock_ = *std::move(lock);
+  return folder;
+}
+
+SeriesWorkFolder::~SeriesWorkFolder() {
+  const bool is_ours = lock_ != nullptr && !is_moved_;
+  if (!is_ours || HoldsFinished()) {
+    return;
+  }
+  if (const absl::Status removed = io::RemoveRecursively(path_); !removed.ok()) {
+    base::LogWarning("partial_dataset_left", {{"path", path_}, {"status", removed}});
+  }
+}
+
+bool SeriesWorkFolder::HoldsFinished() const {
+  std::error_code error;
+  const std::filesystem::path finished = absl::StrCat(path_, "/", kFinishedName);
+  return io::PathExists(absl::StrCat(path_, "/", store::kManifestFileName)) ||
+         (std::filesystem::is_directory(finished, error) &&
+          !std::filesystem::is_empty(finished, error));
+}
+
+absl::Status SeriesWorkFolder::Clear() { return RemoveOthers(path_, {std::string(kLockName)}); }
+
+absl::Status SeriesWorkFolder::Prepare(int shard_count) {
+  shard_count_ = shard_count;
+  ISOSCOPE_RETURN_IF_ERROR(MakeFolder(absl::StrCat(path_, "/", kFinishedName)));
+  for (int shard = 0; shard < shard_count; ++shard) {
+    ISOSCOPE_RETURN_IF_ERROR(MakeFolder(ShardPath(shard)));
+  }
+  return RemoveOthers(path_, EntriesToKeep());
+}
+
+absl::Status SeriesWorkFolder::RemoveOtherVolumes(
+    const std::vector<store::ScalarVolumeKey>& keys) const {
+  std::set<std::string> names;
+  for (const store::ScalarVolumeKey& key : keys) {
+    names.insert(store::ScalarVolumeDirectoryName(key));
+  }
+  for (int shard = 0; shard < shard_count_; ++shard) {
+    ISOSCOPE_RETURN_IF_ERROR(RemoveOthers(ShardPath(shard), names));
+  }
+  return RemoveOthers(path_, EntriesToKeep());
+}
+
+std::set<std::string> SeriesWorkFolder::EntriesToKeep() const {
+  std::set<std::string> names = {std::string(kLockName), std::string(kFinishedName)};
+  for (int shard = 0; shard < shard_count_; ++shard) {
+    names.insert(store::ShardDirectoryName(shard, shard_count_));
+  }
+  return names;
+}
+
+std::string SeriesWorkFolder::ShardPath(int shard) const {
+  return absl::StrCat(path_, "/", store::ShardDirectoryName(shard, shard_count_));
+}
+
+std::string SeriesWorkFolder::RecordPath(const store::ScalarVolumeKey& key) const {
+  return absl::StrCat(path_, "/", kFinishedName, "/", store::ScalarVolumeDirectoryName(key));
+}
+
+bool SeriesWorkFolder::IsFinished(const store::ScalarVolumeKey& key,
+                                  absl::string_view fingerprint) const {
+  const absl::StatusOr<std::string> record = io::ReadWholeFile(RecordPath(key), kMaxRecordBytes);
+  return record.ok() && absl::string_view(*record) == fingerprint && Describe(key).ok();
+}
+
+absl::Status SeriesWorkFolder::Finish(const store::ScalarVolumeKey& key,
+                                      absl::string_view fingerprint) {
+  const std::string name = store::ScalarVolumeDirectoryName(key);
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(RecordPath(key)));
+  for (int shard = 0; shard < shard_count_; ++shard) {
+    const std::string to = absl::StrCat(ShardPath(shard), "/", name);
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(to));
+    ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(
+        absl::StrCat(volume_path(), "/", store::ShardDirectoryName(shard, shard_count_)), to));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(RecordPath(key), fingerprint));
+  return io::RemoveRecursively(volume_path());
+}
+
+absl::StatusOr<store::ScalarVolume> SeriesWorkFolder::Describe(
+    const store::ScalarVolumeKey& key) const {
+  const std::string path = absl::StrCat(ShardPath(0), "/", store::ScalarVolumeDirectoryName(key),
+                                        "/", store::kManifestFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
+                            io::ReadWholeFile(path, store::kMaxManifestBytes));
+  store::ScalarVolume volume;
+  ISOSCOPE_ASSIGN_OR_RETURN(volume.manifest_crc32c, store::VerifySeal(bytes, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest, store::DecodeManifest(bytes, path));
+  volume.key = key;
+  volume.dataset_id = std::move(manifest.dataset_id);
+  volume.value_range = manifest.value_range;
+  volume.max_gradient_magnitude = manifest.max_gradient_magnitude;
+  return volume;
+}
+
+absl::Status SeriesWorkFolder::MoveTo(const std::string& to) {
+  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(path_, to));
+  is_moved_ = true;
+  for (const absl::string_view name : {kFinishedName, kLockName}) {
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(absl::StrCat(to, "/", name)));
+  }
+  return io::SyncDirectory(to);
+}
+
+}  // namespace isoscope::partition

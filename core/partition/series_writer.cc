@@ -1,0 +1,238 @@
+// Each volume takes these steps, so that a process may end after any of them:
+//
+//   1. Its fingerprint is compared with the one of a finished volume in the folder: kept if equal.
+//   2. Partition writes it as a dataset of version 1.
+//   3. The folder moves its shards to their places, and records the fingerprint.
+//
+// The fingerprint names all that decides the bytes: files with size and time of change, what of
+// them, and the parameters.
+
+#include "core/partition/series_writer.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/sha256.h"
+#include "core/base/status_macros.h"
+#include "core/source/magnitude_source.h"
+
+namespace isoscope::partition {
+namespace {
+
+std::string TextOf(const math::Index3& v) { return absl::StrFormat("%d, %d, %d", v.x, v.y, v.z); }
+std::string TextOf(const math::Vec3d& v) {
+  return absl::StrFormat("%.17g, %.17g, %.17g", v.x, v.y, v.z);
+}
+
+std::string TextOf(const math::Mat3d& m) {
+  return absl::StrCat(TextOf(m.columns[0]), "; ", TextOf(m.columns[1]), "; ", TextOf(m.columns[2]));
+}
+
+std::string TextOf(const std::optional<volume::PatientFrame>& frame) {
+  return frame.has_value() ? frame->name() : "none";
+}
+
+const volume::ScalarType& TypeOf(const store::SeriesManifest& series,
+                                 const store::ScalarVolumeKey& key) {
+  return series.fields[static_cast<std::size_t>(key.field)]
+      .components[static_cast<std::size_t>(key.component)]
+      .scalar_type;
+}
+
+// Size and time of change of each file that the source reads; its name alone where there is none.
+std::string DescribeFiles(const source::VolumeSource& volume) {
+  const absl::StatusOr<std::vector<std::string>> known = source::FilesOfVolume(volume.name());
+  std::string text;
+  for (const std::string& file : known.ok() ? *known : std::vector<std::string>{volume.name()}) {
+    std::error_code error;
+    const auto size = std::filesystem::file_size(file, error);
+    const auto changed = std::filesystem::last_write_time(file, error);
+    absl::StrAppend(
+        &text, file, "\n",
+        error ? std::string("?") : absl::StrCat(size, " ", changed.time_since_epoch().count()),
+        "\n");
+  }
+  return text;
+}
+
+std::string FingerprintOf(const source::VolumeSeries& source, const VolumeTask& task,
+                          const source::VolumeSource& volume, const PartitionOptions& options,
+                          const store::SeriesManifest& series) {
+  return base::Sha256Hex(absl::StrCat(
+      "isoscope volume 1\n", NameOf(source, task), "\n", volume.name(), "\n", DescribeFiles(volume),
+      series.name, "\n", series.source, "\n", TextOf(series.geometry.sample_dims), "\n",
+      TextOf(series.block_cells), "\n", series.shard_count, " ", series.seed, " ",
+      static_cast<int>(options.compression)));
+}
+
+// The finished part of all progress.
+class TotalProgress {
+ public:
+  TotalProgress(const std::function<void(const PartitionProgress&)>& report,
+                const std::vector<VolumeTask>& tasks, const store::SeriesManifest& series)
+      : report_(report) {
+    for (const VolumeTask& task : tasks) {
+      total_bytes_ += BytesOf(task, series);
+    }
+  }
+  void Begin(std::string phase) { phase_ = std::move(phase); }
+  void Report(std::int64_t bytes_of_volume) const {
+    if (report_) {
+      report_({.phase = phase_.c_str(),
+               .done_bytes = done_bytes_ + bytes_of_volume,
+               .total_bytes = total_bytes_});
+    }
+  }
+  void End(const VolumeTask& task, const store::SeriesManifest& series) {
+    done_bytes_ += BytesOf(task, series);
+    Report(0);
+  }
+
+ private:
+  static std::int64_t BytesOf(const VolumeTask& task, const store::SeriesManifest& series) {
+    return math::Volume(series.geometry.sample_dims) *
+           static_cast<std::int64_t>(volume::SizeOf(TypeOf(series, task.key)));
+  }
+
+  const std::function<void(const PartitionProgress&)>& report_;
+  std::string phase_;
+  std::int64_t done_bytes_ = 0;
+  std::int64_t total_bytes_ = 0;
+};
+
+absl::Status WriteVolume(source::VolumeSource* volume, const std::string& fingerprint,
+                         const VolumeTask& task, PartitionOptions options, SeriesWorkFolder* folder,
+                         const store::SeriesManifest& series,
+                         const base::Cancellation& cancellation) {
+  options.output_directory = folder->volume_path();
+  options.name = series.name;
+  options.source_name = series.source;
+  options.shard_count = series.shard_count;
+  options.block_cells = series.block_cells;
+  options.distribution = store::Distribution::kRandom;
+  options.seed = series.seed;
+  ISOSCOPE_RETURN_IF_ERROR(Partition(*volume, options, cancellation).status());
+  return folder->Finish(task.key, fingerprint);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenTask(source::VolumeSeries& source,
+                                                               const VolumeTask& task) {
+  const auto component_count =
+      static_cast<int>(source.fields()[static_cast<std::size_t>(task.field)].components.size());
+  if (task.component < component_count) {
+    return source.Open(task.field, task.component, task.step);
+  }
+  std::vector<std::unique_ptr<source::VolumeSource>> components;
+  for (int component = 0; component < component_count; ++component) {
+    ISOSCOPE_ASSIGN_OR_RETURN(components.emplace_back(),
+                              source.Open(task.field, component, task.step));
+    if (components.back()->geometry() != components.front()->geometry()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          NameOf(source,
+                 {.key = {}, .field = task.field, .component = component, .step = task.step}),
+          ": has another grid than the component before"));
+    }
+  }
+  return source::MakeMagnitudeSource(std::move(components));
+}
+
+std::string NameOf(const source::VolumeSeries& source, const VolumeTask& task) {
+  const source::SourceField& field = source.fields()[static_cast<std::size_t>(task.field)];
+  std::string name = absl::StrCat("field \"", field.name, "\"");
+  if (field.components.size() > 1) {
+    const auto component = static_cast<std::size_t>(task.component);
+    absl::StrAppend(&name, ", component ",
+                    component < field.components.size()
+                        ? absl::string_view(field.components[component])
+                        : store::kMagnitudeName);
+  }
+  if (!source.times().empty()) {
+    absl::StrAppend(&name, ", step ", task.step, " (time ",
+                    source.times()[static_cast<std::size_t>(task.step)], ")");
+  }
+  return name;
+}
+
+absl::Status CheckFits(const source::VolumeSeries& source, const VolumeTask& task,
+                       const source::VolumeSource& volume, const store::SeriesManifest& series) {
+  const auto differs = [&](absl::string_view what, absl::string_view found,
+                           absl::string_view expected) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %s: %s %s, the first volume of the series has %s; all volumes of a "
+                        "series have the same",
+                        volume.name(), NameOf(source, task), what, found, expected));
+  };
+  const volume::GridGeometry& grid = volume.geometry();
+  const volume::GridGeometry& expected = series.geometry;
+  if (!(grid.sample_dims == expected.sample_dims)) {
+    return differs("dimensions", TextOf(grid.sample_dims), TextOf(expected.sample_dims));
+  }
+  if (!(grid.spacing == expected.spacing)) {
+    return differs("spacing", TextOf(grid.spacing), TextOf(expected.spacing));
+  }
+  if (!(grid.origin == expected.origin)) {
+    return differs("origin", TextOf(grid.origin), TextOf(expected.origin));
+  }
+  if (!(grid.direction == expected.direction)) {
+    return differs("directions", TextOf(grid.direction), TextOf(expected.direction));
+  }
+  if (volume.patient_frame() != series.patient_frame) {
+    return differs("patient frame", TextOf(volume.patient_frame()), TextOf(series.patient_frame));
+  }
+  if (const volume::ScalarType type = TypeOf(series, task.key); volume.scalar_type() != type) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %s: samples of %s, at other steps of %s; a field has one type at all steps",
+        volume.name(), NameOf(source, task), volume::NameOf(volume.scalar_type()),
+        volume::NameOf(type)));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<VolumeTask>& tasks,
+                          const PartitionOptions& options, SeriesWorkFolder* folder,
+                          store::SeriesManifest* series, const base::Cancellation& cancellation) {
+  TotalProgress progress(options.progress, tasks, *series);
+  PartitionOptions volume_options = options;
+  volume_options.progress = [&progress](const PartitionProgress& of_volume) {
+    progress.Report(of_volume.done_bytes);
+  };
+  for (std::size_t i = 0; i < tasks.size(); ++i) {
+    const VolumeTask& task = tasks[i];
+    progress.Begin(absl::StrCat("volume ", i + 1, " of ", tasks.size()));
+    const absl::Status status = [&]() -> absl::Status {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
+                                OpenTask(source, task));
+      ISOSCOPE_RETURN_IF_ERROR(CheckFits(source, task, *volume, *series));
+      const std::string fingerprint = FingerprintOf(source, task, *volume, options, *series);
+      if (!folder->IsFinished(task.key, fingerprint)) {
+        ISOSCOPE_RETURN_IF_ERROR(WriteVolume(volume.get(), fingerprint, task, volume_options,
+                                             folder, *series, cancellation));
+      }
+      ISOSCOPE_ASSIGN_OR_RETURN(series->volumes.emplace_back(), folder->Describe(task.key));
+      return absl::OkStatus();
+    }();
+    if (!status.ok() && i > 0) {
+      return {status.code(),
+              absl::StrFormat("%s; %d of %d volumes are finished and kept in %s: --resume goes on "
+                              "with them",
+                              status.message(), i, tasks.size(), folder->path())};
+    }
+    ISOSCOPE_RETURN_IF_ERROR(status);
+    progress.End(task, *series);
+  }
+  std::sort(
+      series->volumes.begin(), series->volumes.end(),
+      [](const store::ScalarVolume& a, const store::ScalarVolume& b) { return a.key < b.key; });
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::partition
