@@ -152,15 +152,12 @@ class HeaderParser {
     if (name == "PointData" || name == "CellData" || name == "FieldData") {
       data_ = Data::kNone;
     } else if (name == "DataArray") {
-      is_in_array_ = false;
+      array_ = nullptr;
       kept_text_ = nullptr;
-    } else if (name == "InformationKey" && kept_text_ != nullptr) {
-      kept_text_ = nullptr;
-      header_.arrays.back().unit =
-          std::string(absl::StripAsciiWhitespace(header_.arrays.back().unit));
-    }
-    if (name == "InformationKey" && is_in_array_) {
-      header_.arrays.back().inline_start = EndOfTag();
+    } else if (name == "InformationKey" && array_ != nullptr) {
+      kept_text_ = text_of_array_;
+      array_->unit = std::string(absl::StripAsciiWhitespace(array_->unit));
+      array_->inline_start = EndOfTag();
     }
   }
 
@@ -190,9 +187,13 @@ class HeaderParser {
       StartField(std::move(attributes));
     } else if (name == "DataArray" && data_ != Data::kNone) {
       StartArray(std::move(attributes));
-    } else if (name == "InformationKey" && is_in_array_ && attributes["name"] == "UNITS_LABEL") {
-      header_.arrays.back().unit.clear();
-      kept_text_ = &header_.arrays.back().unit;
+    } else if (name == "InformationKey" && array_ != nullptr) {
+      text_of_array_ = kept_text_;  // goes on behind the key
+      kept_text_ = nullptr;
+      if (attributes["name"] == "UNITS_LABEL") {
+        array_->unit.clear();
+        kept_text_ = &array_->unit;
+      }
     } else if (name == "AppendedData") {
       header_.appended_encoding = attributes["encoding"];
       header_.appended_start = EndOfTag();
@@ -201,7 +202,8 @@ class HeaderParser {
   }
 
   void StartArray(VtiHeader::Attributes attributes) {
-    kept_text_ = nullptr;  // the arrays move
+    array_ = nullptr;  // the arrays move
+    kept_text_ = nullptr;
     VtiArray array{.name = attributes["Name"],
                    .type = attributes["type"],
                    .is_of_cells = data_ == Data::kCells,
@@ -229,7 +231,7 @@ class HeaderParser {
     if (!is_whole_ && last.format != "appended" && IsCertain(last)) {
       Stop();
     }
-    is_in_array_ = is_whole_;
+    array_ = is_whole_ ? &header_.arrays.back() : nullptr;
   }
 
   void StartField(VtiHeader::Attributes attributes) {
@@ -241,8 +243,9 @@ class HeaderParser {
                                   .format = attributes["format"].substr(0, kMaxTextBytes),
                                   .offset = attributes["offset"].substr(0, kMaxTextBytes),
                                   .inline_start = EndOfTag()};
-    if (header_.time_value->format == "ascii") {
-      kept_text_ = &header_.time_value->text;
+    array_ = &*header_.time_value;
+    if (array_->format == "ascii") {
+      kept_text_ = &array_->text;
     }
   }
 
@@ -291,8 +294,9 @@ class HeaderParser {
   VtiHeader header_;
   Data data_ = Data::kNone;
   bool is_whole_ = false;
-  bool is_in_array_ = false;          // of points or cells, and is_whole_
-  std::string* kept_text_ = nullptr;  // where text of the header goes
+  VtiArray* array_ = nullptr;             // the open one, if is_whole_
+  std::string* kept_text_ = nullptr;      // where text of the header goes
+  std::string* text_of_array_ = nullptr;  // where it goes behind a key
   bool is_done_ = false;
   std::string problem_;
 };

@@ -67,6 +67,10 @@ absl::Status CheckNames(const std::vector<VtiArray>& arrays, const std::string& 
 }  // namespace
 
 absl::Status VtkImage::SetArrays(const VtiHeader& header, const std::string& part) {
+  time_unit_ = header.time_value.has_value() ? header.time_value->unit : "";
+  constexpr std::size_t kMaxUnitBytes = 64;
+  const auto length = header.image.find("Unit");
+  length_unit_ = length == header.image.end() ? "" : length->second.substr(0, kMaxUnitBytes);
   for (const bool is_of_cells : {false, true}) {
     std::copy_if(header.arrays.begin(), header.arrays.end(), std::back_inserter(arrays_),
                  [&](const VtiArray& array) {

@@ -33,6 +33,9 @@ class VtkImage {
   [[nodiscard]] const std::optional<std::int64_t>& component() const { return component_; }
   // TimeValue, of the first piece.
   [[nodiscard]] const std::optional<double>& time() const { return time_; }
+  // UNITS_LABEL of TimeValue, and the attribute Unit of ImageData, which isoscope writes; or empty.
+  [[nodiscard]] const std::string& time_unit() const { return time_unit_; }
+  [[nodiscard]] const std::string& length_unit() const { return length_unit_; }
 
   // Opens one component of arrays()[array]. Errors as OpenVtiFile. REQUIRES: indices in range.
   virtual absl::StatusOr<std::unique_ptr<VolumeSource>> Open(std::size_t array,
@@ -42,8 +45,8 @@ class VtkImage {
   // "run.vti:velocity:2", for messages.
   [[nodiscard]] std::string NameOf(std::size_t array, std::int64_t component) const;
 
-  // Takes the arrays of `header` that are fields: that which `part` names, or all. Errors as
-  // OpenVtkImage.
+  // Takes the units of `header`, and its arrays that are fields: that which `part` names, or all.
+  // Errors as OpenVtkImage.
   absl::Status SetArrays(const VtiHeader& header, const std::string& part);
 
   std::string path_;
@@ -51,6 +54,8 @@ class VtkImage {
   std::optional<std::int64_t> component_;
   volume::GridGeometry geometry_;
   std::optional<double> time_;
+  std::string time_unit_;
+  std::string length_unit_;
 };
 
 // True, with the parts, if the name is that of such a file, with or without an array.

@@ -38,12 +38,15 @@ class VtkSeries : public VolumeSeries {
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
   [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return no_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return no_unit_; }
+  [[nodiscard]] const std::string& time_unit() const override { return time_unit_; }
+  [[nodiscard]] const std::string& length_unit() const override { return length_unit_; }
 
  protected:
   VtkSeries(std::string name, const VtkImage& first, std::vector<double> times)
-      : name_(std::move(name)), times_(std::move(times)) {
+      : name_(std::move(name)),
+        times_(std::move(times)),
+        time_unit_(first.time_unit()),
+        length_unit_(first.length_unit()) {
     for (const VtiArray& array : first.arrays()) {
       fields_.push_back(FieldOfVtiArray(array));
     }
@@ -55,7 +58,8 @@ class VtkSeries : public VolumeSeries {
  private:
   const std::string name_;
   const std::vector<double> times_;
-  const std::string no_unit_;
+  const std::string time_unit_;
+  const std::string length_unit_;
   std::vector<SourceField> fields_;
 };
 

@@ -16,6 +16,7 @@
 
 #include "core/base/coding.h"
 #include "core/source/flow_generator.h"
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -281,6 +282,24 @@ TEST_F(FlowFileTest, BadOptionsNamesAndPlacesAreRefused) {
     EXPECT_THAT(Entries(), ElementsAre(name));
     std::filesystem::remove(dir_.Sub(name));
   }
+}
+
+TEST_F(FlowFileTest, ItsOwnReaderGetsFieldsTimesUnitsAndSamplesBack) {
+  const FlowFileOptions options = Options();
+  ISOSCOPE_ASSERT_OK(WriteFlow(options, never_).status());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(options.path));
+  EXPECT_THAT(series->times(), ElementsAre(0, 0.1, 0.2));
+  EXPECT_EQ(series->time_unit(), "s");
+  EXPECT_EQ(series->length_unit(), "m");
+  ASSERT_EQ(series->fields().size(), kFlowFields.size());
+  for (std::size_t i = 0; i < kFlowFields.size(); ++i) {
+    EXPECT_EQ(series->fields()[i].name, kFlowFields[i].name);
+    EXPECT_EQ(series->fields()[i].unit, kFlowFields[i].unit);
+  }
+  EXPECT_THAT(series->fields()[2].components, ElementsAre("x", "y", "z"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pressure, series->Open(0, 0, 2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*pressure));
+  EXPECT_EQ(samples, SamplesOf(kFlowFields[0], options.dims, 0.2));
 }
 
 }  // namespace

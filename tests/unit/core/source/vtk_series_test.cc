@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -154,6 +155,22 @@ TEST_F(VtkSeriesTest, StepUnlikeTheFirstIsNamedAndOthersStillOpen) {
               StatusIs(kInvalid, AllOf(HasSubstr("s3.vti"), HasSubstr("Float64 of 1 components"))));
   EXPECT_THAT(series->Open(0, 0, 4), StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.vti")));
   EXPECT_EQ(First(*series, 1, 0, 0), 1);
+}
+
+TEST_F(VtkSeriesTest, AKeyInTheTimeBelongsNeitherToItsTextNorToAnArray) {
+  for (const char* text : {"<InformationKey name=\"UNITS_LABEL\">ms</InformationKey>2.5",
+                           "2.5<InformationKey name=\"UNITS_LABEL\"> ms </InformationKey>",
+                           "<InformationKey name=\"OTHER\">7</InformationKey>2.5"}) {
+    VtiImageFile image = Step(1);
+    image.field_data =
+        absl::StrCat("<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" format=\"ascii\">",
+                     text, "</DataArray></FieldData>");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
+                                  OpenVolumeSeries(Write("key.vti", VtiBytes(image))));
+    EXPECT_THAT(series->times(), ElementsAre(2.5)) << text;
+    EXPECT_EQ(series->time_unit(), absl::StrContains(text, "UNITS") ? "ms" : "") << text;
+    EXPECT_EQ(series->fields()[0].unit, "");
+  }
 }
 
 }  // namespace

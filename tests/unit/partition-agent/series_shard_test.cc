@@ -1,0 +1,172 @@
+#include "partition-agent/series_shard.h"
+
+#include <filesystem>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+
+#include "core/base/cancellation.h"
+#include "core/io/file.h"
+#include "core/partition/series_partitioner.h"
+#include "core/store/shard_format.h"
+#include "partition-agent/shard_set.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/core/partition/series_fixture.h"
+
+namespace isoscope::agent {
+namespace {
+
+using isoscope::testing::StatusIs;
+using partition::FlowFields;
+using partition::MemorySeries;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr std::size_t kAmpleBytes = std::size_t{1} << 30;
+constexpr int kShardCount = 2;
+
+class SeriesShardTest : public ::testing::Test {
+ protected:
+  SeriesShardTest() { Partition({0, 1}, directory()); }
+
+  void Partition(const std::vector<double>& times, const std::string& directory) {
+    MemorySeries source(FlowFields(), times);
+    partition::SeriesPartitionOptions options;
+    options.volume.output_directory = directory;
+    options.volume.block_cells = math::Index3{4, 4, 4};
+    options.volume.shard_count = kShardCount;
+    ISOSCOPE_ASSERT_OK(partition::PartitionSeries(source, options, never_).status());
+  }
+  void Append(double time) {
+    MemorySeries source(FlowFields(), {time});
+    partition::SeriesPartitionOptions options;
+    options.volume.output_directory = directory();
+    ISOSCOPE_ASSERT_OK(partition::AppendToSeries(source, options, never_).status());
+  }
+  [[nodiscard]] std::string directory() const { return temp_.Sub("flow"); }
+  [[nodiscard]] std::string shard_directory(int shard) const {
+    return absl::StrCat(directory(), "/", store::ShardDirectoryName(shard, kShardCount));
+  }
+  std::unique_ptr<SeriesShard> Open(std::size_t max_open_bytes = kAmpleBytes, int shard = 0) {
+    auto series =
+        SeriesShard::Open(shard_directory(shard), std::make_shared<OpenVolumes>(max_open_bytes));
+    ISOSCOPE_EXPECT_OK(series.status());
+    return *std::move(series);
+  }
+
+  const base::Cancellation never_;
+  const testing::TempDir temp_;
+};
+
+TEST_F(SeriesShardTest, OpensTheVolumeThatIsAskedForAndNoOther) {
+  const auto series = Open();
+  const auto served = series->served();
+  ASSERT_EQ(served->volumes.size(), 10U) << "a scalar, and x, y, z, magnitude, at two steps";
+  std::set<std::uint32_t> numbers;
+  for (const store::ScalarVolume& volume : served->volumes) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto shard, series->OpenVolume(volume.dataset_id));
+    EXPECT_EQ(shard->reader->manifest().dataset_id, volume.dataset_id);
+    EXPECT_EQ(shard->reader->shard_index(), 0);
+    EXPECT_THAT(shard->reader->directory(), HasSubstr(ScalarVolumeDirectoryName(volume.key)));
+    numbers.insert(shard->number);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto again, series->OpenVolume(volume.dataset_id));
+    EXPECT_EQ(again, shard) << "opened once";
+  }
+  EXPECT_EQ(numbers.size(), 10U);
+  EXPECT_THAT(series->OpenVolume("0123456789abcdef0123456789abcdef"),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("not served")));
+}
+
+TEST_F(SeriesShardTest, AVolumeThatWasClosedHasItsNumberAgainSoThatCachesStayValid) {
+  const auto series = Open(/*max_open_bytes=*/1);  // room for the newest alone
+  const auto served = series->served();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first,
+                                series->OpenVolume(served->volumes[0].dataset_id));
+  ISOSCOPE_ASSERT_OK(series->OpenVolume(served->volumes[1].dataset_id).status());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto again,
+                                series->OpenVolume(served->volumes[0].dataset_id));
+  EXPECT_NE(again, first) << "it was closed";
+  EXPECT_EQ(again->number, first->number);
+}
+
+TEST_F(SeriesShardTest, NoticesAStepThatWasAppendedAndServesTheOldOnesOn) {
+  const auto series = Open();
+  const auto before = series->served();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto old, series->OpenVolume(before->volumes[0].dataset_id));
+  Append(2);
+  EXPECT_EQ(series->served(), before) << "nobody has looked";
+  series->Refresh();
+  const auto after = series->served();
+  EXPECT_EQ(after->volumes.size(), 15U);
+  EXPECT_EQ(after->manifest.dataset_id, before->manifest.dataset_id);
+  ISOSCOPE_ASSERT_OK(series->OpenVolume(after->volumes.back().dataset_id).status());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto still,
+                                series->OpenVolume(before->volumes[0].dataset_id));
+  EXPECT_EQ(still, old);
+}
+
+TEST_F(SeriesShardTest, AVolumeWhoseFolderIsNotThereYetIsServedOnceItIs) {
+  const std::string folder = absl::StrCat(
+      shard_directory(0), "/", store::ScalarVolumeDirectoryName({.field = 0, .step = 1}));
+  std::filesystem::rename(folder, temp_.Sub("aside"));
+  const auto series = Open();
+  EXPECT_EQ(series->served()->volumes.size(), 9U);
+  series->Refresh();
+  EXPECT_EQ(series->served()->volumes.size(), 9U);
+  std::filesystem::rename(temp_.Sub("aside"), folder);
+  series->Refresh();
+  EXPECT_EQ(series->served()->volumes.size(), 10U);
+}
+
+TEST_F(SeriesShardTest, AManifestOfAnotherSeriesOrADamagedOneChangesNothing) {
+  Partition({5}, temp_.Sub("other"));
+  const auto series = Open();
+  const auto before = series->served();
+  const std::string manifest = absl::StrCat(shard_directory(0), "/", store::kManifestFileName);
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(manifest, "{}"));
+  series->Refresh();
+  EXPECT_EQ(series->served(), before);
+  std::filesystem::copy_file(absl::StrCat(temp_.Sub("other"), "/", store::kManifestFileName),
+                             manifest, std::filesystem::copy_options::overwrite_existing);
+  series->Refresh();
+  EXPECT_EQ(series->served(), before);
+  ISOSCOPE_EXPECT_OK(series->OpenVolume(before->volumes[3].dataset_id).status());
+}
+
+TEST_F(SeriesShardTest, AFolderWithTheFilesOfAnotherVolumeIsDataLoss) {
+  const auto folder = [&](int step) {
+    return absl::StrCat(shard_directory(0), "/",
+                        store::ScalarVolumeDirectoryName({.field = 0, .step = step}));
+  };
+  std::filesystem::remove_all(folder(0));
+  std::filesystem::copy(folder(1), folder(0), std::filesystem::copy_options::recursive);
+  const auto series = Open();
+  EXPECT_THAT(series->OpenVolume(series->served()->volumes[0].dataset_id),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the series expects")));
+}
+
+TEST_F(SeriesShardTest, TheSetOfAnAgentFindsTheShardsOfOneVolume) {
+  SeriesShards both;
+  both.push_back(Open(kAmpleBytes, 1));
+  both.push_back(Open(kAmpleBytes, 0));
+  const std::string id = both[0]->served()->volumes[4].dataset_id;
+  const ShardSet set({}, both);
+  google::protobuf::RepeatedField<std::int32_t> indices;
+  indices.Add(0);
+  indices.Add(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Shards found, set.Find(id, indices));
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0]->reader->shard_index(), 0);
+  EXPECT_EQ(found[1]->reader->shard_index(), 1);
+  EXPECT_EQ(found[1]->reader->manifest().dataset_id, id);
+  indices.Add(2);
+  EXPECT_THAT(set.Find(id, indices), StatusIs(absl::StatusCode::kInvalidArgument));
+  ISOSCOPE_EXPECT_OK(set.FindAny(id).status());
+}
+
+}  // namespace
+}  // namespace isoscope::agent

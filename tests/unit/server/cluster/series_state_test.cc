@@ -1,0 +1,301 @@
+#include "server/cluster/series_state.h"
+
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "gmock/gmock.h"
+#include "google/protobuf/text_format.h"
+#include "gtest/gtest.h"
+
+#include "core/base/check.h"
+#include "server/cluster/dataset_catalog.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/server/make_shard.h"
+
+namespace isoscope::server {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::MakeShard;
+using testing::StatusIs;
+
+namespace v1 = isoscope::v1;
+namespace internal = isoscope::internal::v1;
+
+// 32 hex digits that name field, component and step.
+std::string IdOf(int field, int component, int step) {
+  return absl::StrCat(std::string(26, '0'), field, component, absl::Dec(step, absl::kZeroPad4));
+}
+
+void AddComponent(const std::string& name, double min, double max, v1::Field* field) {
+  v1::FieldComponent* const component = field->add_components();
+  component->set_name(name);
+  component->set_sample_type(v1::SAMPLE_TYPE_FLOAT32);
+  component->mutable_value_range()->set_min(min);
+  component->mutable_value_range()->set_max(max);
+}
+
+// A shard of two: pressure (-1 to 1), and velocity with x and magnitude (0 to 9), at times 0, 10,
+// 20, ... It has `steps` of both.
+internal::ShardDescription Shard(int index, const std::vector<int>& steps, int known_steps = 3) {
+  internal::ShardDescription shard = MakeShard("flow", index, 2);
+  v1::Dataset* const dataset = shard.mutable_dataset();
+  shard.set_manifest_crc32c(0);
+  shard.set_range_table_crc32c(0);
+  v1::Field* const pressure = dataset->add_fields();
+  pressure->set_name("pressure");
+  AddComponent("", -1, 1, pressure);
+  v1::Field* const velocity = dataset->add_fields();
+  velocity->set_name("velocity");
+  AddComponent("x", -4, 4, velocity);
+  AddComponent("magnitude", 0, 9, velocity);
+  for (int step = 0; step < known_steps; ++step) {
+    v1::TimeStep* const time = dataset->add_time_steps();
+    time->set_number(step);
+    time->set_value(10 * step);
+  }
+  for (const int step : steps) {
+    for (const auto& [field, component] : {std::pair(0, 0), {1, 0}, {1, 1}}) {
+      internal::VolumeDescription* const volume = shard.add_volumes();
+      volume->set_field_index(field);
+      volume->set_component_index(component);
+      volume->set_step_number(step);
+      volume->set_dataset_id(IdOf(field, component, step));
+    }
+  }
+  return shard;
+}
+
+AgentState Agent(const std::string& address, std::vector<internal::ShardDescription> shards) {
+  AgentState state;
+  state.address = address;
+  internal::DescribeShardsResponse answer;
+  answer.mutable_picture_revision()->set_number(1);
+  answer.mutable_picture_revision()->set_back_end(internal::PictureRevision::BACK_END_CPU);
+  for (internal::ShardDescription& shard : shards) {
+    *answer.add_shards() = std::move(shard);
+  }
+  AdoptAnswer(std::move(answer), &state);
+  ISOSCOPE_CHECK(state.status.ok());
+  return state;
+}
+
+std::shared_ptr<const DatasetState> Flow(const std::vector<AgentState>& agents) {
+  return std::make_shared<DatasetState>(DatasetsOf(agents).at("flow"));
+}
+
+v1::FieldSelection Selection(const std::string& text) {
+  v1::FieldSelection selection;
+  ISOSCOPE_CHECK(google::protobuf::TextFormat::ParseFromString(text, &selection));
+  return selection;
+}
+
+absl::StatusOr<SelectedVolume> Select(const std::shared_ptr<const DatasetState>& dataset,
+                                      const std::string& text) {
+  const v1::FieldSelection selection = Selection(text);
+  google::protobuf::RepeatedPtrField<v1::Surface> no_surfaces;
+  return SelectVolume(dataset, &selection, &no_surfaces);
+}
+
+std::vector<std::string> SetsOf(const DatasetState& dataset) {
+  std::vector<std::string> sets;
+  for (const ReplicaSet& set : dataset.replica_sets) {
+    sets.push_back(absl::StrCat(
+        absl::StrJoin(set.shard_indices, ","), ": ",
+        absl::StrJoin(set.agents, " ", [](std::string* out, const ServingAgent& agent) {
+          absl::StrAppend(out, agent.address);
+        })));
+  }
+  return sets;
+}
+
+std::vector<int> StepsOf(const v1::Dataset& dataset) {
+  std::vector<int> steps;
+  for (const v1::TimeStep& step : dataset.time_steps()) {
+    steps.push_back(step.number());
+  }
+  return steps;
+}
+
+TEST(SeriesStateTest, AStepIsOfferedOnceAllShardsHaveIt) {
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1, 2})}), Agent("b:1", {Shard(1, {0, 1})})});
+  EXPECT_THAT(flow->status, IsOk());
+  EXPECT_THAT(StepsOf(flow->dataset), ElementsAre(0, 1));
+  EXPECT_THAT(flow->dataset.fields(1).time_steps(), ElementsAre(0, 1));
+  EXPECT_THAT(Select(flow, "time_step: 2"),
+              StatusIs(absl::StatusCode::kNotFound,
+                       AllOf(HasSubstr("time_step is 2"), HasSubstr("steps 0 to 1"))));
+  const auto later =
+      Flow({Agent("a:1", {Shard(0, {0, 1, 2})}), Agent("b:1", {Shard(1, {0, 1, 2})})});
+  EXPECT_THAT(StepsOf(later->dataset), ElementsAre(0, 1, 2));
+}
+
+TEST(SeriesStateTest, AnAgentThatLagsIsNotUsedForTheNewStepAndIsForTheOthers) {
+  // The second one has an older manifest, too.
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})}),
+                          Agent("b:1", {Shard(0, {0, 1}, 2), Shard(1, {0, 1}, 2)})});
+  ASSERT_THAT(flow->status, IsOk());
+  EXPECT_EQ(flow->contradiction, "") << "appending is no contradiction";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume old, Select(flow, "time_step: 1"));
+  EXPECT_THAT(SetsOf(*old.dataset), ElementsAre("0,1: a:1 b:1"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume newest, Select(flow, "time_step: -1"));
+  EXPECT_THAT(SetsOf(*newest.dataset), ElementsAre("0,1: a:1"));
+  EXPECT_EQ(newest.selection->time_step(), 2);
+  EXPECT_EQ(newest.time, 20);
+}
+
+struct Choice {
+  const char* asked;
+  const char* used;  // "": the default of a request without a selection
+  int field;
+  int component;
+};
+
+class SelectionTest : public ::testing::TestWithParam<Choice> {};
+
+TEST_P(SelectionTest, ResolvesToOneVolume) {
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})})});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected, Select(flow, GetParam().asked));
+  const v1::FieldSelection used = Selection(GetParam().used);
+  EXPECT_EQ(selected.selection->DebugString(), used.DebugString());
+  EXPECT_EQ(selected.dataset->dataset.dataset_id(),
+            IdOf(GetParam().field, GetParam().component, used.time_step()));
+  EXPECT_EQ(selected.dataset->dataset.value_range().DebugString(),
+            flow->dataset.fields(GetParam().field)
+                .components(GetParam().component)
+                .value_range()
+                .DebugString());
+  EXPECT_TRUE(selected.dataset->dataset.fields().empty());
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Table, SelectionTest,
+    ::testing::Values(
+        Choice{"", "field: 'pressure' time_step: 2", 0, 0},
+        Choice{"field: 'velocity'", "field: 'velocity' component: 'magnitude' time_step: 2", 1, 1},
+        Choice{"field: 'velocity' component: 'x' time_step: 0",
+               "field: 'velocity' component: 'x' time_step: 0", 1, 0},
+        Choice{"field: 'velocity' component: '0' time_step: 1",
+               "field: 'velocity' component: 'x' time_step: 1", 1, 0},
+        Choice{"time: 14.9", "field: 'pressure' time_step: 1", 0, 0},
+        Choice{"time: 15", "field: 'pressure' time_step: 1", 0, 0},  // the earlier of two
+        Choice{"time: 15.1", "field: 'pressure' time_step: 2", 0, 0},
+        Choice{"time: -1e300", "field: 'pressure' time_step: 0", 0, 0},
+        Choice{"time: 1e300", "field: 'pressure' time_step: 2", 0, 0}));
+
+TEST(SeriesStateTest, AChoiceThatThereIsNotNamesThoseThatThereAre) {
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0, 2}), Shard(1, {0, 2})})});
+  EXPECT_THAT(Select(flow, "field: 'heat'"),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("\"heat\""), HasSubstr("\"pressure\", \"velocity\""))));
+  EXPECT_THAT(Select(flow, "field: 'velocity' component: 'w'"),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("\"w\""), HasSubstr("\"x\", \"magnitude\""))));
+  EXPECT_THAT(Select(flow, "field: 'velocity' component: '1'"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"1\"")))
+      << "the magnitude has no number";
+  EXPECT_THAT(Select(flow, "component: '0'"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("one component")));
+  EXPECT_THAT(Select(flow, "time_step: 1"),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("steps 0, 2")));
+  EXPECT_THAT(Select(flow, "time: nan"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("must be finite")));
+}
+
+TEST(SeriesStateTest, ADatasetWithoutFieldsTakesNoSelection) {
+  const auto head = std::make_shared<DatasetState>(
+      DatasetsOf({Agent("a:1", {MakeShard("head", 0, 1)})}).at("head"));
+  EXPECT_THAT(Select(head, "time_step: 0"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("selection is set")));
+  google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
+                                SelectVolume(head, nullptr, &surfaces));
+  EXPECT_EQ(selected.dataset, head);
+  EXPECT_FALSE(selected.selection.has_value());
+  surfaces.Add()->mutable_color_by()->set_quantity(v1::ColorBy::QUANTITY_FIELD);
+  EXPECT_THAT(SelectVolume(head, nullptr, &surfaces),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("surfaces[0].color_by")));
+}
+
+TEST(SeriesStateTest, ColoursNameTheVolumeOfTheSameStepAndItsRangeOverAllSteps) {
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1}), Shard(1, {0, 1})})});
+  google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
+  surfaces.Add();
+  for (const bool has_range : {false, true}) {
+    v1::ColorBy* const color_by = surfaces.Add()->mutable_color_by();
+    color_by->set_quantity(v1::ColorBy::QUANTITY_FIELD);
+    color_by->set_field("velocity");
+    if (has_range) {
+      color_by->mutable_range()->set_min(2);
+      color_by->mutable_range()->set_max(3);
+    }
+  }
+  const v1::FieldSelection selection = Selection("time_step: 0");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
+                                SelectVolume(flow, &selection, &surfaces));
+  EXPECT_THAT(selected.color_dataset_ids, ElementsAre("", IdOf(1, 1, 0), IdOf(1, 1, 0)));
+  EXPECT_EQ(surfaces[1].color_by().range().min(), 0);
+  EXPECT_EQ(surfaces[1].color_by().range().max(), 9);
+  EXPECT_EQ(surfaces[2].color_by().range().max(), 3);
+  surfaces[1].mutable_color_by()->set_field("heat");
+  EXPECT_THAT(SelectVolume(flow, &selection, &surfaces),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("surfaces[1].color_by.field"), HasSubstr("\"heat\""))));
+}
+
+TEST(SeriesStateTest, AFrameOfTwoFieldsNeedsAgentsThatHaveBoth) {
+  // Each shard has each field somewhere, but nobody has both of shard 1.
+  internal::ShardDescription pressure = Shard(1, {0});
+  pressure.mutable_volumes()->DeleteSubrange(1, 2);
+  internal::ShardDescription velocity = Shard(1, {0});
+  velocity.mutable_volumes()->DeleteSubrange(0, 1);
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0}), pressure}), Agent("b:1", {velocity})});
+  ISOSCOPE_ASSERT_OK(Select(flow, "field: 'velocity'").status());
+  google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
+  surfaces.Add()->mutable_color_by()->set_quantity(v1::ColorBy::QUANTITY_FIELD);
+  surfaces[0].mutable_color_by()->set_field("velocity");
+  EXPECT_THAT(SelectVolume(flow, nullptr, &surfaces),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("shard 1")));
+}
+
+TEST(SeriesStateTest, OfTwoVolumesOfOneKeyThatOfMostAgentsIsTaken) {
+  internal::ShardDescription other[] = {Shard(0, {0}), Shard(1, {0})};
+  for (internal::ShardDescription& shard : other) {
+    shard.mutable_volumes(0)->set_dataset_id(std::string(32, 'f'));
+  }
+  const std::vector<internal::ShardDescription> usual = {Shard(0, {0}), Shard(1, {0})};
+  const auto flow =
+      Flow({Agent("a:1", {other[0], other[1]}), Agent("b:1", usual), Agent("c:1", usual)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected, Select(flow, ""));
+  EXPECT_EQ(selected.dataset->dataset.dataset_id(), IdOf(0, 0, 0));
+  EXPECT_THAT(SetsOf(*selected.dataset), ElementsAre("0,1: b:1 c:1"));
+}
+
+TEST(SeriesStateTest, VolumesOfNoFieldOrStepAreRefused) {
+  for (const auto& [field, component, step] :
+       {std::tuple(2, 0, 0), {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 3}, {0, 0, -1}}) {
+    internal::DescribeShardsResponse answer;
+    answer.mutable_picture_revision()->set_number(1);
+    answer.mutable_picture_revision()->set_back_end(internal::PictureRevision::BACK_END_CPU);
+    *answer.add_shards() = Shard(0, {0});
+    internal::VolumeDescription* const volume = answer.mutable_shards(0)->add_volumes();
+    volume->set_field_index(field);
+    volume->set_component_index(component);
+    volume->set_step_number(step);
+    AgentState state;
+    AdoptAnswer(answer, &state);
+    EXPECT_THAT(state.status,
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("shards[0].volumes[3]")));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::server
