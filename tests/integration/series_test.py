@@ -1,0 +1,223 @@
+#!/usr/bin/env python3
+"""A dataset with fields and time steps, by the real programs: its pictures, cuts, colours, appending under load.
+
+    series_test.py BIN_FOLDER [unittest arguments]
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
+PATIENCE_S = 240  # far above what is needed
+STEPS = 4
+SMALL = ['--renderer', 'cpu', '--width', '160', '--height', '120', '--no-metadata', '--quiet']
+
+
+def isoscope(*arguments, check=True):
+  done = subprocess.run([os.path.join(BIN, 'isoscope'), *arguments], capture_output=True, text=True, timeout=PATIENCE_S)
+  if check and done.returncode != 0:
+    raise AssertionError(f'isoscope {" ".join(arguments)}: exit code {done.returncode}\n{done.stderr}')
+  return done
+
+
+def picture(folder, *arguments):
+  """The bytes of the PNG that `isoscope render` writes."""
+  with tempfile.TemporaryDirectory(dir=folder) as own:
+    path = os.path.join(own, 'p.png')
+    isoscope('render', *arguments, '--output', path)
+    with open(path, 'rb') as file:
+      return file.read()
+
+
+def free_port():
+  with socket.socket() as listener:
+    listener.bind(('127.0.0.1', 0))
+    return listener.getsockname()[1]
+
+
+@contextlib.contextmanager
+def cluster(*agent_directories):
+  """The address of a coordinator, with an agent for each list of directories."""
+  processes = []
+  try:
+    agents = []
+    for directories in agent_directories:
+      address = f'127.0.0.1:{free_port()}'
+      agents += ['--agent', address]
+      processes.append(subprocess.Popen([os.path.join(BIN, 'isoscope-agent'), '--renderer', 'cpu', '--listen', address,
+                                         *directories], stderr=subprocess.DEVNULL))
+    coordinator = f'127.0.0.1:{free_port()}'
+    processes.append(subprocess.Popen([os.path.join(BIN, 'isoscope-coordinator'), '--listen', coordinator,
+                                       '--poll-seconds', '0.2', *agents], stderr=subprocess.DEVNULL))
+    end = time.monotonic() + PATIENCE_S
+    while isoscope('info', '--server', coordinator, check=False).returncode != 0:
+      if time.monotonic() > end:
+        raise AssertionError('the cluster does not come up')
+      time.sleep(0.1)
+    yield coordinator
+  finally:
+    for process in processes:
+      process.kill()
+    for process in processes:
+      process.wait()
+
+
+class SeriesTest(unittest.TestCase):
+  @classmethod
+  def setUpClass(cls):
+    cls.temporary = tempfile.TemporaryDirectory(prefix='isoscope-series-')
+    cls.folder = cls.temporary.name
+    cls.source = cls.path('flow.pvd')
+    isoscope('generate', 'flow', '--dims', '40,36,32', '--steps', str(STEPS), '--output', cls.source)
+    for shards in (1, 3):
+      isoscope('partition', cls.source, '--shards', str(shards), '--output', cls.path(f'flow{shards}'))
+
+  @classmethod
+  def tearDownClass(cls):
+    cls.temporary.cleanup()
+
+  @classmethod
+  def path(cls, name):
+    return os.path.join(cls.folder, name)
+
+  def render(self, *arguments):
+    return picture(self.folder, *SMALL, *arguments)
+
+  def test_each_volume_draws_what_the_dataset_of_its_array_alone_draws(self):
+    for array, field, isovalue in (('pressure', 'pressure', '-2'), ('temperature', 'temperature', '310'),
+                                   ('velocity:1', 'velocity:y', '0.02')):
+      for step in (0, STEPS - 1):
+        alone = self.render(self.path(f'flow_{step:05}.vti:{array}'), f'--isovalue={isovalue}')
+        for shards in (1, 3):
+          for culling in ('depth', 'none'):
+            self.assertEqual(alone, self.render(self.path(f'flow{shards}'), '--field', field, '--step', str(step),
+                                                f'--isovalue={isovalue}', '--culling', culling),
+                             f'{field}, step {step}, {shards} shards, culling {culling}')
+
+  def test_colours_of_a_field_do_not_depend_on_cuts_culling_and_memory(self):
+    look = ['--field', 'velocity', '--isovalue', '0.1', '--step', '2', '--color-by', 'temperature:magma',
+            '--azimuth', '35']
+    first = self.render(self.path('flow1'), *look)
+    self.assertNotEqual(first, self.render(self.path('flow1'), *[word for word in look if 'temper' not in word][:-3]))
+    for shards in (1, 3):
+      for more in (['--culling', 'none'], ['--threads', '1'], ['--threads', '8'], ['--memory-limit', '128MiB']):
+        self.assertEqual(first, self.render(self.path(f'flow{shards}'), *look, *more), f'{shards} shards, {more}')
+    # The range is that of all steps: the colours of one step do not tell which others there are.
+    with_range = self.render(self.path('flow1'), *look[:-4], '--color-by', f'temperature:magma:{self.range_of("temperature")}',
+                             '--azimuth', '35')
+    self.assertEqual(first, with_range)
+
+  def range_of(self, field):
+    info = json.loads(isoscope('info', self.path('flow1'), '--json').stdout)['datasets'][0]
+    for row in info['fields']:
+      if row['name'] == field:
+        least, most = row['components'][0]['value_range']
+        return f'{least!r},{most!r}'
+    raise AssertionError(f'info knows no field {field}')
+
+  def test_a_cluster_of_processes_draws_the_same(self):
+    shards = sorted(os.path.join(self.path('flow3'), name) for name in os.listdir(self.path('flow3')) if 'shard-' in name)
+    with cluster(shards[:1], shards[1:]) as server:
+      for look in (['--field', 'pressure', '--isovalue=-2', '--time', '0.11'],
+                   ['--field', 'temperature', '--isovalue', '310', '--step', 'first', '--color-by', 'velocity:x']):
+        local = self.render(self.path('flow3'), *look)
+        remote = picture(self.folder, '--server', server, *SMALL[2:], *look)
+        self.assertEqual(local, remote, look)
+
+  def test_wrong_choices_name_those_that_there_are(self):
+    for flags, words in ((['--field', 'heat'], ['"heat"', '"pressure"', '"velocity"']),
+                         (['--field', 'velocity:w'], ['"w"', '"magnitude"']),
+                         (['--step', str(STEPS)], [f'time_step is {STEPS}', f'0 to {STEPS - 1}']),
+                         (['--color-by', 'heat'], ['"heat"', '"temperature"'])):
+      done = isoscope('render', self.path('flow1'), *SMALL, '--isovalue', '1', *flags, '--output', self.path('x.png'), check=False)
+      self.assertNotEqual(done.returncode, 0, flags)
+      for word in words:
+        self.assertIn(word, done.stderr, flags)
+    self.assertFalse(os.path.exists(self.path('x.png')))
+
+  def test_a_sweep_of_steps_writes_a_picture_each_and_an_animation(self):
+    look = [self.path('flow1'), *SMALL, '--field', 'temperature', '--isovalue', '310', '--step', 'first:last']
+    isoscope('render', *look, '--output', self.path('s-%d.png'))
+    self.assertEqual([os.path.exists(self.path(f's-{i}.png')) for i in range(STEPS + 1)], [True] * STEPS + [False])
+    isoscope('render', *look, '--output', self.path('s.webp'))
+    self.assertGreater(os.path.getsize(self.path('s.webp')), 1000)
+
+  def test_appending_while_frames_are_drawn_loses_none(self):
+    # Two agents on copies of their own, which are updated one after the other.
+    for name in ('a', 'b'):
+      folder = self.path(f'copy-{name}')
+      os.mkdir(folder)
+      isoscope('partition', self.source, '--shards', '2', '--step', '0:1', '--output', os.path.join(folder, 'flow'))
+    copies = [os.path.join(self.path(f'copy-{name}'), 'flow') for name in 'ab']
+    look = [*SMALL[2:], '--field', 'temperature', '--isovalue', '310']
+    new = [*look, '--step', '3']
+    with cluster([copies[0]], [copies[1]]) as server:
+      before = picture(self.folder, '--server', server, *look, '--step', '1')
+      failures, drawn, stopping = [], [0], threading.Event()
+
+      def draw():
+        while not stopping.is_set():
+          try:
+            if picture(self.folder, '--server', server, *look, '--step', '1') != before:
+              failures.append('another picture')
+          except AssertionError as error:
+            failures.append(str(error))
+          drawn[0] += 1
+
+      thread = threading.Thread(target=draw)
+      thread.start()
+      try:
+        # A process that is killed while it appends leaves the series as it was.
+        killed = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'partition', self.source, '--step', '2:3', '--append',
+                                   copies[0], '--quiet'], stderr=subprocess.DEVNULL)
+        time.sleep(0.05)
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        steps = json.loads(isoscope('info', copies[0], '--json').stdout)['datasets'][0]['time_steps']
+        self.assertIn(len(steps), (2, 4))
+        if len(steps) == 2:
+          isoscope('partition', self.source, '--step', '2:3', '--append', copies[0])
+        isoscope('verify', copies[0])
+        # One replica is enough for a new step; the other goes on with the old ones.
+        end = time.monotonic() + PATIENCE_S
+        while isoscope('render', '--server', server, *new, '--output', self.path('n.png'), check=False).returncode != 0:
+          self.assertLess(time.monotonic(), end, 'the new step is never offered')
+          time.sleep(0.1)
+        with open(self.path('n.png'), 'rb') as file:
+          self.assertEqual(file.read(), self.render(self.path('flow3'), '--field', 'temperature', '--isovalue', '310',
+                                                    '--step', '3'))
+        # The other copy gets the manifests before the folders, as a careless copy does.
+        for shard in sorted(os.listdir(copies[0])):
+          if shard.startswith('shard-'):
+            shutil.copy(os.path.join(copies[0], shard, 'manifest.json'), os.path.join(copies[1], shard, 'manifest.json'))
+        time.sleep(0.5)
+        for shard in sorted(os.listdir(copies[0])):
+          if shard.startswith('shard-'):
+            for volume in sorted(os.listdir(os.path.join(copies[0], shard))):
+              target = os.path.join(copies[1], shard, volume)
+              if volume.startswith('field-') and not os.path.exists(target):
+                shutil.copytree(os.path.join(copies[0], shard, volume), target + '.partial')
+                os.rename(target + '.partial', target)
+        time.sleep(0.5)
+        drawn_before = drawn[0]
+        while drawn[0] < drawn_before + 3 and time.monotonic() < end:
+          time.sleep(0.05)
+      finally:
+        stopping.set()
+        thread.join()
+      self.assertEqual(failures, [])
+      self.assertGreater(drawn[0], 3)
+
+
+if __name__ == '__main__':
+  unittest.main()
