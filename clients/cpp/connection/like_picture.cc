@@ -77,6 +77,12 @@ absl::Status CheckOnlyFlagsBesideLike(const cli::FlagSet& set) {
 }
 
 absl::Status CheckSameSamples(const PictureRecord& record, const isoscope::v1::Dataset& dataset) {
+  if (!dataset.fields().empty()) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "dataset '", dataset.name(),
+        "' has fields, whose pictures have no digest of their samples, so they can't be "
+        "compared: render the picture's flags without --like"));
+  }
   if (dataset.samples_digest().empty()) {
     return absl::FailedPreconditionError(
         absl::StrCat("dataset '", dataset.name(),

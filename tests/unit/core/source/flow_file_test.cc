@@ -298,7 +298,7 @@ TEST_F(FlowFileTest, ItsOwnReaderGetsFieldsTimesUnitsAndSamplesBack) {
   }
   EXPECT_THAT(series->fields()[2].components, ElementsAre("x", "y", "z"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pressure, series->Open(0, 0, 2));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*pressure));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*pressure, 8));
   EXPECT_EQ(samples, SamplesOf(kFlowFields[0], options.dims, 0.2));
 }
 
