@@ -1,7 +1,6 @@
 #include "web-gateway/served_selection.h"
 
 #include <algorithm>
-#include <cmath>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -35,10 +34,16 @@ std::vector<const v1::TimeStep*> StepsOf(const v1::Field& field, const v1::Datas
 const v1::TimeStep* FindStep(const std::vector<const v1::TimeStep*>& steps,
                              const v1::FieldSelection& selection) {
   if (selection.has_time()) {
-    return *std::min_element(
-        steps.begin(), steps.end(), [&](const v1::TimeStep* a, const v1::TimeStep* b) {
-          return std::abs(a->value() - selection.time()) < std::abs(b->value() - selection.time());
-        });
+    // The two neighbours alone: distances from far away would round to one number.
+    const auto next = std::find_if(steps.begin(), steps.end(), [&](const v1::TimeStep* step) {
+      return step->value() >= selection.time();
+    });
+    if (next == steps.begin() || next == steps.end()) {
+      return next == steps.end() ? steps.back() : *next;
+    }
+    const v1::TimeStep* const before = *(next - 1);
+    return selection.time() - before->value() <= (*next)->value() - selection.time() ? before
+                                                                                     : *next;
   }
   if (!selection.has_time_step() || selection.time_step() == -1) {
     return steps.back();

@@ -112,6 +112,23 @@ std::optional<double> TimeOf(const v1::Dataset& dataset, int step) {
   return std::nullopt;
 }
 
+// Of `steps`, which ascend with their times; of two that are as near, the earlier. Compares the two
+// neighbours alone: distances from far away would round to one number.
+int NearestStep(const v1::Dataset& dataset, const std::vector<int>& steps, double time) {
+  const auto next = std::find_if(steps.begin(), steps.end(), [&](int step) {
+    return TimeOf(dataset, step).value_or(0) >= time;
+  });
+  if (next == steps.begin()) {
+    return *next;
+  }
+  const int before = *(next - 1);
+  if (next == steps.end()) {
+    return before;
+  }
+  const double to_next = TimeOf(dataset, *next).value_or(0) - time;
+  return time - TimeOf(dataset, before).value_or(0) <= to_next ? before : *next;
+}
+
 absl::StatusOr<int> ChooseStep(const v1::Dataset& dataset, const v1::FieldSelection& selection,
                                const std::vector<int>& steps) {
   if (steps.empty()) {
@@ -143,13 +160,7 @@ absl::StatusOr<int> ChooseStep(const v1::Dataset& dataset, const v1::FieldSelect
                                                        ": dataset \"", dataset.name(),
                                                        "\" has no times"));
       }
-      // The first of two that are as near.
-      return *std::min_element(steps.begin(), steps.end(), [&](int a, int b) {
-        const auto distance = [&](int step) {
-          return std::abs(TimeOf(dataset, step).value_or(0) - selection.time());
-        };
-        return distance(a) < distance(b);
-      });
+      return NearestStep(dataset, steps, selection.time());
     }
     case v1::FieldSelection::WHEN_NOT_SET:
       return steps.back();

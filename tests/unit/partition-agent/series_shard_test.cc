@@ -9,7 +9,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
-#include "core/io/file.h"
+#include "core/io/atomic_file.h"
 #include "core/partition/series_partitioner.h"
 #include "core/store/shard_format.h"
 #include "partition-agent/shard_set.h"
@@ -127,7 +127,7 @@ TEST_F(SeriesShardTest, AManifestOfAnotherSeriesOrADamagedOneChangesNothing) {
   const auto series = Open();
   const auto before = series->served();
   const std::string manifest = absl::StrCat(shard_directory(0), "/", store::kManifestFileName);
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(manifest, "{}"));
+  ISOSCOPE_ASSERT_OK(io::WriteFileAtomically(manifest, "{}"));
   series->Refresh();
   EXPECT_EQ(series->served(), before);
   std::filesystem::copy_file(absl::StrCat(temp_.Sub("other"), "/", store::kManifestFileName),

@@ -66,6 +66,7 @@ TEST(ServedSelectionTest, OpenPartsAreWhatTheDatasetServes) {
       {"time: 0.5", R"(field: "pressure" time_step: 0)"},  // as near to 1
       {"time: 0.5000001", R"(field: "pressure" time_step: 2)"},
       {"time: 1e9", R"(field: "pressure" time_step: 4)"},
+      {"time: 1e300", R"(field: "pressure" time_step: 4)"},
       {R"(field: "velocity" time: 1e9)",
        R"(field: "velocity" component: "magnitude" time_step: 3)"},
   };

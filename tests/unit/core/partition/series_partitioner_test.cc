@@ -270,7 +270,7 @@ TEST_F(SeriesPartitionerTest, AnInterruptedRunIsResumed) {
     EXPECT_THAT(EntriesOf(dir_.path()), ElementsAre("flow"));
     fs::remove_all(dir_.Sub("flow"));
   }
-  EXPECT_GT(resumed, 2);
+  EXPECT_GE(resumed, 2);
 }
 
 // The rows that are read tell which volumes are made again.
