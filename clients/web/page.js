@@ -457,7 +457,8 @@ function drawHistogram() {
   const floor = CHART.height - CHART.bottom;
   /** @param {number} count */
   const y = (count) => floor - Math.log1p(count) / top * (floor - CHART.top);
-  let path = `M${CHART.left},${floor}`;
+  const begin = bins.length > 0 ? Number(bins[0].min ?? 0) : valueRange().min;
+  let path = `M${toChart(begin).toFixed(1)},${floor}`;
   bins.forEach((/** @type {any} */ bin, /** @type {number} */ i) => {
     path += `V${y(counts[i]).toFixed(1)}H${toChart(Number(bin.max ?? 0)).toFixed(1)}`;
   });

@@ -211,14 +211,9 @@ export class SeriesControls {
    * @param {FrameRequest} state @returns {FrameRequest}
    */
   pinned(state) {
-    const { shownSelection } = this;
-    const isOfState = shownSelection && this.#wordOf(shownSelection) === this.#wordOf(state.selection);
-    return isOfState && state.selection?.timeStep === undefined ? { ...state, selection: { ...shownSelection } } : state;
-  }
-
-  /** @param {any} selection */
-  #wordOf(selection) {
-    return choiceOf(this.view.dataset, selection)?.word;
+    const { shownSelection, view } = this;
+    const isOfState = shownSelection && !view.isDirty && view.shownSequence === view.sequence;
+    return isOfState && (state.selection?.timeStep ?? -1) < 0 ? { ...state, selection: { ...shownSelection } } : state;
   }
 
   /**

@@ -37,7 +37,7 @@ absl::StatusOr<std::int64_t> ParseStep(absl::string_view text) {
     return absl::InvalidArgumentError(
         absl::StrCat("'", text, "' is not the number of a time step, from 0, or first or last"));
   }
-  return step;
+  return *step;
 }
 
 void AddSelectionFlags(cli::FlagSet* set, SelectionFlags* flags) {
