@@ -11,6 +11,7 @@
 #include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
+#include "clients/cpp/request/parse_value.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -22,9 +23,13 @@
 namespace isoscope::cli {
 namespace {
 
+constexpr std::int64_t kDefaultMaxLines = 1000;
+constexpr std::int64_t kMaxMaxLines = 1'000'000'000;
+
 struct VerifyFlags {
   bool is_quiet = false;
   std::optional<std::string> directory;
+  std::optional<std::int64_t> max_lines;
 };
 
 std::string Counted(std::int64_t count, absl::string_view one, absl::string_view many) {
@@ -51,14 +56,17 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
     return UsageError("DIR is missing: the dataset folder or the shard folder to verify");
   }
   const absl::Time start = absl::Now();
+  std::int64_t lines_left = flags.max_lines.value_or(kDefaultMaxLines);
   absl::StatusOr<partition::VerifyReport> report;
   {
     ProgressLine line(context.err, context.err_is_terminal);
     report = partition::VerifyDataset(
         *flags.directory,
         {.damage =
-             [&context](const std::string& message) {
-               *context.out << "damaged: " << base::Printable(message) << std::endl;
+             [&context, &lines_left](const std::string& message) {
+               if (lines_left-- > 0) {
+                 *context.out << "damaged: " << base::Printable(message) << std::endl;
+               }
              },
          .progress =
              [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
@@ -81,8 +89,12 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
 
 Action RegisterVerifyFlags(FlagSet* set) {
   const auto flags = std::make_shared<VerifyFlags>();
-  AddFlag(set, "directory", "DIR", &flags->directory, ParseText,
+  AddFlag(set, "input", "DIR", &flags->directory, ParseText,
           "a dataset folder, or the folder of one shard");
+  AddFlag(
+      set, "--max-lines", "N", &flags->max_lines,
+      [](absl::string_view text) { return client::ParseInteger(text, 0, kMaxMaxLines); },
+      "damages to print at most; all are counted (default: 1000)");
   AddQuietFlag(set, &flags->is_quiet);
   return [flags](const Context& context) {
     return Run(*flags, flags->is_quiet ? QuietContext(context) : context);
@@ -94,7 +106,7 @@ Action RegisterVerifyFlags(FlagSet* set) {
 Command VerifyCommand() {
   return {.name = "verify",
           .summary = "Reads all of a dataset folder and checks every checksum",
-          .usage = "DIR [--quiet]",
+          .usage = "DIR [--max-lines N] [--quiet]",
           .examples =
               "  isoscope verify head\n"
               "  isoscope verify flow/shard-00000-of-00004\n",

@@ -161,7 +161,7 @@ std::string DescribeTimes(const Json& series) {
   for (std::size_t i = 0; i < steps.size(); ++i) {
     if (steps.size() > kMaxTimes && i == kMaxTimes / 2) {
       times.push_back("...");
-      i = steps.size() - 2;
+      i = steps.size() - 1;
     }
     times.push_back(steps[i].at("value").dump());
   }

@@ -75,7 +75,7 @@ TEST_P(WrongUsageTest, ExitsWithTwoAndOneLineThatHelps) {
 
 std::vector<WrongUsage> GeneralRows() {
   return {
-      {{}, {"a command is missing", "partition, info, serve, render, pick, export"}},
+      {{}, {"a command is missing", "partition, info, verify, serve, render, pick, export"}},
       {{"rendr"}, {"'rendr' is no command", "did you mean 'render'", "partition"}},
       {{"bench", "frame", "--runs", "3"}, {"'bench' is no command", "isoscope-bench"}},
       {{"help", "rendr"}, {"'rendr' is no command"}},
@@ -134,6 +134,31 @@ std::vector<WrongUsage> PartitionRows() {
       {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8",
         "--header-bytes", "-1"},
        {"--header-bytes"}},
+      {{"partition", "v.nrrd", "--append", "d", "--output", "e"},
+       {"--output can't be used with --append DIR"}},
+      {{"partition", "v.nrrd", "--append", "d", "--shards", "2"},
+       {"--shards can't be used with --append DIR", "cut as the series"}},
+      {{"partition", "v.nrrd", "--append", "d", "--block-cells", "8"}, {"--block-cells can't"}},
+      {{"partition", "v.nrrd", "--append", "d", "--seed", "8"}, {"--seed can't"}},
+      {{"partition", "v.nrrd", "--append", "d", "--distribution", "random"},
+       {"--distribution can't"}},
+      {{"partition", "v.nrrd", "--output", "d", "--time", "soon"}, {"--time", "'soon'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--time", "inf"}, {"--time", "'inf'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--step", "3:1"},
+       {"--step", "'3:1' is neither a step N nor a range A:B or A:B:S"}},
+      {{"partition", "v.nrrd", "--output", "d", "--step", "0:9:0"}, {"--step", "'0:9:0'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--step", "-1"}, {"--step", "'-1'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--step", "0:9:1:1"}, {"--step"}},
+      {{"partition", "v.nrrd", "--output", "d", "--axes", "ZYXX"}, {"--axes", "'ZYXX'", "TCZYX"}},
+      {{"partition", "v.nrrd", "--output", "d", "--axes", "zyx"}, {"--axes", "'zyx'"}},
+      {{"partition", "v.raw", "--dims", "4,4,4", "--type", "uint8", "--output", "d", "--axes",
+        "ZYX"},
+       {"--axes is for HDF5 files"}},
+      {{"partition", "v.raw", "--dims", "4,4,4", "--type", "uint8", "--output", "d", "--time", "1",
+        "--distribution", "greedy"},
+       {"--distribution greedy", "same shard in every volume"}},
+      {{"verify"}, {"DIR is missing"}},
+      {{"verify", "a", "b"}, {"'b' is one argument too many"}},
   };
 }
 
