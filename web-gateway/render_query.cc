@@ -135,7 +135,6 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   client::ViewFlags view;
   client::LookFlags look;
   client::EffectFlags effects;
-  client::SelectionFlags selection;
   std::optional<Format> format;
   std::optional<std::int64_t> quality;
   cli::FlagSet set({.has_help = false});
@@ -143,7 +142,6 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   client::AddNamedViewFlags(&set, &view);
   client::AddLookFlags(&set, &look);
   client::AddEffectFlags(&set, &effects);
-  client::AddSelectionFlags(&set, &selection);
   cli::AddFlag(&set, "--format", "png|jpeg|depth", &format, ParseFormat, "");
   cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
@@ -151,7 +149,6 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(view, flags.camera)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(look, flags.isovalues().size())));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(look, dataset)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
   if (quality && format != Format::kJpeg) {
     return absl::InvalidArgumentError(
         absl::StrCat("quality is ", *quality, " without format=jpeg: only a JPEG has one"));
@@ -162,9 +159,6 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
                             client::MakeRequest(flags, dataset.name(), *camera, view.fit));
   client::SetEffects(effects, &request);
   client::AddLook(look, &request);
-  if (const auto proto = ToProto(selection); proto) {
-    *request.mutable_selection() = *proto;
-  }
   if (format.value_or(Format::kPng) != Format::kPng) {
     *request.mutable_output() = OutputOf(*format, quality);
   }
