@@ -27,6 +27,7 @@
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/json_text.h"
 #include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/selection_flags.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -67,6 +68,7 @@ struct InfoFlags {
   std::optional<std::string> dataset;
   std::optional<std::int64_t> bin_count;
   std::optional<volume::ScalarSpan> value_range;
+  client::SelectionFlags selection;
   bool is_logarithmic = false;
 };
 
@@ -187,6 +189,9 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
     request.mutable_value_range()->set_min(flags.value_range->min);
     request.mutable_value_range()->set_max(flags.value_range->max);
   }
+  if (const auto selection = client::ToProto(flags.selection)) {
+    *request.mutable_selection() = *selection;
+  }
   const WaitingLine waiting(context.err, context.err_is_terminal, "counting");
   ISOSCOPE_ASSIGN_OR_RETURN(result.histogram,
                             session->client().GetHistogram(request, session->question_timeout()));
@@ -207,10 +212,12 @@ absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& 
 }
 
 absl::Status CheckHistogramUsage(const InfoFlags& flags) {
-  if (!flags.draws_histogram &&
-      (flags.bin_count || flags.value_range || flags.is_logarithmic || flags.dataset)) {
-    return UsageError("--bins, --range, --log and --dataset are for --histogram");
+  if (!flags.draws_histogram && (flags.bin_count || flags.value_range || flags.is_logarithmic ||
+                                 flags.dataset || !flags.selection.empty())) {
+    return UsageError(
+        "--bins, --range, --log, --dataset and the flags of field and time are for --histogram");
   }
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.selection));
   if (flags.dataset && !flags.server) {
     return UsageError("--dataset is for --server; a file or folder is one dataset");
   }
@@ -235,6 +242,9 @@ std::string ToText(const Json& json, int max_width) {
     absl::StrAppend(&text, text.empty() ? "" : "\n",
                     dataset.contains("missing_volumes") ? DescribeSeries(dataset, max_width)
                                                         : DescribeDataset(dataset));
+    if (dataset.contains("fields") && !dataset.contains("missing_volumes")) {
+      absl::StrAppend(&text, DescribeSteps(dataset), "\n", DescribeFields(dataset, max_width));
+    }
   }
   if (json.at("datasets").empty()) {
     absl::StrAppend(&text, "\nno dataset is served\n");
@@ -303,6 +313,7 @@ Action RegisterInfoFlags(FlagSet* set) {
   set->AddSwitch("--log", &flags->is_logarithmic, "heights by the logarithm of the counts");
   AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
           "whose histogram, of the datasets of the server (default: its only one)");
+  client::AddSelectionFlags(set, &flags->selection);
   AddSourceFlags(set, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }

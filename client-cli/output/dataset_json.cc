@@ -11,6 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -71,6 +72,41 @@ void AddSamples(v1::SampleType type, bool has_range, double min, double max, Jso
   (*json)["value_range"] = has_range ? Json::array({min, max}) : Json(nullptr);
 }
 
+Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
+
+// Adds "length_unit", "time_unit", "fields", "time_steps", as SeriesDirectoryToJson.
+void AddFields(const v1::Dataset& dataset, Json* json) {
+  (*json)["length_unit"] = TextOrNull(dataset.length_unit());
+  (*json)["fields"] = Json::array();
+  for (const v1::Field& field : dataset.fields()) {
+    Json of_field{{"name", field.name()},
+                  {"long_name", TextOrNull(field.long_name())},
+                  {"unit", TextOrNull(field.unit())}};
+    of_field["components"] = Json::array();
+    for (const v1::FieldComponent& component : field.components()) {
+      Json of_component{{"name", component.name()}};
+      AddSamples(component.sample_type(), component.has_value_range(),
+                 component.value_range().min(), component.value_range().max(), &of_component);
+      of_component["max_gradient_magnitude"] = component.has_max_gradient_magnitude()
+                                                   ? Json(component.max_gradient_magnitude())
+                                                   : Json(nullptr);
+      of_field["components"].push_back(std::move(of_component));
+    }
+    of_field["time_steps"] = Json::array();
+    for (const int index : field.time_steps()) {
+      if (index >= 0 && index < dataset.time_steps_size()) {
+        of_field["time_steps"].push_back(dataset.time_steps(index).number());
+      }
+    }
+    (*json)["fields"].push_back(std::move(of_field));
+  }
+  (*json)["time_steps"] = Json::array();
+  for (const v1::TimeStep& step : dataset.time_steps()) {
+    (*json)["time_steps"].push_back({{"number", step.number()}, {"value", step.value()}});
+  }
+  (*json)["time_unit"] = TextOrNull(dataset.time_unit());
+}
+
 void AddLine(absl::string_view name, const std::string& value, std::string* text) {
   absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
 }
@@ -124,6 +160,9 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   json["missing_shards"] = Json::array();
   for (const int shard : dataset.missing_shards()) {
     json["missing_shards"].push_back(shard);
+  }
+  if (!dataset.fields().empty()) {
+    AddFields(dataset, &json);
   }
   return json;
 }

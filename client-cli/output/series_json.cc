@@ -200,14 +200,26 @@ std::vector<std::string> DescribeMissing(const Json& missing) {
   return lines;
 }
 
-std::string DescribeFields(const Json& fields, int max_width) {
+}  // namespace
+
+std::string DescribeSteps(const Json& series) {
+  std::string text;
+  const std::size_t step_count = series.at("time_steps").size();
+  AddSeriesLine("steps", step_count == 0 ? "1, without a time" : absl::StrCat(step_count), &text);
+  if (step_count > 0) {
+    AddSeriesLine("times", DescribeTimes(series), &text);
+  }
+  return text;
+}
+
+std::string DescribeFields(const Json& series, int max_width) {
   Table table = Table::OfColumns({{.title = "field", .is_left = true, .is_flexible = true},
                                   {.title = "component", .is_left = true},
                                   {.title = "unit", .is_left = true},
                                   {.title = "type", .is_left = true},
                                   {.title = "values", .is_left = true},
                                   {.title = "steps"}});
-  for (const Json& field : fields) {
+  for (const Json& field : series.at("fields")) {
     const std::string long_name = PrintableText(field, "long_name");
     std::string name = absl::StrCat(PrintableText(field, "name"),
                                     long_name.empty() ? "" : absl::StrCat(" (", long_name, ")"));
@@ -226,8 +238,6 @@ std::string DescribeFields(const Json& fields, int max_width) {
   }
   return table.ToString(max_width);
 }
-
-}  // namespace
 
 Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
   const store::SeriesManifest& series = description.manifest;
@@ -295,11 +305,7 @@ std::string DescribeSeries(const Json& series, int max_width) {
   if (series.at("patient_frame").is_string()) {
     line("patient", absl::StrCat(PrintableText(series, "patient_frame"), " are world +x, +y, +z"));
   }
-  const std::size_t step_count = series.at("time_steps").size();
-  line("steps", step_count == 0 ? "1, without a time" : absl::StrCat(step_count));
-  if (step_count > 0) {
-    line("times", DescribeTimes(series));
-  }
+  absl::StrAppend(&text, DescribeSteps(series));
   for (const std::string& missing : DescribeMissing(series.at("missing_volumes"))) {
     line("missing", missing);
   }
@@ -312,7 +318,7 @@ std::string DescribeSeries(const Json& series, int max_width) {
            missing.empty() ? std::string() : absl::StrCat(", missing: ", ListOf(missing, ", "))));
   line("distribution",
        absl::StrCat(PrintableText(series, "distribution"), ", seed ", series.at("seed").dump()));
-  absl::StrAppend(&text, "\n", DescribeFields(series.at("fields"), max_width));
+  absl::StrAppend(&text, "\n", DescribeFields(series, max_width));
   if (!series.at("shards").empty()) {
     Table table({"shard", "volumes", "size"});
     for (const Json& shard : series.at("shards")) {

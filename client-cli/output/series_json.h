@@ -25,7 +25,12 @@ namespace isoscope::cli {
 //                       lack the volume; all if the series has none
 Json SeriesDirectoryToJson(const store::SeriesDescription& description);
 
-// The same for people, from the JSON above. max_width: as Table::ToString.
+// The steps and the fields of a series for people, from this JSON or that of DatasetToJson.
+// max_width: as Table::ToString.
+std::string DescribeSteps(const Json& series);
+std::string DescribeFields(const Json& series, int max_width = 0);
+
+// The whole for people, from the JSON above. max_width: as Table::ToString.
 std::string DescribeSeries(const Json& series, int max_width = 0);
 
 }  // namespace isoscope::cli
