@@ -58,6 +58,34 @@ TEST(DatasetJsonTest, DirectoryHasGeometryShardsAndWhatIsMissing) {
     {"shard": 1, "block_count": 1016, "block_bytes": 3145728}])"));
 }
 
+TEST(DatasetJsonTest, ASeriesHasFieldsStepsAndUnitsUnderTheNamesOfAFolder) {
+  v1::Dataset dataset;
+  EXPECT_FALSE(DatasetToJson(dataset).contains("fields"));
+  dataset.set_time_unit("s");
+  for (const int number : {0, 2}) {
+    v1::TimeStep* const step = dataset.add_time_steps();
+    step->set_number(number);
+    step->set_value(0.5 * number);
+  }
+  v1::Field* const field = dataset.add_fields();
+  field->set_name("u");
+  field->set_unit("m/s");
+  v1::FieldComponent* const component = field->add_components();
+  component->set_name("x");
+  component->set_sample_type(v1::SAMPLE_TYPE_FLOAT32);
+  component->mutable_value_range()->set_min(-1);
+  component->mutable_value_range()->set_max(3);
+  field->add_time_steps(1);  // an index: the step of number 2
+  const Json json = DatasetToJson(dataset);
+  EXPECT_EQ(json["time_unit"], "s");
+  EXPECT_TRUE(json["length_unit"].is_null());
+  EXPECT_EQ(json["time_steps"],
+            Json::parse(R"([{"number":0,"value":0.0},{"number":2,"value":1.0}])"));
+  EXPECT_EQ(json["fields"], Json::parse(R"([{"name":"u","long_name":null,"unit":"m/s","components":
+      [{"name":"x","sample_type":"float32","value_range":[-1.0,3.0],"max_gradient_magnitude":null}],
+      "time_steps":[2]}])"));
+}
+
 TEST(DatasetJsonTest, VolumeOfNothingButNanHasNoRange) {
   v1::Dataset dataset;
   EXPECT_TRUE(DatasetToJson(dataset)["value_range"].is_null());
