@@ -2,6 +2,7 @@
 
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
@@ -137,6 +138,52 @@ TEST(SweepTest, ShortOrUnwatchedWorkShowsNoProgress) {
   FrameProgress unwatched(10, &err, /*is_terminal=*/false);
   unwatched.Update(5);
   EXPECT_EQ(err.str(), "");
+}
+
+isoscope::v1::Dataset WithSteps(const std::vector<int>& numbers) {
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("flow");
+  for (const int number : numbers) {
+    dataset.add_time_steps()->set_number(number);
+  }
+  return dataset;
+}
+
+TEST(StepSweepTest, StepsAreThoseThatAreServed) {
+  const isoscope::v1::Dataset dataset = WithSteps({0, 1, 2, 5, 6});
+  const std::vector<std::pair<const char*, std::vector<int>>> rows = {
+      {"0:2", {0, 1, 2}},
+      {"1:6", {1, 2, 5, 6}},
+      {"first:last", {0, 1, 2, 5, 6}},
+      {"first:last:2", {0, 2, 6}},
+      {"6:0:-1", {6, 5, 2, 1, 0}},
+      {"last:first:-3", {6, 0}},
+      {"2:2", {2}},
+      {"5:1000000:1", {5, 6}},
+      {"7", {7}},
+      {"last", {6}}};
+  for (const auto& [text, expected] : rows) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StepRange range, ParseSteps(text));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<int> steps, StepsOf(range, dataset));
+    EXPECT_EQ(steps, expected) << text;
+  }
+}
+
+TEST(StepSweepTest, RangesWithoutAServedStepSayWhichThereAre) {
+  for (const char* text : {"3:4", "6:0", "0:6:-1", "7:9"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StepRange range, ParseSteps(text));
+    EXPECT_THAT(StepsOf(range, WithSteps({0, 1, 2, 5, 6})),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("0 to 6")))
+        << text;
+    EXPECT_THAT(StepsOf(range, WithSteps({})),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("leave")));
+  }
+}
+
+TEST(StepSweepTest, WrongStepsAreQuoted) {
+  for (const char* text : {"", "x", "-1", "1:", ":1", "0:1:0", "0:1:x", "0:1:1:1", "1.5"}) {
+    EXPECT_THAT(ParseSteps(text), StatusIs(absl::StatusCode::kInvalidArgument)) << text;
+  }
 }
 
 }  // namespace
