@@ -35,6 +35,7 @@
 #include "core/source/sample_location.h"
 #include "core/source/tiff_source.h"
 #include "core/source/vti_source.h"
+#include "core/source/vtk_series.h"
 
 namespace isoscope::source {
 namespace {
@@ -179,6 +180,22 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
   return FindSampleFile(path);
 }
 
+// The collection and its steps. Pieces of a .pvti have no list here, so a change of one would not
+// be noticed.
+absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
+  std::vector<std::string> files = {path};
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, ReadPvdSteps(path));
+  for (const PvdStep& step : steps) {
+    if (absl::EndsWithIgnoreCase(step.file, ".pvti")) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ": step ", step.file, " has pieces of its own: make a dataset of it, ",
+                       "`isoscope partition ", path, " --output DIR`"));
+    }
+    files.push_back(step.file);
+  }
+  return files;
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path) {
@@ -204,6 +221,10 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path) {
+  if (absl::EndsWithIgnoreCase(path, ".pvd")) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
+    return FilesOfPvd(path);
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
   if (found.kind == SourceKind::kHdf5) {
     return FilesOfHdf5Dataset(path);
