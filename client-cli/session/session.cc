@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/session/cache_entry.h"
@@ -30,6 +31,7 @@
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/host_port.h"
+#include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/shard.h"
@@ -101,6 +103,11 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
     }
     options.output_directory = directory;
     options.name = key.substr(0, key.rfind('-'));  // the user knows this name
+    if (!flags.source.dims && absl::EndsWithIgnoreCase(input, ".pvd")) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
+                                source::OpenVolumeSeries(input));
+      return PartitionSeries(SeriesAction::kMake, *series, {.volume = options}, context).status();
+    }
     return PartitionVolume(flags.source, input, options, context).status();
   };
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, AbsolutePath(input));

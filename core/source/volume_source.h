@@ -76,6 +76,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 // not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
 // names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
 // missing files.
+// Those of a ParaView collection (.pvd, volume_series.h) are its steps, which must be .vti files.
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path);
 // Opens a raw file. INVALID_ARGUMENT if it is smaller than the flags promise (names both sizes).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,
