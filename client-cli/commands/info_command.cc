@@ -12,7 +12,9 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 #include <nlohmann/json.hpp>
@@ -38,6 +40,7 @@
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
 #include "core/source/value_range.h"
+#include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/sample_histogram.h"
@@ -100,11 +103,57 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
   return json;
 }
 
+// A collection: the grid of its first volume, its fields and steps. Reads no samples.
+absl::StatusOr<Json> DescribeSourceSeries(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
+                            source::OpenVolumeSeries(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
+                            series->Open(0, 0, 0));
+  Json volume = VolumeToJson(*first, std::nullopt);
+  volume["name"] = path;
+  volume["fields"] = Json::array();
+  for (const source::SourceField& field : series->fields()) {
+    volume["fields"].push_back(
+        {{"name", field.name}, {"unit", field.unit}, {"components", field.components}});
+  }
+  volume["time_steps"] = series->times();
+  volume["time_unit"] = series->time_unit();
+  Json json;
+  json["volume"] = std::move(volume);
+  return json;
+}
+
+// "fields        pressure [Pa], velocity [m/s] (x, y, z)", and the steps.
+std::string DescribeSourceSeries(const Json& volume) {
+  std::vector<std::string> fields;
+  for (const Json& field : volume.at("fields")) {
+    const std::string unit = field.at("unit").get<std::string>();
+    const auto components = field.at("components").get<std::vector<std::string>>();
+    fields.push_back(base::Printable(absl::StrCat(
+        field.at("name").get<std::string>(), unit.empty() ? "" : absl::StrCat(" [", unit, "]"),
+        components.size() < 2 ? "" : absl::StrCat(" (", absl::StrJoin(components, ", "), ")"))));
+  }
+  const auto times = volume.at("time_steps").get<std::vector<double>>();
+  return absl::StrCat(
+      "fields        ", absl::StrJoin(fields, ", "), "\nsteps         ",
+      times.empty() ? "1, without a time"
+                    : absl::StrCat(times.size(), ", from ", times.front(), " to ", times.back(),
+                                   " ", base::Printable(volume.at("time_unit").get<std::string>())),
+      "\n");
+}
+
 // Prints the header before it reads the volume for the range of its values. Reads the volume only
 // if that is quick, or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
   // SourceFiles has the error message for a folder without a volume.
   ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
+  if (!flags.source.dims && absl::EndsWithIgnoreCase(*flags.input, ".pvd")) {
+    ISOSCOPE_ASSIGN_OR_RETURN(Json series, DescribeSourceSeries(*flags.input));
+    if (!flags.is_json) {
+      *context.out << DescribeVolume(series.at("volume"));
+    }
+    return series;
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags.source, *flags.input));
   if (!flags.is_json) {
@@ -225,6 +274,9 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
 }
 
 std::string ToText(const Json& json, int max_width) {
+  if (json.contains("volume") && json.at("volume").contains("fields")) {
+    return DescribeSourceSeries(json.at("volume"));
+  }
   if (json.contains("volume")) {
     return DescribeValueRange(json.at("volume"));  // the other lines are printed already
   }

@@ -104,6 +104,16 @@ class SeriesTest(unittest.TestCase):
                                                 f'--isovalue={isovalue}', '--culling', culling),
                              f'{field}, step {step}, {shards} shards, culling {culling}')
 
+  def test_a_collection_is_described_and_drawn_without_partitioning_it_first(self):
+    text = isoscope('info', self.source).stdout
+    for word in ('40 x 36 x 32', 'pressure [Pa]', 'velocity [m/s] (x, y, z)', f'{STEPS}, from 0 to'):
+      self.assertIn(word, text)
+    fields = json.loads(isoscope('info', self.source, '--json').stdout)['volume']['fields']
+    self.assertEqual([field['name'] for field in fields], ['pressure', 'temperature', 'velocity'])
+    os.environ['XDG_CACHE_HOME'] = self.path('cache')
+    look = ['--field', 'temperature', '--isovalue', '310', '--step', '1']
+    self.assertEqual(self.render(self.source, *look), self.render(self.path('flow1'), *look))
+
   def test_colours_of_a_field_do_not_depend_on_cuts_culling_and_memory(self):
     look = ['--field', 'velocity', '--isovalue', '0.1', '--step', '2', '--color-by', 'temperature:magma',
             '--azimuth', '35']
