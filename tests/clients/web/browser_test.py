@@ -599,7 +599,8 @@ class ScreenReaderTest(PageTest):
     def test_every_slider_has_a_name_its_limits_and_its_value_in_words(self):
         self.open_and_wait('#dataset=patient&surface=30:1,0,0:0.4&surface=70&color-by=z:turbo&clip-plane=0.5,0.25,1,20')
         self.until('document.querySelector("#planes input").value !== "" && document.querySelector("#clip [aria-valuetext]")')
-        sliders = self.js('''return [...document.querySelectorAll('[role=slider], input[type=range]')].map((e) => ({
+        sliders = self.js('''return [...document.querySelectorAll('[role=slider], input[type=range]')]
+            .filter((e) => !e.closest('[hidden]')).map((e) => ({
             name: e.getAttribute('aria-label') ?? e.labels?.[0]?.textContent ?? '', text: e.getAttribute('aria-valuetext') ?? '',
             min: e.getAttribute('aria-valuemin') ?? e.getAttribute('min'), max: e.getAttribute('aria-valuemax') ?? e.getAttribute('max'),
             now: e.getAttribute('aria-valuenow') ?? e.value, step: e.getAttribute('step'), isInput: e.localName === 'input' }));''')
