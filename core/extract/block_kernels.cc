@@ -151,7 +151,7 @@ void Extract(const BlockTask& task, BlockScratch* scratch) {
   Grow(scratch->vertex_count + 64, &scratch->normals);
   if (task.field != nullptr && HasWideValues(task.field->type)) {
     Grow(scratch->vertex_count, &scratch->wide_values);
-  } else if (task.keeps_gradient_magnitudes || task.field != nullptr) {
+  } else if (task.keeps_values()) {
     Grow(scratch->vertex_count, &scratch->values);
   }
   if (extreme) {

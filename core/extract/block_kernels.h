@@ -31,6 +31,8 @@ struct BlockTask {
   // What vertices have values of: one of the two, or nothing.
   bool keeps_gradient_magnitudes = false;
   const volume::BlockSamples* field = nullptr;  // another field's samples, of the same shape
+
+  [[nodiscard]] bool keeps_values() const { return keeps_gradient_magnitudes || field != nullptr; }
 };
 
 // The result of extraction, and scratch space that only grows. Vectors are longer than their

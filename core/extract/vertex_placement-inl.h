@@ -358,13 +358,27 @@ inline void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std
   }
 }
 
-// Fills the values of a batch whose vertex ids begin at `first_vertex`.
-inline void KeepFieldValues(const volume::BlockSamples& field, const VerticesOnEdges& vertices,
-                            std::size_t first_vertex, BlockScratch* scratch) {
-  if (HasWideValues(field.type)) {
-    FillFieldValues(field, vertices, scratch->wide_values.data() + first_vertex);
+// Keeps the values of a batch whose vertex ids begin at `first_vertex`: the lengths of gradients,
+// or those of another field. Out of line, so that blocks without them are as fast as ever.
+template <typename D>
+HWY_NOINLINE void KeepValues(const BlockTask& task, const std::uint32_t* samples,
+                             std::size_t upper_distance, std::size_t count,
+                             std::size_t first_vertex, const VertexBatch<D>& batch,
+                             BlockScratch* scratch) {
+  if (task.keeps_gradient_magnitudes) {
+    std::copy_n(batch.gradient_magnitudes.begin(), count,
+                scratch->values.begin() + static_cast<std::ptrdiff_t>(first_vertex));
+    return;
+  }
+  const VerticesOnEdges vertices{.count = count,
+                                 .lower_samples = samples,
+                                 .upper_distance = upper_distance,
+                                 .numerators = batch.numerators.data(),
+                                 .denominators = batch.denominators.data()};
+  if (HasWideValues(task.field->type)) {
+    FillFieldValues(*task.field, vertices, scratch->wide_values.data() + first_vertex);
   } else {
-    FillFieldValues(field, vertices, scratch->values.data() + first_vertex);
+    FillFieldValues(*task.field, vertices, scratch->values.data() + first_vertex);
   }
 }
 
@@ -392,17 +406,9 @@ void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::siz
     ComputeVertices<kAxis>(task, samples, count, batch);
     Interleave(batch->positions, count, scratch->positions.data() + first_vertex + begin);
     Interleave(batch->normals, count, scratch->normals.data() + first_vertex + begin);
-    if (task.keeps_gradient_magnitudes) {
-      std::copy_n(batch->gradient_magnitudes.begin(), count,
-                  scratch->values.begin() + static_cast<std::ptrdiff_t>(first_vertex + begin));
-    } else if (task.field != nullptr) {
-      KeepFieldValues(*task.field,
-                      {.count = count,
-                       .lower_samples = samples,
-                       .upper_distance = strides.samples[kAxis],
-                       .numerators = batch->numerators.data(),
-                       .denominators = batch->denominators.data()},
-                      first_vertex + begin, scratch);
+    if (task.keeps_values()) {
+      KeepValues(task, samples, strides.samples[kAxis], count, first_vertex + begin, *batch,
+                 scratch);
     }
   }
 }

@@ -189,8 +189,8 @@ class EffectsTest : public ::testing::Test {
       surface->mutable_color()->set_alpha(is_translucent ? static_cast<float>(0.1 + 0.8 * random())
                                                          : 1.0F);
       if (below(4) == 0) {
-        surface->mutable_color_by()->set_quantity(
-            static_cast<v1::ColorBy::Quantity>(1 + below(v1::ColorBy::Quantity_MAX)));
+        surface->mutable_color_by()->set_quantity(static_cast<v1::ColorBy::Quantity>(
+            1 + below(v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE)));
       }
     }
     constexpr int kMaxLayers[] = {0, 1, 3, 16};
