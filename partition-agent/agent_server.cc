@@ -65,7 +65,7 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
   return PresentShards(directory, shard_directories);
 }
 
-// What tells one shard from another, of datasets with and without fields.
+// The identity of a shard, with fields or without.
 struct ShardLabel {
   std::string dataset;
   std::string dataset_id;

@@ -35,7 +35,7 @@ struct MeshSegment {
   std::atomic<bool> is_kept{true};      // false: it lives only as long as one of its meshes is held
 };
 
-// What the vertices of meshes have values of.
+// The source of the values that a mesh's vertices have.
 struct MeshValues {
   enum class Of : std::uint8_t { kNothing, kGradientMagnitude, kField };
 

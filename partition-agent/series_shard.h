@@ -55,7 +55,7 @@ class OpenVolumes {
 // Thread-safe.
 class SeriesShard {
  public:
-  // What is served; never changes.
+  // A snapshot of the served volumes; never changes.
   struct Served {
     store::SeriesManifest manifest;
     std::uint32_t manifest_crc32c = 0;

@@ -404,7 +404,7 @@ page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColo
 const CHART = { width: 294, height: 132, left: 6, right: 6, top: 16, bottom: 18 };
 
 function valueRange() {
-  // Of a field that over all steps, so that a surface's line stands still while they are played.
+  // A field has its range over all steps, so that a surface's line stands still during play.
   const bins = (shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [];
   const { min = 0, max = 1 } = samplesOf(shown.dataset, shown.state.selection).valueRange ?? {};
   const low = bins.length > 0 ? Number(bins[0].min ?? 0) : Number(min);

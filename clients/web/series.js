@@ -17,7 +17,7 @@ import { fieldToWord, quantityFromJson } from './view-state.js';
 const STEPS_PER_SECOND = 10;
 
 /**
- * What surfaces can be drawn of, in the order of the dataset: each component of each field.
+ * Returns the scalars that surfaces are drawn of, in the dataset's order: each component of each field.
  * @param {any} dataset @returns {Choice[]}
  */
 export function choicesOf(dataset) {
@@ -31,7 +31,7 @@ export function choicesOf(dataset) {
 }
 
 /**
- * What a selection means; null if the dataset has no fields, or not this one.
+ * Returns the choice that a selection means; null if the dataset has no fields, or not this one.
  * @param {any} dataset @param {any} selection @returns {Choice | null}
  */
 export function choiceOf(dataset, selection) {

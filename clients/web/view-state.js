@@ -252,7 +252,7 @@ export function stateFromHash(hash) {
     'color-by': (value) => {
       const [first, ...rest] = value.split(':');
       const isField = first !== 'none' && !QUANTITIES[first];
-      // What follows a field is its component, unless it is a map.
+      // The word after a field is its component, unless it is a map.
       const component = isField && rest.length > 0 && !COLOR_MAPS.includes(rest[0]) ? rest.shift() : undefined;
       const [map, ends, opacities] = rest;
       if (first === '' || component === '' || map && !COLOR_MAPS.includes(map)) {

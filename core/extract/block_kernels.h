@@ -28,7 +28,7 @@ struct BlockTask {
   math::Vec3d begin;                      // index of the first stored sample in the volume
   const math::Mat3d* to_world = nullptr;  // takes gradients from index to world space
   const CaseTable* case_table = nullptr;
-  // What vertices have values of: one of the two, or nothing.
+  // The source of the vertices' values: one of the two, or none.
   bool keeps_gradient_magnitudes = false;
   const volume::BlockSamples* field = nullptr;  // another field's samples, of the same shape
 

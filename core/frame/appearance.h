@@ -60,7 +60,7 @@ struct ColorBy {
   // Opacities at the ends of the map, in [0, 1]; ignored for kNormal.
   float opacity_at_min = 1;
   float opacity_at_max = 1;
-  // Of kField alone. Only the coordinator looks at them.
+  // For kField alone. Only the coordinator reads them.
   std::string field = {};
   std::string component = {};  // empty: the only one, or the magnitude
 

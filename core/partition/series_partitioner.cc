@@ -158,7 +158,7 @@ std::vector<store::ScalarVolumeKey> KeysOf(const std::vector<VolumeTask>& tasks)
   return keys;
 }
 
-// What an interrupted run left is of no use to one that does not resume.
+// A run that does not resume clears what an interrupted run left.
 absl::Status PrepareFolder(bool resumes, int shard_count, SeriesWorkFolder* folder) {
   if (!resumes) {
     ISOSCOPE_RETURN_IF_ERROR(folder->Clear());

@@ -54,7 +54,7 @@ class SeriesWorkFolder {
                                 absl::string_view fingerprint) const;
   // Takes the volume under way as finished.
   absl::Status Finish(const store::ScalarVolumeKey& key, absl::string_view fingerprint);
-  // What the manifest of a series says of a finished volume. DATA_LOSS if it is damaged.
+  // Returns a finished volume as a series manifest describes it. DATA_LOSS if it is damaged.
   [[nodiscard]] absl::StatusOr<store::ScalarVolume> Describe(
       const store::ScalarVolumeKey& key) const;
 

@@ -55,7 +55,7 @@ std::int64_t FieldBytes(const FlowFieldRow& field, const math::Index3& dims) {
   return RowBytes(field, dims) * dims.y * dims.z;
 }
 
-// What stands before a field's samples: their bytes.
+// Returns the prefix of a field's samples: their size in bytes.
 std::string LengthOf(const FlowFieldRow& field, const math::Index3& dims) {
   std::string text;
   base::AppendLittleEndian(static_cast<std::uint64_t>(FieldBytes(field, dims)), &text);

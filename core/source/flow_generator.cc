@@ -102,7 +102,7 @@ inline double ExpOfMinus(double x) {
 // e(t) and the like. Pow of a constant, as math has no Exp.
 double Exp(double x) { return math::Pow(std::numbers::e, x); }
 
-// Of sample i: a whole number over another, so that the middle of the grid is exactly 0.
+// Returns the position of sample i: a ratio of whole numbers, so that the grid's middle is 0.
 double Position(const math::Index3& dims, int axis, std::int64_t i) {
   const std::int64_t longest = std::max({dims.x, dims.y, dims.z});
   return static_cast<double>(2 * i - (dims[axis] - 1)) / static_cast<double>(2 * (longest - 1));

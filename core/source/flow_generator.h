@@ -77,7 +77,7 @@ class FlowInstant {
   void FillRows(FlowField field, std::int64_t begin, std::int64_t end, char* out) const;
 
  private:
-  // Of one axis, by sample.
+  // Values along one axis, by sample.
   struct Axis {
     std::vector<double> position;  // in the moving frame
     std::vector<double> sine;      // of k * position

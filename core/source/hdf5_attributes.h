@@ -1,4 +1,4 @@
-// What attributes of an HDF5 dataset say of its axes. Calls the library: for the process that it
+// Reads the axes of an HDF5 dataset from its attributes. Calls the library: for the process that it
 // runs in (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_HDF5_ATTRIBUTES_H_

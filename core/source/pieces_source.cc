@@ -22,7 +22,7 @@ struct IndexBox {
   math::Index3 end;
 };
 
-// What is left of `box` without `piece`, as boxes that do not overlap.
+// Appends `box` without `piece` to `left`, as boxes that do not overlap.
 void Subtract(IndexBox box, const SamplePiece& piece, std::vector<IndexBox>* left) {
   for (int axis = 0; axis < 3; ++axis) {
     if (piece.begin[axis] >= box.end[axis] || piece.end[axis] <= box.begin[axis]) {
@@ -90,7 +90,7 @@ class PiecesSource final : public VolumeSource {
     return static_cast<std::int64_t>(volume::SizeOf(type_));
   }
 
-  // What a piece has of rows [begin_y, end_y) of plane z, which `out` holds.
+  // Reads a piece's part of rows [begin_y, end_y) of plane z, which `out` holds.
   absl::Status ReadPiece(std::size_t index, std::int64_t z, std::int64_t begin_y,
                          std::int64_t end_y, char* out) {
     const SamplePiece& piece = pieces_[index];

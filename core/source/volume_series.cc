@@ -18,7 +18,7 @@
 namespace isoscope::source {
 namespace {
 
-// What a file holds whose format holds no more: one field, one step, no time.
+// The series of a single volume: one field, one step, no time.
 class SingleSeries final : public VolumeSeries {
  public:
   SingleSeries(std::string path, std::string field, std::unique_ptr<VolumeSource> volume)

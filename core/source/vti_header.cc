@@ -87,7 +87,7 @@ class HeaderParser {
     XML_SetUserData(parser_, this);
     XML_SetElementHandler(parser_, &HeaderParser::OnStart, &HeaderParser::OnEnd);
   }
-  // Of all arrays, with their units and the time.
+  // Parses all arrays, with their units and the time.
   HeaderParser() : HeaderParser(std::string()) {
     is_whole_ = true;
     XML_SetCharacterDataHandler(parser_, &HeaderParser::OnText);

@@ -27,7 +27,7 @@ class VtkImage {
   // The arrays that are fields: at least one, all of points, or all of cells if no point array is
   // of numbers. Names are unique and not empty.
   [[nodiscard]] const std::vector<VtiArray>& arrays() const { return arrays_; }
-  // Of the points or of the cells' centres.
+  // The grid of the points, or of the cells' centres.
   [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
   // The component of the only array that the path names; not set if it names none.
   [[nodiscard]] const std::optional<std::int64_t>& component() const { return component_; }
@@ -71,7 +71,7 @@ bool SplitVtkImagePath(const std::string& path, PartPath* parts);
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenVtkImage(const std::string& path,
                                                        const std::string& part = "");
 
-// What an array is as a field.
+// Returns an array as a field.
 SourceField FieldOfVtiArray(const VtiArray& array);
 
 // Opens a .pvti file (pvti_image.cc). As OpenVtkImage.

@@ -32,7 +32,7 @@ namespace {
 
 constexpr std::size_t kMaxPvdSteps = 100'000;
 
-// What the two kinds of series share.
+// The base of both kinds of series.
 class VtkSeries : public VolumeSeries {
  public:
   [[nodiscard]] const std::string& name() const override { return name_; }

@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// What a library does with a path, in the process that it runs in. `part` is text of its own, which
+// The calls of a library for a path, in the process that it runs in. `part` is text of its own that
 // names one of the volumes of the path; "" where there is but one.
 struct WalledLibrary {
   using Texts = absl::StatusOr<std::vector<std::string>>;

@@ -73,7 +73,7 @@ struct ScalarVolumeKey {
 // "field-000-component-0-step-00003".
 std::string ScalarVolumeDirectoryName(const ScalarVolumeKey& key);
 
-// What the manifest of a series says of one scalar volume; the rest is in the volume's own one.
+// One scalar volume in the manifest of a series; its own manifest has the rest.
 struct ScalarVolume {
   ScalarVolumeKey key;
   std::string dataset_id;  // of its own manifest: what agents are asked for

@@ -112,7 +112,7 @@ std::optional<double> TimeOf(const v1::Dataset& dataset, int step) {
   return std::nullopt;
 }
 
-// Of `steps`, which ascend with their times; of two that are as near, the earlier. Compares the two
+// Returns the nearest of `steps`, which ascend with their times; of two the earlier. Compares two
 // neighbours alone: distances from far away would round to one number.
 int NearestStep(const v1::Dataset& dataset, const std::vector<int>& steps, double time) {
   const auto next = std::find_if(steps.begin(), steps.end(), [&](int step) {

@@ -33,7 +33,7 @@ struct DatasetState;
 struct SeriesOwner {
   ServingAgent agent;
   bool is_draining = false;
-  // Of each key, the dataset id of the volume that the agent has.
+  // By key, the dataset id of the agent's volume.
   std::map<store::ScalarVolumeKey, std::string> volumes;
 };
 
@@ -53,7 +53,7 @@ SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 isoscope::v1::Dataset JoinDescriptions(const std::vector<const isoscope::v1::Dataset*>& datasets,
                                        const SeriesState& series);
 
-// What a request chose.
+// The choice of a request.
 struct SelectedVolume {
   std::shared_ptr<const DatasetState> dataset;  // of the volume
   // By surface of the request; "": the surface is not coloured by a field. Empty: none is.

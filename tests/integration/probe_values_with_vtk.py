@@ -29,7 +29,7 @@ except ImportError:
         os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
     skips.skip_program("vtk", "no VTK (Debian: python3-vtk9)")
 
-# Of the field's range. A vertex's coordinate is a float of at most 48, so it is off by up to 2^-19
+# A share of the field's range. A vertex's coordinate is a float of at most 48, so it is off by up to 2^-19
 # of a cell; within a cell the field changes by less than half of its range.
 TOLERANCE = 1e-6
 

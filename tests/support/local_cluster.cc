@@ -89,7 +89,7 @@ class LossyListener final : public server::AgentListener {
 
 class LocalAgentLink final : public server::AgentLink {
  public:
-  // Of an agent that is lost after some events.
+  // Makes a link to an agent that is lost after some events.
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, std::vector<agent::Shards> colors,
                  const agent::FrameTask& task, const agent::AgentResources& resources,
                  bool one_thread_a_step, absl::Time deadline, std::unique_ptr<LossyListener> lossy)

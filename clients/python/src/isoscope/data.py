@@ -142,7 +142,7 @@ class Field:
 
     @property
     def default_component(self) -> FieldComponent:
-        """What is drawn unless a component is named: the only one, or the magnitude."""
+        """The component that is drawn by default: the only one, or the magnitude."""
         return self.components[-1]
 
     @property
@@ -289,7 +289,7 @@ class DatasetInfo:
 
 
     def _series_rows(self) -> list[tuple[str, str]]:
-        """What a table says of fields and times, of a dataset that has them."""
+        """Returns the table rows of fields and times; none without them."""
         fields = [one.name + (f" ({one.unit})" if one.unit else "") for one in self.fields]
         rows = [("fields", ", ".join(fields))] if fields else []
         if self.time_steps:

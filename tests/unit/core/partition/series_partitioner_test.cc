@@ -285,7 +285,7 @@ TEST_F(SeriesPartitionerTest, ResumingKeepsWhatMatchesAndNothingElse) {
     EXPECT_FALSE(PartitionSeries(source, Options("flow"), never_).ok());
     EXPECT_TRUE(io::PathExists(dir_.Sub("flow.partial")));
   };
-  // Of 10 volumes; a volume that is kept reports its end alone.
+  // Runs 10 volumes; a volume that is kept reports its end alone.
   const auto made_by_resuming = [&](MemorySeries source, SeriesPartitionOptions options) {
     options.resumes = true;
     std::map<std::string, int> reports;

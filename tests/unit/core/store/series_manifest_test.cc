@@ -321,7 +321,7 @@ TEST(SeriesManifestTest, VersionsDoNotMix) {
                        HasSubstr("format version 3, this program reads up to 2")));
   EXPECT_THAT(DecodeSeriesManifest(Sealed(Replaced(kText, "version\": 2", "version\": 1")), "m"),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("expected 2")));
-  // What a program that knows version 1 alone says of a series.
+  // A program that knows version 1 alone names both versions.
   EXPECT_THAT(DecodeManifest(Sealed(kText), "m"),
               StatusIs(absl::StatusCode::kFailedPrecondition,
                        "m: format version 2, this program reads up to 1; use a newer program"));
