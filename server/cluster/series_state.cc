@@ -192,6 +192,7 @@ std::vector<ReplicaSet> ReplicaSetsOf(const SeriesState& series,
       continue;
     }
     std::vector<std::string> addresses;
+    addresses.reserve(with_all.size());
     for (const SeriesOwner* owner : with_all) {
       addresses.push_back(owner->agent.address);
     }
