@@ -23,8 +23,7 @@ namespace {
 // A raw file: one field, whose name is that of the file, and one step.
 class RawSeries final : public source::VolumeSeries {
  public:
-  RawSeries(SourceFlags flags, std::string path)
-      : flags_(std::move(flags)), path_(std::move(path)) {
+  RawSeries(const SourceFlags& flags, std::string path) : flags_(flags), path_(std::move(path)) {
     std::string name = path_.substr(path_.rfind('/') + 1);
     if (const std::size_t dot = name.rfind('.'); dot != std::string::npos && dot > 0) {
       name.resize(dot);

@@ -152,6 +152,7 @@ absl::Status CheckGrids(source::VolumeSeries& source, const std::vector<VolumeTa
 
 std::vector<store::ScalarVolumeKey> KeysOf(const std::vector<VolumeTask>& tasks) {
   std::vector<store::ScalarVolumeKey> keys;
+  keys.reserve(tasks.size());
   for (const VolumeTask& task : tasks) {
     keys.push_back(task.key);
   }

@@ -36,6 +36,7 @@ std::vector<std::string> ReadVariableTexts(hid_t attribute, hid_t stored, hid_t 
   if (H5Aread(attribute, type.get(), static_cast<void*>(pointers.data())) < 0) {
     return {};
   }
+  texts.reserve(pointers.size());
   for (const char* pointer : pointers) {
     texts.emplace_back(pointer != nullptr ? std::string(pointer).substr(0, kMaxTextSize) : "");
   }

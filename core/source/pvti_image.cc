@@ -232,7 +232,7 @@ class PvtiImage final : public VtkImage {
     ISOSCOPE_RETURN_IF_ERROR(CheckArrays(header, piece.file));
     SamplePiece box;
     for (int axis = 0; axis < 3; ++axis) {
-      const auto low = static_cast<std::size_t>(2 * axis);
+      const auto low = 2 * static_cast<std::size_t>(axis);
       box.begin[axis] = extent[low] - extent_[low];
       box.end[axis] = extent[low + 1] - extent_[low] + (is_of_cells() ? 0 : 1);
       box.first[axis] = held[low] - extent_[low];
