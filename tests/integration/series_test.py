@@ -45,6 +45,16 @@ def free_port():
     return listener.getsockname()[1]
 
 
+def is_ready(coordinator, agent_count):
+  """Whether all agents answer the coordinator, and their shards make whole datasets."""
+  done = isoscope('info', '--server', coordinator, '--json', check=False)
+  if done.returncode != 0:
+    return False
+  info = json.loads(done.stdout)
+  return ([agent['state'] for agent in info['agents']] == ['reachable'] * agent_count and info['datasets'] != [] and
+          all(dataset['missing_shards'] == [] for dataset in info['datasets']))
+
+
 @contextlib.contextmanager
 def cluster(*agent_directories):
   """The address of a coordinator, with an agent for each list of directories."""
@@ -60,7 +70,7 @@ def cluster(*agent_directories):
     processes.append(subprocess.Popen([os.path.join(BIN, 'isoscope-coordinator'), '--listen', coordinator,
                                        '--poll-seconds', '0.2', *agents], stderr=subprocess.DEVNULL))
     end = time.monotonic() + PATIENCE_S
-    while isoscope('info', '--server', coordinator, check=False).returncode != 0:
+    while not is_ready(coordinator, len(agent_directories)):
       if time.monotonic() > end:
         raise AssertionError('the cluster does not come up')
       time.sleep(0.1)
