@@ -35,6 +35,8 @@ namespace {
 
 // Memory of an InflateReader with its scratch space.
 constexpr std::int64_t kInflaterBytes = 512 * base::kKiB;
+// Of tuples, read at once to pick one component; more only if a single tuple is larger.
+constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
 
 bool IsRescaled(const SampleLocation& location) {
   return location.slope != 1 || location.intercept != 0;
@@ -154,8 +156,12 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
     if (offset() > file_size || file_size - offset() < bytes_per_file_) {
       const math::Index3& dims = geometry.sample_dims;
       return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d x %d x %d samples of %s%s after %d header bytes need %d bytes, the file has %d",
+          "%s: %d x %d x %d samples of %s%s%s after %d header bytes need %d bytes, the file has %d",
           file_->path(), dims.x, dims.y, dims.z, volume::NameOf(location_.stored_type),
+          location_.volume_count * location_.components == 1
+              ? ""
+              : absl::StrFormat(", %d volumes of %d components,", location_.volume_count,
+                                location_.components),
           location_.files.size() == 1 ? ""
                                       : absl::StrFormat(" in %d files", location_.files.size()),
           offset(), offset() + bytes_per_file_, file_size));
@@ -195,21 +201,24 @@ class FileSource final : public VolumeSource {
 
   [[nodiscard]] bool is_seekable() const override { return !location().is_compressed; }
   [[nodiscard]] std::int64_t memory_bytes() const override {
-    return location().is_compressed ? kInflaterBytes : 0;
+    return (location().is_compressed ? kInflaterBytes : 0) +
+           (location().components > 1 ? std::max(kStoredTupleBytes, tuple_bytes()) : 0);
   }
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = geometry_.sample_dims;
     const std::int64_t row_count = dims.y * dims.z;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
-    const auto stored_size = static_cast<std::int64_t>(volume::SizeOf(location().stored_type));
-    const std::int64_t row_bytes = dims.x * stored_size;
-    const auto size = static_cast<std::size_t>((end_row - begin_row) * row_bytes);
-    const std::size_t count = size / static_cast<std::size_t>(stored_size);
-    char* stored = out + count * volume::SizeOf(type_) - size;
-    ISOSCOPE_RETURN_IF_ERROR(stored_.Read(begin_row * row_bytes, size, stored));
+    const std::size_t stored_size = volume::SizeOf(location().stored_type);
+    const auto count = static_cast<std::size_t>((end_row - begin_row) * dims.x);
+    const std::int64_t begin =
+        location().volume * math::Volume(dims) + begin_row * dims.x;  // of tuples
+    char* stored = out + count * (volume::SizeOf(type_) - stored_size);
+    ISOSCOPE_RETURN_IF_ERROR(location().components == 1
+                                 ? stored_.Read(begin * tuple_bytes(), count * stored_size, stored)
+                                 : ReadComponent(begin, count, stored));
     if (location().is_big_endian) {
-      SwapBytes(static_cast<std::size_t>(stored_size), count, stored);
+      SwapBytes(stored_size, count, stored);
     }
     if (IsRescaled(location())) {
       RescaleSamples(count, stored, out);
@@ -219,6 +228,30 @@ class FileSource final : public VolumeSource {
 
  private:
   [[nodiscard]] const SampleLocation& location() const { return stored_.location(); }
+  [[nodiscard]] std::int64_t tuple_bytes() const {
+    return location().components *
+           static_cast<std::int64_t>(volume::SizeOf(location().stored_type));
+  }
+
+  // The component of `count` tuples from `begin` on, as it is stored.
+  absl::Status ReadComponent(std::int64_t begin, std::size_t count, char* out) {
+    const std::size_t size = volume::SizeOf(location().stored_type);
+    const auto step = static_cast<std::size_t>(tuple_bytes());
+    const auto at_once =
+        static_cast<std::size_t>(std::max<std::int64_t>(kStoredTupleBytes / tuple_bytes(), 1));
+    while (count > 0) {
+      const std::size_t tuples = std::min(count, at_once);
+      tuples_.resize(tuples * step);
+      ISOSCOPE_RETURN_IF_ERROR(stored_.Read(begin * tuple_bytes(), tuples_.size(), tuples_.data()));
+      const char* from = tuples_.data() + static_cast<std::size_t>(location().component) * size;
+      for (std::size_t i = 0; i < tuples; ++i) {
+        out = std::copy_n(from + i * step, size, out);
+      }
+      begin += static_cast<std::int64_t>(tuples);
+      count -= tuples;
+    }
+    return absl::OkStatus();
+  }
 
   void RescaleSamples(std::size_t count, const char* stored, char* out) const {
     volume::VisitScalarType(location().stored_type, [&]<typename In>() {
@@ -235,6 +268,7 @@ class FileSource final : public VolumeSource {
   const volume::ScalarType type_;
   const std::string name_;
   StoredBytes stored_;
+  std::vector<char> tuples_;  // of several components
 };
 
 }  // namespace
@@ -248,17 +282,20 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
   }
   const std::int64_t sample_count = math::Volume(geometry.sample_dims);
   const auto stored_size = static_cast<std::int64_t>(volume::SizeOf(location.stored_type));
-  if (sample_count > std::numeric_limits<std::int64_t>::max() / 16) {
+  constexpr std::int64_t kMaxSamples = std::numeric_limits<std::int64_t>::max() / 16;
+  if (sample_count > kMaxSamples ||
+      location.volume_count > kMaxSamples / sample_count / location.components) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d samples: more than any file holds", name, sample_count));
   }
+  const std::int64_t stored_count = sample_count * location.volume_count * location.components;
   if (location.files.empty() ||
-      sample_count % static_cast<std::int64_t>(location.files.size()) != 0) {
+      stored_count % static_cast<std::int64_t>(location.files.size()) != 0) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: %d samples in %d files; expected as many in each", name, sample_count,
+        absl::StrFormat("%s: %d samples in %d files; expected as many in each", name, stored_count,
                         location.files.size()));
   }
-  StoredBytes stored(location, sample_count * stored_size);
+  StoredBytes stored(location, stored_count * stored_size);
   ISOSCOPE_RETURN_IF_ERROR(stored.CheckFiles(geometry));
   return std::make_unique<FileSource>(geometry, std::move(stored), name, patient_frame);
 }

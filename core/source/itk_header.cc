@@ -2,6 +2,8 @@
 
 #include <cstddef>
 #include <exception>
+#include <functional>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -95,43 +97,84 @@ bool HasPatientFrame(FileFormat format, const itk::ImageIOBase& io, const std::s
   return false;
 }
 
-absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, const std::string& path) {
-  const unsigned int dimension_count = io.GetNumberOfDimensions();
-  std::vector<std::size_t> dims;
-  std::size_t extra_samples = 1;
-  for (unsigned int axis = 0; axis < dimension_count; ++axis) {
-    dims.push_back(io.GetDimensions(axis));
-    if (axis >= 3) {
-      extra_samples *= dims.back();
-    }
+absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, ImageLayout layout,
+                                    const std::string& path) {
+  std::int64_t extra_samples = 1;
+  for (std::size_t axis = 3; axis < layout.dims.size(); ++axis) {
+    extra_samples *= layout.dims[axis];
   }
-  if (dimension_count < 3 || extra_samples != 1) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": ", dimension_count, "-dimensional, ", absl::StrJoin(dims, " x "),
-                     " samples; expected one three-dimensional volume: extract one (time step, "
-                     "channel) into a file of its own"));
+  if (layout.dims.size() < 3 || extra_samples != 1) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": ", layout.dims.size(), "-dimensional, ", absl::StrJoin(layout.dims, " x "),
+        " samples; expected one three-dimensional volume: extract one (time step, "
+        "channel) into a file of its own"));
   }
-  if (io.GetNumberOfComponents() != 1) {
+  if (layout.components != 1) {
     return absl::InvalidArgumentError(
-        absl::StrCat(path, ": ", io.GetNumberOfComponents(),
+        absl::StrCat(path, ": ", layout.components,
                      " components a sample (a colour or vector volume); expected 1: extract one "
                      "component into a file of its own"));
   }
-  ImageHeader header;
-  ISOSCOPE_ASSIGN_OR_RETURN(header.type, ScalarTypeOf(io.GetComponentType(), path));
-  for (unsigned int axis = 0; axis < 3; ++axis) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
+                            ScalarTypeOf(io.GetComponentType(), path));
+  return ImageHeader{
+      .geometry = layout.geometry, .type = type, .patient_frame = layout.patient_frame};
+}
+
+// Without a check of the number of axes.
+ImageLayout LayoutOf(const itk::ImageIOBase& io) {
+  ImageLayout layout;
+  const unsigned int dimension_count = io.GetNumberOfDimensions();
+  for (unsigned int axis = 0; axis < dimension_count; ++axis) {
+    layout.dims.push_back(static_cast<std::int64_t>(io.GetDimensions(axis)));
+  }
+  layout.components = static_cast<std::int64_t>(io.GetNumberOfComponents());
+  for (unsigned int axis = 0; axis < 3 && dimension_count >= 3; ++axis) {
     const int index = static_cast<int>(axis);
-    header.geometry.sample_dims[index] = static_cast<std::int64_t>(dims[axis]);
-    header.geometry.spacing[index] = io.GetSpacing(axis);
-    header.geometry.origin[index] = io.GetOrigin(axis);
+    layout.geometry.sample_dims[index] = layout.dims[axis];
+    layout.geometry.spacing[index] = io.GetSpacing(axis);
+    layout.geometry.origin[index] = io.GetOrigin(axis);
     const std::vector<double> direction = io.GetDirection(axis);
-    header.geometry.direction.columns[axis] = {direction[0], direction[1], direction[2]};
+    layout.geometry.direction.columns[axis] = {direction[0], direction[1], direction[2]};
   }
-  const absl::Status valid = volume::Validate(header.geometry);
-  if (!valid.ok()) {
-    return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
+  const auto type = ScalarTypeOf(io.GetComponentType(), "");
+  if (type.ok()) {
+    layout.type = *type;
   }
-  return header;
+  return layout;
+}
+
+absl::Status CheckGrid(const volume::GridGeometry& geometry, const std::string& path) {
+  const absl::Status valid = volume::Validate(geometry);
+  return valid.ok() ? valid : absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
+}
+
+// Calls `convert` with ITK's reader and the layout of the file.
+template <typename Result>
+absl::StatusOr<Result> ReadHeader(
+    FileFormat format, const std::string& path,
+    const std::function<absl::StatusOr<Result>(const itk::ImageIOBase&, ImageLayout)>& convert) {
+  SilenceImageLibraries();
+  try {
+    const itk::ImageIOBase::Pointer io = MakeImageIo(format);
+    io->SetFileName(path);
+    if (!io->CanReadFile(path.c_str())) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
+    }
+    io->ReadImageInformation();
+    ImageLayout layout = LayoutOf(*io);
+    if (HasPatientFrame(format, *io, path)) {
+      layout.patient_frame.emplace();
+    }
+    return convert(*io, std::move(layout));
+  } catch (const itk::ExceptionObject& error) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: can't be read as %s: %s", path,
+                                                      NameOf(format), error.GetDescription()));
+  } catch (const std::exception& error) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: can't be read as %s: %s", path, NameOf(format), error.what()));
+  }
 }
 
 }  // namespace
@@ -165,27 +208,27 @@ absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnu
 }
 
 absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path) {
-  SilenceImageLibraries();
-  try {
-    const itk::ImageIOBase::Pointer io = MakeImageIo(format);
-    io->SetFileName(path);
-    if (!io->CanReadFile(path.c_str())) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
-    }
-    io->ReadImageInformation();
-    ISOSCOPE_ASSIGN_OR_RETURN(ImageHeader header, Convert(*io, path));
-    if (HasPatientFrame(format, *io, path)) {
-      header.patient_frame.emplace();
-    }
-    return header;
-  } catch (const itk::ExceptionObject& error) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: can't be read as %s: %s", path,
-                                                      NameOf(format), error.GetDescription()));
-  } catch (const std::exception& error) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: can't be read as %s: %s", path, NameOf(format), error.what()));
-  }
+  return ReadHeader<ImageHeader>(
+      format, path,
+      [&](const itk::ImageIOBase& io, ImageLayout layout) -> absl::StatusOr<ImageHeader> {
+        ISOSCOPE_ASSIGN_OR_RETURN(ImageHeader header, Convert(io, std::move(layout), path));
+        ISOSCOPE_RETURN_IF_ERROR(CheckGrid(header.geometry, path));
+        return header;
+      });
+}
+
+absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path) {
+  return ReadHeader<ImageLayout>(
+      format, path,
+      [&](const itk::ImageIOBase& /*io*/, ImageLayout layout) -> absl::StatusOr<ImageLayout> {
+        if (layout.dims.size() < 3) {
+          return absl::InvalidArgumentError(
+              absl::StrCat(path, ": ", layout.dims.size(), "-dimensional, ",
+                           absl::StrJoin(layout.dims, " x "), " samples; expected three axes"));
+        }
+        ISOSCOPE_RETURN_IF_ERROR(CheckGrid(layout.geometry, path));
+        return layout;
+      });
 }
 
 }  // namespace isoscope::source

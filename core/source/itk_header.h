@@ -3,8 +3,10 @@
 #ifndef ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
 
+#include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -25,6 +27,18 @@ struct ImageHeader {
   // above 0, NRRD with the space LPS or RAS. MetaImage does not define it.
   std::optional<volume::PatientFrame> patient_frame;
 };
+
+// The whole grid of a file that holds more than one volume.
+struct ImageLayout {
+  volume::GridGeometry geometry;           // of the first three axes
+  std::vector<std::int64_t> dims;          // of all axes, at least three, fastest first
+  std::int64_t components = 1;             // of a tuple
+  std::optional<volume::ScalarType> type;  // not set: none that a volume can have
+  std::optional<volume::PatientFrame> patient_frame;
+};
+
+// As ReadImageHeader, with any number of axes and components, and any type.
+absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path);
 
 // Reads the header only, no sample. Everything ITK throws becomes a status.
 // INVALID_ARGUMENT: not of that format; not three-dimensional (more axes are accepted if each has

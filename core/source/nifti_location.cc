@@ -4,9 +4,12 @@
 // samples lie:
 //
 //   byte   0  int32   348
+//   byte  40  int16   [8]: number of axes, x, y, z, t, components, two more
 //   byte  70  int16   type of the samples (kNiftiTypes)
+//   byte  76  float   [8]: distances of samples along the axes, from number 1 on
 //   byte 108  float   vox_offset: bytes before the samples, 352 in most files .nii
 //   byte 112  float   slope, intercept; a slope of 0 means that none is set
+//   byte 123  uint8   units, of space in bits 0 to 2, of time in bits 3 to 5
 //   byte 254  int16   sform_code; above 0 the affine transform at byte 280 holds
 //   byte 280  float   [3][4], rows of that transform
 //   byte 344  char[4] "n+1" or "ni1"
@@ -22,12 +25,14 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/data_files.h"
 #include "core/source/inflate_reader.h"
+#include "core/source/nifti_layout.h"
 #include "core/source/sample_location.h"
 
 namespace isoscope::source {
@@ -144,7 +149,51 @@ absl::StatusOr<std::vector<std::string>> ImageOfPair(const std::string& header_p
   return packed.ok() ? packed : plain;
 }
 
+// Seconds, milliseconds, microseconds; others are no times.
+const char* NiftiTimeUnit(std::uint8_t units) {
+  switch (units & 0x38) {
+    case 8:
+      return "s";
+    case 16:
+      return "ms";
+    case 24:
+      return "us";
+    default:
+      return "";
+  }
+}
+
 }  // namespace
+
+absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiHeader header, ReadNiftiHeader(path));
+  const auto axes = header.Load<std::int16_t>(40);
+  std::array<std::int64_t, 7> dims{1, 1, 1, 1, 1, 1, 1};
+  if (axes < 1 || axes > 7) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d axes in the NIfTI header; expected 1 to 7", path, axes));
+  }
+  for (std::size_t axis = 0; axis < static_cast<std::size_t>(axes); ++axis) {
+    dims[axis] = header.Load<std::int16_t>(42 + 2 * axis);
+  }
+  if (*std::min_element(dims.begin(), dims.end()) < 1 || dims[5] != 1 || dims[6] != 1) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %s samples in the NIfTI header; expected x, y, z, time and components",
+                        path, absl::StrJoin(dims, " x ")));
+  }
+  const auto units = header.Load<std::uint8_t>(123);
+  NiftiLayout layout{.steps = dims[3],
+                     .components = dims[4],
+                     .time_unit = NiftiTimeUnit(units),
+                     .length_unit = (units & 7) >= 1 && (units & 7) <= 3 ? "mm" : ""};
+  const auto interval = static_cast<double>(header.Load<float>(76 + 4 * 4));
+  if (std::isfinite(interval) && interval > 0) {
+    layout.interval = interval;
+  } else {
+    layout.time_unit = "";
+  }
+  return layout;
+}
 
 std::string NiftiHeaderPath(const std::string& path) {
   for (const char* suffix : {".img", ".img.gz"}) {

@@ -21,6 +21,7 @@
 // http://teem.sourceforge.net/nrrd/format.html, sections 4 and 5.
 
 #include <cstddef>
+#include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -31,6 +32,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/data_files.h"
+#include "core/source/nrrd_layout.h"
 #include "core/source/sample_location.h"
 #include "core/source/text_header.h"
 
@@ -141,6 +143,11 @@ absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
 }
 
 }  // namespace
+
+absl::StatusOr<HeaderFields> ReadNrrdFields(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(NrrdHeader header, ReadNrrdHeader(path));
+  return std::move(header.fields);
+}
 
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NrrdHeader header, ReadNrrdHeader(path));

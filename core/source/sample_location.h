@@ -17,8 +17,8 @@
 namespace isoscope::source {
 
 struct SampleLocation {
-  // Together they hold all samples in order, each the same number. A single one may be the header
-  // file.
+  // Together they hold the samples of volume_count volumes in order, each file the same number. A
+  // sample is a tuple of components. A single file may be the header file.
   std::vector<std::string> files;
   // The members below hold for each file.
   std::int64_t offset = 0;        // bytes before the samples or the compressed stream
@@ -31,6 +31,12 @@ struct SampleLocation {
   // Samples are slope * stored + intercept, in double, unless slope is 1 and intercept 0.
   double slope = 1;
   double intercept = 0;
+
+  std::int64_t volume_count = 1;
+  std::int64_t components = 1;  // of a tuple
+  // The ones that are read:
+  std::int64_t volume = 0;
+  std::int64_t component = 0;
 };
 
 // Reads the header of `path`. INVALID_ARGUMENT: not such a header; an encoding that is not

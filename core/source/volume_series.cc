@@ -1,6 +1,7 @@
 #include "core/source/volume_series.h"
 
 #include <array>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -9,9 +10,14 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/dicom_source.h"
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/itk_header.h"
 #include "core/source/part_path.h"
+#include "core/source/sample_location.h"
+#include "core/source/sample_series.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
 
@@ -62,6 +68,32 @@ std::string FieldNameOf(absl::string_view name) {
   return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
 }
 
+// The format of a file whose samples we stream; not set for others, and where there is no file.
+std::optional<FileFormat> SampleFormatOf(const std::string& path) {
+  struct SampleEnding {
+    const char* text;
+    FileFormat format;
+  };
+  constexpr std::array<SampleEnding, 9> kSampleEndings{{{".nii", FileFormat::kNifti},
+                                                        {".nii.gz", FileFormat::kNifti},
+                                                        {".hdr", FileFormat::kNifti},
+                                                        {".img", FileFormat::kNifti},
+                                                        {".img.gz", FileFormat::kNifti},
+                                                        {".nrrd", FileFormat::kNrrd},
+                                                        {".nhdr", FileFormat::kNrrd},
+                                                        {".mha", FileFormat::kMetaImage},
+                                                        {".mhd", FileFormat::kMetaImage}}};
+  if (!io::PathExists(path) || io::IsDirectory(path) || IsDicomFile(path)) {
+    return std::nullopt;
+  }
+  for (const SampleEnding& ending : kSampleEndings) {
+    if (absl::EndsWithIgnoreCase(path, ending.text)) {
+      return ending.format;
+    }
+  }
+  return std::nullopt;
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path));
   std::string field = FieldNameOf(volume->name());
@@ -88,6 +120,15 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   PartPath vtk;
   if (SplitVtkImagePath(path, &vtk)) {
     return OpenVtkImageSeries(vtk.file, vtk.part);
+  }
+  const std::optional<FileFormat> format = SampleFormatOf(path);
+  const std::string header = format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
+  if (format.has_value() && io::PathExists(header)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                              OpenSampleSeries(*format, header, path, FieldNameOf(path)));
+    if (series != nullptr) {
+      return series;
+    }
   }
   return OpenSingle(path);
 }

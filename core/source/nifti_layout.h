@@ -1,0 +1,29 @@
+// What a NIfTI-1 header says of time and components.
+
+#ifndef ISOSCOPE_CORE_SOURCE_NIFTI_LAYOUT_H_
+#define ISOSCOPE_CORE_SOURCE_NIFTI_LAYOUT_H_
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+
+namespace isoscope::source {
+
+// The samples are steps * components volumes: all steps of the first component come first.
+struct NiftiLayout {
+  std::int64_t steps = 1;
+  std::int64_t components = 1;
+  double interval = 1;      // between steps; 1 without a unit if the header has none above 0
+  std::string time_unit{};  // "s", "ms", "us" or ""
+  // "mm" if the header has a unit of length, whichever: ITK turns the grid to millimetres.
+  std::string length_unit{};
+};
+
+// Errors as LocateNiftiSamples. INVALID_ARGUMENT also: sizes below 1; more axes than five of more
+// than one sample.
+absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_NIFTI_LAYOUT_H_
