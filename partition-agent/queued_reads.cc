@@ -47,7 +47,7 @@ class PausedArrivals {
 }  // namespace
 
 absl::Status ForEachArrival(
-    io::ReadQueue* queue, tbb::task_arena* arena, const base::Cancellation& cancellation,
+    io::ReadQueue* queue, base::TaskArena* arena, const base::Cancellation& cancellation,
     absl::FunctionRef<absl::StatusOr<ArrivalWork>(const io::ReadQueue::Arrival&)> work,
     const Pauses& pauses, const ReadWatch& watch) {
   base::FirstError error;

@@ -8,10 +8,10 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/metrics.h"
+#include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/io/read_queue.h"
 
@@ -44,7 +44,7 @@ enum class ArrivalWork {
 // error it takes no further read. Threads of the arena never wait for a disk. The calling thread
 // does, and holds no lock.
 absl::Status ForEachArrival(
-    io::ReadQueue* queue, tbb::task_arena* arena, const base::Cancellation& cancellation,
+    io::ReadQueue* queue, base::TaskArena* arena, const base::Cancellation& cancellation,
     absl::FunctionRef<absl::StatusOr<ArrivalWork>(const io::ReadQueue::Arrival&)> work,
     const Pauses& pauses = {}, const ReadWatch& watch = {});
 

@@ -247,13 +247,13 @@ absl::Status LocalCluster::AddField(const std::string& field,
 
 absl::Status LocalCluster::Wake(const Limits& limits) {
   Sleep();
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<tbb::task_arena> arena,
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<base::TaskArena> arena,
                             MakeOnlyArena(limits.thread_count));
   WakeIn(std::move(arena), limits);
   return absl::OkStatus();
 }
 
-void LocalCluster::WakeIn(std::shared_ptr<tbb::task_arena> arena, const Limits& limits) {
+void LocalCluster::WakeIn(std::shared_ptr<base::TaskArena> arena, const Limits& limits) {
   Sleep();
   arena_ = std::move(arena);
   limits_ = limits;

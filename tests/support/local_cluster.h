@@ -14,9 +14,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/task_arena.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
@@ -49,7 +49,7 @@ class LocalCluster {
   // Starts the threads. An error says that not all of them ran. REQUIRES: all clusters sleep.
   absl::Status Wake(const Limits& limits);
   // The same, in an arena of MakeOnlyArena that has limits.thread_count threads.
-  void WakeIn(std::shared_ptr<tbb::task_arena> arena, const Limits& limits);
+  void WakeIn(std::shared_ptr<base::TaskArena> arena, const Limits& limits);
   // Gives the threads back. What the agents keep stays. REQUIRES: no frame is in work.
   void Sleep();
   [[nodiscard]] const Limits& limits() const { return limits_; }
@@ -86,7 +86,7 @@ class LocalCluster {
   std::map<std::string, agent::Shards> fields_;  // by ColorBy::field
   render::Renderer* given_renderer_ = nullptr;
   Limits limits_;
-  std::shared_ptr<tbb::task_arena> arena_;  // null while the cluster sleeps, as the next two
+  std::shared_ptr<base::TaskArena> arena_;  // null while the cluster sleeps, as the next two
   render::Renderer* renderer_ = nullptr;
   std::unique_ptr<render::Renderer> cpu_renderer_;  // also null if given_renderer_ is one
   std::unique_ptr<render::LayerRenderer> layers_;
@@ -120,7 +120,7 @@ class LocalClusters {
   render::Renderer* const renderer_;
   Dice dice_;
   std::int64_t wake_count_ = 0;
-  std::shared_ptr<tbb::task_arena> arena_;
+  std::shared_ptr<base::TaskArena> arena_;
   std::map<std::string, std::unique_ptr<LocalCluster>> clusters_;
   LocalCluster* awake_ = nullptr;
 };

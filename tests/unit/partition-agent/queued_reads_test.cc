@@ -13,6 +13,7 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/render/renderer_factory.h"
@@ -61,7 +62,7 @@ class QueuedReadsTest : public ::testing::Test {
   }
 
   const SmallDataset dataset_{1};
-  tbb::task_arena arena_{2};
+  base::TaskArena arena_{2};
   const base::Cancellation never_;
 };
 
