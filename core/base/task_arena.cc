@@ -46,6 +46,9 @@ namespace {
 // The longest wait for threads to leave an arena. It allows for a machine under heavy load.
 constexpr absl::Duration kMaxLeaveDuration = absl::Seconds(5);
 
+// A thread that waits for a permit is overtaken for at most this long.
+constexpr absl::Duration kMaxOvertakingDuration = absl::Milliseconds(10);
+
 // Returns the CPUs that this thread may use, ascending. Empty if there are more than cpu_set_t can
 // hold.
 std::vector<int> AllowedCpus() {
@@ -77,22 +80,28 @@ class ThreadPermits {
  public:
   explicit ThreadPermits(int count) : count_(count), free_count_(count) {}
 
-  // Waits for its turn.
+  // Threads that wait are served in order. Another one may overtake them, because its CPU has
+  // nothing to do until the one that waits has woken. With handing over in order, frames of 16 and
+  // 64 agents took 1.09 of their time.
   void TakeOne() ABSL_LOCKS_EXCLUDED(mutex_) {
     MutexLock lock(&mutex_);
-    if (free_count_ > 0) {  // then nobody waits
+    if (free_count_ > 0 &&
+        (first_ == nullptr || absl::Now() - first_->start < kMaxOvertakingDuration)) {
       --free_count_;
       return;
     }
     Waiter waiter;
     (first_ == nullptr ? first_ : last_->next) = &waiter;
     last_ = &waiter;
-    waiter.granted.Await(&mutex_, [&] { return waiter.has_permit; });
+    waiter.wake.Await(&mutex_, [&] { return free_count_ > 0 && first_ == &waiter; });
+    first_ = waiter.next;
+    --free_count_;
+    WakeFirst();
   }
-  // Returns false if another thread has a permit.
+  // Returns false if another thread has a permit or waits for one.
   bool TryTakeAll() ABSL_LOCKS_EXCLUDED(mutex_) {
     const MutexLock lock(&mutex_);
-    if (free_count_ < count_) {
+    if (free_count_ < count_ || first_ != nullptr) {
       return false;
     }
     free_count_ = 0;
@@ -100,23 +109,24 @@ class ThreadPermits {
   }
   void Return(int permit_count) ABSL_LOCKS_EXCLUDED(mutex_) {
     const MutexLock lock(&mutex_);
-    for (; permit_count > 0 && first_ != nullptr; --permit_count) {
-      Waiter* const waiter = first_;
-      first_ = waiter->next;
-      waiter->has_permit = true;
-      waiter->granted.Signal();
-    }
     free_count_ += permit_count;
+    WakeFirst();
   }
   [[nodiscard]] int count() const { return count_; }
 
  private:
   // On the stack of the thread that waits.
   struct Waiter {
-    CondVar granted;
-    bool has_permit = false;
+    const absl::Time start = absl::Now();
+    CondVar wake;
     Waiter* next = nullptr;
   };
+
+  void WakeFirst() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (free_count_ > 0 && first_ != nullptr) {
+      first_->wake.Signal();
+    }
+  }
 
   const int count_;
   Mutex mutex_;

@@ -55,7 +55,7 @@ class OneThreadScope {
 int ConcurrencyOf(const TaskArena& arena);
 
 // The entry of a thread into an arena; RunIn makes it. With shared threads it waits until fewer
-// than max_concurrency() threads compute, in the order of arrival.
+// than max_concurrency() threads compute.
 class ArenaEntry {
  public:
   explicit ArenaEntry(TaskArena* arena);
