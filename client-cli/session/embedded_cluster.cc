@@ -69,9 +69,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   // With at least two agents a thread, no thread is idle for long while the last one draws.
   const bool one_thread_a_step =
       shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
-  if (one_thread_a_step) {
-    arena->ShareThreads();
-  }
+  arena->SetSharesThreads(one_thread_a_step);
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
                                      : agent::AgentMemory::DefaultLimitBytes(),

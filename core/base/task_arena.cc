@@ -13,7 +13,7 @@
 //
 // An arena of any other width, or of one CPU, gets no such list: the kernel places its threads.
 //
-// With ShareThreads there are as many permits as threads, and no thread computes without one:
+// With shared threads there are as many permits as threads, and no thread computes without one:
 //
 //   thread                           takes                          computes
 //   in a OneThreadScope              one, or waits for one          alone
@@ -236,17 +236,23 @@ TaskArena::TaskArena(int thread_count) : parts_(std::make_unique<Parts>()) {
     const std::size_t first = std::random_device{}() % cpus.size();
     std::rotate(cpus.begin(), cpus.begin() + static_cast<std::ptrdiff_t>(first), cpus.end());
     parts_->cpus = std::move(cpus);
-    parts_->observer.emplace(&parts_->arena, parts_->cpus, nullptr);
   }
+  SetSharesThreads(false);
 }
 
 TaskArena::~TaskArena() = default;
 
 int TaskArena::max_concurrency() const { return parts_->arena.max_concurrency(); }
 
-void TaskArena::ShareThreads() {
-  parts_->permits.emplace(max_concurrency());
-  parts_->observer.emplace(&parts_->arena, parts_->cpus, parts_.get());
+void TaskArena::SetSharesThreads(bool shares_threads) {
+  parts_->permits.reset();
+  parts_->observer.reset();
+  if (shares_threads) {
+    parts_->permits.emplace(max_concurrency());
+    parts_->observer.emplace(&parts_->arena, parts_->cpus, parts_.get());
+  } else if (!parts_->cpus.empty()) {
+    parts_->observer.emplace(&parts_->arena, parts_->cpus, nullptr);
+  }
 }
 
 bool TaskArena::shares_threads() const { return parts_->permits.has_value(); }

@@ -26,10 +26,10 @@ class TaskArena {
 
   [[nodiscard]] int max_concurrency() const;
 
-  // From now on, at most max_concurrency() threads compute in RunIn, those in OneThreadScopes
+  // While this is set, at most max_concurrency() threads compute in RunIn, those in OneThreadScopes
   // included. A thread without such a scope has the whole arena if no other thread computes, else
-  // it computes alone. REQUIRES: nothing has run in it yet.
-  void ShareThreads();
+  // it computes alone. REQUIRES: no thread is inside.
+  void SetSharesThreads(bool shares_threads);
   [[nodiscard]] bool shares_threads() const;
 
  private:

@@ -256,6 +256,7 @@ absl::Status LocalCluster::Wake(const Limits& limits) {
 void LocalCluster::WakeIn(std::shared_ptr<base::TaskArena> arena, const Limits& limits) {
   Sleep();
   arena_ = std::move(arena);
+  arena_->SetSharesThreads(limits.one_thread_a_step);
   limits_ = limits;
   if (given_renderer_ == nullptr ||
       given_renderer_->picture_revision().back_end == frame::BackEnd::kEgl) {

@@ -164,7 +164,7 @@ TEST(TaskArenaTest, SharedThreadsAreNeverMoreThanTheArenas) {
   for (const int width : {1, 2, 3, 8}) {
     SCOPED_TRACE(width);
     TaskArena arena(width);
-    arena.ShareThreads();
+    arena.SetSharesThreads(true);
     Presence presence;
     std::vector<std::thread> callers;
     for (int i = 0; i < 12; ++i) {
@@ -188,7 +188,7 @@ TEST(TaskArenaTest, SharedThreadsAreNeverMoreThanTheArenas) {
 
 TEST(TaskArenaTest, ACallerHasAllSharedThreadsWhenNobodyElseComputes) {
   TaskArena arena(4);
-  arena.ShareThreads();
+  arena.SetSharesThreads(true);
   Mutex mutex;
   CondVar changed;
   int here = 0;
@@ -212,7 +212,7 @@ TEST(TaskArenaTest, ACallerHasAllSharedThreadsWhenNobodyElseComputes) {
 
 TEST(TaskArenaTest, ATaskOfASharedArenaMayCallRunIn) {
   TaskArena arena(4);
-  arena.ShareThreads();
+  arena.SetSharesThreads(true);
   std::atomic<int> sum = 0;
   for (int round = 0; round < 20; ++round) {
     RunIn(&arena, [&] {
@@ -226,7 +226,7 @@ TEST(TaskArenaTest, ATaskOfASharedArenaMayCallRunIn) {
 
 TEST(TaskArenaTest, ACallerThatAlwaysComesBackLeavesOthersTheirTurn) {
   TaskArena arena(1);
-  arena.ShareThreads();
+  arena.SetSharesThreads(true);
   std::atomic<bool> has_run = false;
   std::thread other([&] { RunIn(&arena, [&] { has_run = true; }); });
   while (!has_run) {
