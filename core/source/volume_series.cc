@@ -15,6 +15,7 @@
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
+#include "core/source/layout_formats.h"
 #include "core/source/part_path.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
@@ -54,8 +55,9 @@ class SingleSeries final : public VolumeSeries {
 
 // "head" of "/d/head.nii.gz" and of the folder "/d/head/".
 std::string FieldNameOf(absl::string_view name) {
-  constexpr std::array<absl::string_view, 11> kNameEndings{
-      {".gz", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff", ".dcm"}};
+  constexpr std::array<absl::string_view, 18> kNameEndings{
+      {".gz", ".bz2", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff",
+       ".dcm", ".mgh", ".mgz", ".head", ".brik", ".par", ".rec"}};
   while (absl::ConsumeSuffix(&name, "/")) {
   }
   name = name.substr(name.rfind('/') + 1);
@@ -120,6 +122,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   PartPath vtk;
   if (SplitVtkImagePath(path, &vtk)) {
     return OpenVtkImageSeries(vtk.file, vtk.part);
+  }
+  if (const LayoutFormat* const own = FindLayoutFormat(path); own != nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, own->read(LayoutHeaderPath(path)));
+    return MakeLayoutSeries(path, FieldNameOf(path), std::move(layout));
   }
   const std::optional<FileFormat> format = SampleFormatOf(path);
   const std::string header = format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;

@@ -6,6 +6,7 @@
 //   file.vti, file.vti:array      VTK ImageData
 //   .tif, .tiff                   TIFF pages
 //   .dcm, or the DICOM mark       the series of that file
+//   a header of layout_formats.h  NIfTI-2, MGH, AFNI, ...: samples by FileSource
 //   the endings in kSuffixes      NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
 //
 // OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
@@ -24,14 +25,17 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_source.h"
+#include "core/source/file_layout.h"
 #include "core/source/file_source.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
+#include "core/source/layout_formats.h"
 #include "core/source/sample_location.h"
 #include "core/source/tiff_source.h"
 #include "core/source/vti_source.h"
@@ -96,16 +100,17 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
   return files;
 }
 
-enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
+enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kLayout, kSampleFile };
 
 // The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
   std::vector<std::string>
-      files;  // TIFF: slices from the lowest up; kSampleFile: header, then samples
+      files;  // TIFF: slices from the lowest up; kLayout, kSampleFile: header, then samples
   // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};
+  FileLayout layout{};  // of a kLayout
 };
 
 absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
@@ -121,6 +126,31 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
 }
 
+absl::StatusOr<FoundVolume> FindLayoutFile(const LayoutFormat& format,
+                                           const std::string& header_path) {
+  FoundVolume found{.kind = SourceKind::kLayout, .files = {header_path}};
+  ISOSCOPE_ASSIGN_OR_RETURN(found.layout, format.read(header_path));
+  const std::vector<std::string>& files = found.layout.location.files;
+  if (files.front() != header_path) {
+    found.files.insert(found.files.end(), files.begin(), files.end());
+  }
+  return found;
+}
+
+// The only volume of a file.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const FileLayout& layout,
+                                                             const std::string& path) {
+  if (layout.volume_count() != 1) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d volumes in one file (fields: %s; steps: %d; components: %d); expected one: make a "
+        "dataset of all, `isoscope partition %s --output DIR`",
+        path, layout.volume_count(),
+        layout.fields.empty() ? "1" : absl::StrJoin(layout.fields, ", "), layout.steps,
+        layout.components, path));
+  }
+  return OpenLayoutVolume(layout, 0, path);
+}
+
 absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
   const auto* suffix = std::find_if(kSuffixes.begin(), kSuffixes.end(), [&](const Suffix& known) {
     return absl::EndsWithIgnoreCase(path, known.text);
@@ -129,7 +159,12 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
     return absl::InvalidArgumentError(absl::StrCat(
         path,
         ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
-        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
+        ".nhdr), MetaImage (.mha .mhd), ",
+        absl::StrJoin(LayoutFormats(), ", ",
+                      [](std::string* out, const LayoutFormat& own) {
+                        absl::StrAppend(out, own.name, " (", own.endings, ")");
+                      }),
+        ", VTK ImageData (file.vti, file.vti:array, "
         "file.vti:array:component), HDF5 (file.h5:/dataset), DICOM (a "
         "series' folder or a file of it) and TIFF (a folder, a pattern in quotation marks, or a "
         "file of many pages); anything else is read as raw samples with --dims X,Y,Z "
@@ -177,6 +212,9 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
   }
+  if (const LayoutFormat* const own = FindLayoutFormat(path); own != nullptr) {
+    return FindLayoutFile(*own, LayoutHeaderPath(path));
+  }
   return FindSampleFile(path);
 }
 
@@ -209,6 +247,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
       return OpenDicomSeries(path);
     case SourceKind::kVti:
       return OpenVtiFile(path);
+    case SourceKind::kLayout:
+      return OpenOnlyVolume(found.layout, path);
     case SourceKind::kSampleFile:
       break;
   }
