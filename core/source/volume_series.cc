@@ -15,10 +15,10 @@
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
-#include "core/source/layout_formats.h"
 #include "core/source/part_path.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
+#include "core/source/series_format.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
 
@@ -55,9 +55,8 @@ class SingleSeries final : public VolumeSeries {
 
 // "head" of "/d/head.nii.gz" and of the folder "/d/head/".
 std::string FieldNameOf(absl::string_view name) {
-  constexpr std::array<absl::string_view, 18> kNameEndings{
-      {".gz", ".bz2", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff",
-       ".dcm", ".mgh", ".mgz", ".head", ".brik", ".par", ".rec"}};
+  constexpr std::array<absl::string_view, 11> kNameEndings{
+      {".gz", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff", ".dcm"}};
   while (absl::ConsumeSuffix(&name, "/")) {
   }
   name = name.substr(name.rfind('/') + 1);
@@ -65,6 +64,13 @@ std::string FieldNameOf(absl::string_view name) {
   for (const absl::string_view ending : kNameEndings) {
     if (absl::EndsWithIgnoreCase(name, ending)) {
       name.remove_suffix(ending.size());
+    }
+  }
+  for (const SeriesFormat& format : SeriesFormats()) {
+    for (const std::string& ending : format.endings) {
+      if (absl::EndsWithIgnoreCase(name, ending)) {
+        name.remove_suffix(ending.size());
+      }
     }
   }
   return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
@@ -123,9 +129,9 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   if (SplitVtkImagePath(path, &vtk)) {
     return OpenVtkImageSeries(vtk.file, vtk.part);
   }
-  if (const LayoutFormat* const own = FindLayoutFormat(path); own != nullptr) {
-    ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, own->read(LayoutHeaderPath(path)));
-    return MakeLayoutSeries(path, FieldNameOf(path), std::move(layout));
+  std::optional<SeriesFile> file = FindSeriesFileByName(path);
+  if (file.has_value()) {
+    return OpenSeriesFile(*file, FieldNameOf(file->file));
   }
   const std::optional<FileFormat> format = SampleFormatOf(path);
   const std::string header = format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
@@ -134,6 +140,12 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
                               OpenSampleSeries(*format, header, path, FieldNameOf(path)));
     if (series != nullptr) {
       return series;
+    }
+  }
+  if (!format.has_value() && !io::IsDirectory(path) && !IsDicomFile(path)) {
+    file = FindSeriesFileByContent(path);
+    if (file.has_value()) {
+      return OpenSeriesFile(*file, FieldNameOf(path));
     }
   }
   return OpenSingle(path);

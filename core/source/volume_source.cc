@@ -5,9 +5,10 @@
 //   a folder                      TIFF files if it has some, else a DICOM series
 //   file.vti, file.vti:array      VTK ImageData
 //   .tif, .tiff                   TIFF pages
+//   .mrc and the like             the formats of series_format.h
 //   .dcm, or the DICOM mark       the series of that file
-//   a header of layout_formats.h  NIfTI-2, MGH, AFNI, ...: samples by FileSource
 //   the endings in kSuffixes      NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
+//   any other name                the formats of series_format.h, by content
 //
 // OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
 
@@ -18,6 +19,7 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -25,18 +27,16 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_source.h"
-#include "core/source/file_layout.h"
 #include "core/source/file_source.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
-#include "core/source/layout_formats.h"
 #include "core/source/sample_location.h"
+#include "core/source/series_format.h"
 #include "core/source/tiff_source.h"
 #include "core/source/vti_source.h"
 #include "core/source/vtk_series.h"
@@ -100,18 +100,24 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
   return files;
 }
 
-enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kLayout, kSampleFile };
+enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSeriesFile, kSampleFile };
 
 // The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
   std::vector<std::string>
-      files;  // TIFF: slices from the lowest up; kLayout, kSampleFile: header, then samples
+      files;  // TIFF: slices from the lowest up; kSampleFile: header, then samples
   // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};
-  FileLayout layout{};  // of a kLayout
+  SeriesFile series{};  // set for a kSeriesFile only
 };
+
+FoundVolume FoundSeries(SeriesFile series) {
+  FoundVolume found{.kind = SourceKind::kSeriesFile, .files = {series.file}};
+  found.series = std::move(series);
+  return found;
+}
 
 absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   std::vector<std::string> tiff_files = TiffFilesIn(path);
@@ -126,48 +132,23 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
 }
 
-absl::StatusOr<FoundVolume> FindLayoutFile(const LayoutFormat& format,
-                                           const std::string& header_path) {
-  FoundVolume found{.kind = SourceKind::kLayout, .files = {header_path}};
-  ISOSCOPE_ASSIGN_OR_RETURN(found.layout, format.read(header_path));
-  const std::vector<std::string>& files = found.layout.location.files;
-  if (files.front() != header_path) {
-    found.files.insert(found.files.end(), files.begin(), files.end());
-  }
-  return found;
-}
-
-// The only volume of a file.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const FileLayout& layout,
-                                                             const std::string& path) {
-  if (layout.volume_count() != 1) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: %d volumes in one file (fields: %s; steps: %d; components: %d); expected one: make a "
-        "dataset of all, `isoscope partition %s --output DIR`",
-        path, layout.volume_count(),
-        layout.fields.empty() ? "1" : absl::StrJoin(layout.fields, ", "), layout.steps,
-        layout.components, path));
-  }
-  return OpenLayoutVolume(layout, 0, path);
-}
-
 absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
   const auto* suffix = std::find_if(kSuffixes.begin(), kSuffixes.end(), [&](const Suffix& known) {
     return absl::EndsWithIgnoreCase(path, known.text);
   });
   if (suffix == kSuffixes.end()) {
+    if (std::optional<SeriesFile> series = FindSeriesFileByContent(path); series.has_value()) {
+      return FoundSeries(*std::move(series));
+    }
     return absl::InvalidArgumentError(absl::StrCat(
         path,
         ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
-        ".nhdr), MetaImage (.mha .mhd), ",
-        absl::StrJoin(LayoutFormats(), ", ",
-                      [](std::string* out, const LayoutFormat& own) {
-                        absl::StrAppend(out, own.name, " (", own.endings, ")");
-                      }),
-        ", VTK ImageData (file.vti, file.vti:array, "
-        "file.vti:array:component), HDF5 (file.h5:/dataset), DICOM (a "
-        "series' folder or a file of it) and TIFF (a folder, a pattern in quotation marks, or a "
-        "file of many pages); anything else is read as raw samples with --dims X,Y,Z "
+        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
+        "file.vti:array:component), ",
+        ListedSeriesFormats(),
+        ", HDF5 (file.h5:/dataset), DICOM (a series' folder or a file of it) and TIFF (a folder, a "
+        "pattern in quotation marks, or a file of many pages); anything else is read as raw "
+        "samples with --dims X,Y,Z "
         "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
   }
   std::string header_path = path;
@@ -205,15 +186,16 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(vti.file));
     return FoundVolume{.kind = SourceKind::kVti, .files = {vti.file}};
   }
+  if (std::optional<SeriesFile> series = FindSeriesFileByName(path); series.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(series->file));
+    return FoundSeries(*std::move(series));
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
   if (IsTiffName(path)) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
   }
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
-  }
-  if (const LayoutFormat* const own = FindLayoutFormat(path); own != nullptr) {
-    return FindLayoutFile(*own, LayoutHeaderPath(path));
   }
   return FindSampleFile(path);
 }
@@ -247,8 +229,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
       return OpenDicomSeries(path);
     case SourceKind::kVti:
       return OpenVtiFile(path);
-    case SourceKind::kLayout:
-      return OpenOnlyVolume(found.layout, path);
+    case SourceKind::kSeriesFile:
+      return OpenOnlyVolume(found.series);
     case SourceKind::kSampleFile:
       break;
   }
