@@ -23,6 +23,7 @@
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
+#include "core/source/series_format.h"
 #include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
@@ -166,9 +167,12 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 Action RegisterPartitionFlags(FlagSet* set) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(set, "input", "INPUT", &flags->input, ParseText,
-          "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
-          "several), file.vti[:array[:component]], file.h5:/dataset, a folder or a file of a DICOM "
-          "series, a folder or 'pattern*.tif' of slices, or a raw file");
+          absl::StrCat(
+              "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
+              "several), file.vti[:array[:component]], file.h5:/dataset, ",
+              source::ListedSeriesFormats(),
+              ", a folder or a file of a DICOM series, a folder or 'pattern*.tif' of slices, or a "
+              "raw file"));
   AddFlag(set, "-o,--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(set, "--append", "DIR", &flags->append, ParseText,

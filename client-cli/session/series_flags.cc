@@ -14,6 +14,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/series_format.h"
 #include "core/source/vtk_image.h"
 #include "core/store/series_manifest.h"
 
@@ -53,7 +54,9 @@ bool HasFieldNames(const std::string& path) {
   source::Hdf5Path hdf5;
   source::PartPath vti;
   const std::string file = path.substr(0, path.find(':'));
-  return source::SplitHdf5Path(path, &hdf5) || source::SplitVtkImagePath(path, &vti) ||
+  const std::optional<source::SeriesFile> known = source::FindSeriesFileByName(path);
+  return (known.has_value() && known->format->has_field_names) ||
+         source::SplitHdf5Path(path, &hdf5) || source::SplitVtkImagePath(path, &vti) ||
          absl::EndsWithIgnoreCase(file, ".pvd") || absl::EndsWithIgnoreCase(file, ".h5") ||
          absl::EndsWithIgnoreCase(file, ".hdf5");
 }

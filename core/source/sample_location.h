@@ -11,6 +11,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/decoded_stream.h"
 #include "core/source/itk_header.h"
 #include "core/volume/scalar_type.h"
 
@@ -21,22 +22,26 @@ struct SampleLocation {
   // sample is a tuple of components. A single file may be the header file.
   std::vector<std::string> files;
   // The members below hold for each file.
-  std::int64_t offset = 0;        // bytes before the samples or the compressed stream
-  bool at_file_end = false;       // the samples are the last bytes of the file; offset is ignored
-  bool is_compressed = false;     // a gzip or zlib stream
-  std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if compressed
+  std::int64_t offset = 0;   // bytes before the samples or the encoded stream
+  bool at_file_end = false;  // the samples are the last bytes of the file; offset is ignored
+  SampleEncoding encoding = SampleEncoding::kRaw;
+  std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if encoded
 
   bool is_big_endian = false;
   volume::ScalarType stored_type = volume::ScalarType::kUint8;  // NRRD, MetaImage: ITK tells
-  // Samples are slope * stored + intercept, in double, unless slope is 1 and intercept 0.
+  // Samples are slope * stored + intercept, in double, unless slope is 1 and intercept 0. Then they
+  // keep their type, unless other volumes of the file do not.
   double slope = 1;
   double intercept = 0;
+  bool is_always_rescaled = false;
 
   std::int64_t volume_count = 1;
   std::int64_t components = 1;  // of a tuple
   // The ones that are read:
   std::int64_t volume = 0;
   std::int64_t component = 0;
+
+  [[nodiscard]] bool is_encoded() const { return encoding != SampleEncoding::kRaw; }
 };
 
 // Reads the header of `path`. INVALID_ARGUMENT: not such a header; an encoding that is not

@@ -18,6 +18,7 @@
 #include "core/source/part_path.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
+#include "core/source/series_format.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
 
@@ -63,6 +64,13 @@ std::string FieldNameOf(absl::string_view name) {
   for (const absl::string_view ending : kNameEndings) {
     if (absl::EndsWithIgnoreCase(name, ending)) {
       name.remove_suffix(ending.size());
+    }
+  }
+  for (const SeriesFormat& format : SeriesFormats()) {
+    for (const std::string& ending : format.endings) {
+      if (absl::EndsWithIgnoreCase(name, ending)) {
+        name.remove_suffix(ending.size());
+      }
     }
   }
   return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
@@ -121,6 +129,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   if (SplitVtkImagePath(path, &vtk)) {
     return OpenVtkImageSeries(vtk.file, vtk.part);
   }
+  std::optional<SeriesFile> file = FindSeriesFileByName(path);
+  if (file.has_value()) {
+    return OpenSeriesFile(*file, FieldNameOf(file->file));
+  }
   const std::optional<FileFormat> format = SampleFormatOf(path);
   const std::string header = format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
   if (format.has_value() && io::PathExists(header)) {
@@ -128,6 +140,12 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
                               OpenSampleSeries(*format, header, path, FieldNameOf(path)));
     if (series != nullptr) {
       return series;
+    }
+  }
+  if (!format.has_value() && !io::IsDirectory(path) && !IsDicomFile(path)) {
+    file = FindSeriesFileByContent(path);
+    if (file.has_value()) {
+      return OpenSeriesFile(*file, FieldNameOf(path));
     }
   }
   return OpenSingle(path);

@@ -5,8 +5,10 @@
 //   a folder                      TIFF files if it has some, else a DICOM series
 //   file.vti, file.vti:array      VTK ImageData
 //   .tif, .tiff                   TIFF pages
+//   .mrc and the like             the formats of series_format.h
 //   .dcm, or the DICOM mark       the series of that file
 //   the endings in kSuffixes      NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
+//   any other name                the formats of series_format.h, by content
 //
 // OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
 
@@ -17,6 +19,7 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -33,6 +36,7 @@
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
 #include "core/source/sample_location.h"
+#include "core/source/series_format.h"
 #include "core/source/tiff_source.h"
 #include "core/source/vti_source.h"
 #include "core/source/vtk_series.h"
@@ -96,7 +100,7 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
   return files;
 }
 
-enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
+enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSeriesFile, kSampleFile };
 
 // The volume that a path names.
 struct FoundVolume {
@@ -106,7 +110,14 @@ struct FoundVolume {
   // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};
+  SeriesFile series{};  // set for a kSeriesFile only
 };
+
+FoundVolume FoundSeries(SeriesFile series) {
+  FoundVolume found{.kind = SourceKind::kSeriesFile, .files = {series.file}};
+  found.series = std::move(series);
+  return found;
+}
 
 absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   std::vector<std::string> tiff_files = TiffFilesIn(path);
@@ -126,13 +137,18 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
     return absl::EndsWithIgnoreCase(path, known.text);
   });
   if (suffix == kSuffixes.end()) {
+    if (std::optional<SeriesFile> series = FindSeriesFileByContent(path); series.has_value()) {
+      return FoundSeries(*std::move(series));
+    }
     return absl::InvalidArgumentError(absl::StrCat(
         path,
         ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
         ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
-        "file.vti:array:component), HDF5 (file.h5:/dataset), DICOM (a "
-        "series' folder or a file of it) and TIFF (a folder, a pattern in quotation marks, or a "
-        "file of many pages); anything else is read as raw samples with --dims X,Y,Z "
+        "file.vti:array:component), ",
+        ListedSeriesFormats(),
+        ", HDF5 (file.h5:/dataset), DICOM (a series' folder or a file of it) and TIFF (a folder, a "
+        "pattern in quotation marks, or a file of many pages); anything else is read as raw "
+        "samples with --dims X,Y,Z "
         "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
   }
   std::string header_path = path;
@@ -169,6 +185,10 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
   if (SplitVtiPath(path, &vti)) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(vti.file));
     return FoundVolume{.kind = SourceKind::kVti, .files = {vti.file}};
+  }
+  if (std::optional<SeriesFile> series = FindSeriesFileByName(path); series.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(series->file));
+    return FoundSeries(*std::move(series));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
   if (IsTiffName(path)) {
@@ -209,6 +229,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
       return OpenDicomSeries(path);
     case SourceKind::kVti:
       return OpenVtiFile(path);
+    case SourceKind::kSeriesFile:
+      return OpenOnlyVolume(found.series);
     case SourceKind::kSampleFile:
       break;
   }

@@ -68,7 +68,8 @@ struct RawFormat {
 // with samples in one file or several; an array of a VTK ImageData file ("file.vti",
 // "file.vti:array", "file.vti:array:component"), of points or cells; a dataset of an HDF5 file
 // ("file.h5:/dataset"); a DICOM series (its folder or a file of it); a TIFF stack (a folder, a
-// pattern with '*' or '?', a file of many pages). NOT_FOUND, INVALID_ARGUMENT (unknown format:
+// pattern with '*' or '?', a file of many pages); the only volume of a file, or of a part of it, in
+// a format of series_format.h. NOT_FOUND, INVALID_ARGUMENT (unknown format:
 // lists those known, and says how to read it as raw; not three-dimensional; more than one
 // component), DATA_LOSS.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);

@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "core/volume/grid_geometry.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -68,6 +69,16 @@ void ReadVolume(source::VolumeSource* volume) {
   Require(in_runs.ok() && *in_runs == *whole, "a volume is the same in one piece and in several");
 }
 
+void CheckVolume(const absl::StatusOr<std::unique_ptr<source::VolumeSource>>& volume) {
+  if (!volume.ok()) {
+    RequireSourceError(volume.status());
+    return;
+  }
+  Require(volume::Validate((*volume)->geometry()).ok(), "an open volume has a valid grid");
+  Require((*volume)->memory_bytes() >= 0, "memory is no negative number");
+  ReadVolume(volume->get());
+}
+
 }  // namespace
 
 const std::string& VolumeFolder() {
@@ -93,14 +104,28 @@ std::string ReadVolumeFile(absl::string_view name) {
 void OpenAndReadVolume(const std::string& path) {
   const auto files = source::FilesOfVolume(path);
   Require(!files.ok() || !files->empty(), "a volume has files");
-  const auto volume = source::OpenVolumeFile(path);
-  if (!volume.ok()) {
-    RequireSourceError(volume.status());
+  CheckVolume(source::OpenVolumeFile(path));
+}
+
+void OpenAndReadSeries(const std::string& path) {
+  OpenAndReadVolume(path);
+  const auto series = source::OpenVolumeSeries(path);
+  if (!series.ok()) {
+    RequireSourceError(series.status());
     return;
   }
-  Require(volume::Validate((*volume)->geometry()).ok(), "an open volume has a valid grid");
-  Require((*volume)->memory_bytes() >= 0, "memory is no negative number");
-  ReadVolume(volume->get());
+  constexpr std::size_t kMaxFields = 3;
+  const std::size_t fields = std::min((*series)->fields().size(), kMaxFields);
+  Require(fields > 0, "a series has a field");
+  for (std::size_t field = 0; field < fields; ++field) {
+    const auto components = static_cast<int>((*series)->fields()[field].components.size());
+    Require(components > 0, "a field has a component");
+    for (const int component : {0, components - 1}) {
+      for (const int step : {0, (*series)->step_count() - 1}) {
+        CheckVolume((*series)->Open(static_cast<int>(field), component, step));
+      }
+    }
+  }
 }
 
 }  // namespace isoscope::fuzz

@@ -23,6 +23,10 @@ std::string ReadVolumeFile(absl::string_view name);
 // in several, or again gives the same.
 void OpenAndReadVolume(const std::string& path);
 
+// The same, and then, of the series at `path`, some components of the first fields at the first and
+// the last step.
+void OpenAndReadSeries(const std::string& path);
+
 }  // namespace isoscope::fuzz
 
 #endif  // ISOSCOPE_TESTS_FUZZ_CORE_SOURCE_OPEN_VOLUME_H_

@@ -1,0 +1,32 @@
+#include "core/source/file_start.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+
+#include "absl/strings/match.h"
+
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/inflate_reader.h"
+
+namespace isoscope::source {
+
+absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(path));
+  FileStart head;
+  head.bytes.resize(std::min<std::size_t>(size, static_cast<std::size_t>(file->size_bytes())));
+  ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, head.bytes.size(), head.bytes.data()));
+  constexpr absl::string_view kGzip = "\x1f\x8b\x08";
+  head.is_gzip = absl::StartsWith(head.bytes, kGzip);
+  if (head.is_gzip) {
+    InflateReader inflater(file.get(), 0);
+    head.bytes.resize(size);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t got, inflater.Read(size, head.bytes.data()));
+    head.bytes.resize(got);
+  }
+  return head;
+}
+
+}  // namespace isoscope::source

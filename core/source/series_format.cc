@@ -1,0 +1,181 @@
+#include "core/source/series_format.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/file_start.h"
+#include "core/source/mrc_series.h"
+#include "core/source/part_path.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::size_t kHeadBytes = 1024;
+
+// One field of a series, or one component of it.
+class PartSeries final : public VolumeSeries {
+ public:
+  PartSeries(std::unique_ptr<VolumeSeries> whole, int field, std::optional<int> component)
+      : whole_(std::move(whole)),
+        fields_{whole_->fields()[static_cast<std::size_t>(field)]},
+        field_(field),
+        component_(component) {
+    if (component.has_value()) {
+      fields_[0].components = {""};
+    }
+  }
+
+  [[nodiscard]] const std::string& name() const override { return whole_->name(); }
+  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return whole_->times(); }
+  [[nodiscard]] const std::string& time_unit() const override { return whole_->time_unit(); }
+  [[nodiscard]] const std::string& length_unit() const override { return whole_->length_unit(); }
+
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int /*field*/, int component,
+                                                     int step) override {
+    return whole_->Open(field_, component_.value_or(component), step);
+  }
+
+ private:
+  const std::unique_ptr<VolumeSeries> whole_;
+  std::vector<SourceField> fields_;
+  const int field_;
+  const std::optional<int> component_;
+};
+
+// "p, velocity (x, y, z)".
+std::string ListedFields(const std::vector<SourceField>& fields) {
+  constexpr std::size_t kMaxListed = 50;
+  std::vector<std::string> texts;
+  for (const SourceField& field : fields) {
+    if (texts.size() == kMaxListed) {
+      texts.emplace_back("and more");
+      break;
+    }
+    texts.push_back(absl::StrCat(
+        field.name, field.components.size() > 1
+                        ? absl::StrCat(" (", absl::StrJoin(field.components, ", "), ")")
+                        : ""));
+  }
+  return absl::StrJoin(texts, ", ");
+}
+
+// -1 if there is none.
+int FieldNumber(const std::vector<SourceField>& fields, absl::string_view name) {
+  const auto found = std::find_if(fields.begin(), fields.end(),
+                                  [&](const SourceField& field) { return field.name == name; });
+  return found == fields.end() ? -1 : static_cast<int>(found - fields.begin());
+}
+
+int ComponentNumber(const std::vector<std::string>& components, absl::string_view name) {
+  const auto found = std::find(components.begin(), components.end(), name);
+  int number = -1;
+  if (found != components.end()) {
+    return static_cast<int>(found - components.begin());
+  }
+  return absl::SimpleAtoi(name, &number) && number < static_cast<int>(components.size()) ? number
+                                                                                         : -1;
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
+                                                         const SeriesFile& file) {
+  const std::vector<SourceField>& fields = series->fields();
+  int field = FieldNumber(fields, file.part);
+  std::optional<int> component;
+  const std::size_t colon = file.part.rfind(':');
+  if (field < 0 && colon != std::string::npos) {
+    field = FieldNumber(fields, absl::string_view(file.part).substr(0, colon));
+    component = field < 0 ? -1
+                          : ComponentNumber(fields[static_cast<std::size_t>(field)].components,
+                                            absl::string_view(file.part).substr(colon + 1));
+  }
+  if (field < 0 || component.value_or(0) < 0) {
+    return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file.file,
+                                               field < 0 ? "field" : "component", file.part,
+                                               ListedFields(fields)));
+  }
+  return std::make_unique<PartSeries>(std::move(series), field, component);
+}
+
+}  // namespace
+
+const std::vector<SeriesFormat>& SeriesFormats() {
+  static const auto* const formats = new std::vector<SeriesFormat>{
+      {.name = "MRC",
+       .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".map.gz", ".ccp4.gz"},
+       .is_content = IsMrcHeader,
+       .open = OpenMrcSeries},
+  };
+  return *formats;
+}
+
+std::string ListedSeriesFormats() {
+  return absl::StrJoin(SeriesFormats(), ", ", [](std::string* out, const SeriesFormat& format) {
+    absl::StrAppend(out, format.name, " (", absl::StrJoin(format.endings, " "), ")");
+  });
+}
+
+std::optional<SeriesFile> FindSeriesFileByName(const std::string& path) {
+  for (const SeriesFormat& format : SeriesFormats()) {
+    PartPath parts;
+    if (SplitPartPath(path, format.endings, &parts)) {
+      return SeriesFile{.format = &format, .file = parts.file, .part = parts.part};
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path) {
+  const auto head = ReadFileStart(path, kHeadBytes);
+  if (!head.ok()) {
+    return std::nullopt;
+  }
+  for (const SeriesFormat& format : SeriesFormats()) {
+    if (format.is_content != nullptr && format.is_content(head->bytes)) {
+      return SeriesFile{.format = &format, .file = path, .part = ""};
+    }
+  }
+  return std::nullopt;
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
+                                                             const std::string& field) {
+  if (!io::PathExists(file.file)) {
+    return absl::NotFoundError(absl::StrCat(file.file, ": no such file"));
+  }
+  if (io::IsDirectory(file.file)) {
+    return absl::InvalidArgumentError(absl::StrCat(file.file, ": a folder; expected a file"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                            file.format->open(file.file, field));
+  return file.part.empty() ? std::move(series) : SelectPart(std::move(series), file);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
+                            OpenSeriesFile(file, "volume"));
+  const std::vector<SourceField>& fields = series->fields();
+  if (fields.size() > 1 || fields[0].components.size() > 1 || series->step_count() > 1) {
+    const SourceField& first = fields[0];
+    const std::string steps =
+        series->step_count() > 1 ? absl::StrFormat(" at %d steps", series->step_count()) : "";
+    const std::string choice =
+        absl::StrCat(file.file, ":", first.name,
+                     first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`",
+        file.file, ListedFields(fields), steps,
+        steps.empty() ? absl::StrCat("choose one, as in ", choice, ", or ") : "", file.file));
+  }
+  return series->Open(0, 0, 0);
+}
+
+}  // namespace isoscope::source

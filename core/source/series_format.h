@@ -1,0 +1,61 @@
+// The table of the formats that our own readers open as series, and what they have in common: how
+// a path names a field, how content is recognised, what a single volume is.
+
+#ifndef ISOSCOPE_CORE_SOURCE_SERIES_FORMAT_H_
+#define ISOSCOPE_CORE_SOURCE_SERIES_FORMAT_H_
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/source/volume_series.h"
+#include "core/source/volume_source.h"
+
+namespace isoscope::source {
+
+struct SeriesFormat {
+  absl::string_view name;            // "MRC"
+  std::vector<std::string> endings;  // in lower case: ".mrc"
+  bool has_field_names = false;      // else the only field has the name of the file
+  // True if the first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are
+  // of this format. Null: only the name tells.
+  bool (*is_content)(absl::string_view head) = nullptr;
+  // `field` is the name of a field that the file does not name.
+  absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open)(const std::string& file,
+                                                        const std::string& field) = nullptr;
+};
+
+const std::vector<SeriesFormat>& SeriesFormats();
+// "MRC (.mrc .map), ...", for messages and help.
+std::string ListedSeriesFormats();
+
+// A file of such a format, and the part of it that the path names: a field ("velocity"), or a
+// component of one by name or number ("velocity:y", "velocity:1"); "" for all.
+struct SeriesFile {
+  const SeriesFormat* format = nullptr;
+  std::string file;
+  std::string part;
+};
+
+// Not set if the path has none of these endings, with or without a part.
+std::optional<SeriesFile> FindSeriesFileByName(const std::string& path);
+// The same by the content of an existing file; not set if it is of no such format, or can't be
+// read.
+std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
+
+// Opens the file, or its part as a series of one field. `field` is the name of a field that the
+// file does not name. NOT_FOUND: no such file; no such field or component (lists those there are).
+// Otherwise errors of the format.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
+                                                             const std::string& field);
+// Opens the only volume of the file or its part. INVALID_ARGUMENT: there are several (lists the
+// fields and steps, and the commands to choose).
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_SERIES_FORMAT_H_
