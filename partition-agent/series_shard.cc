@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
@@ -59,15 +60,25 @@ void OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
   }
 }
 
+bool OpenVolumes::HasRoomForAnother(const std::vector<std::shared_ptr<const Shard>>& shards) const {
+  std::size_t bytes = 0;
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    bytes += BytesOf(*shard);
+  }
+  return 2 * bytes <= max_bytes_;
+}
+
 absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
-    const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes) {
-  std::unique_ptr<SeriesShard> series(new SeriesShard(directory, std::move(open_volumes)));
+    const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
+    ReadManifest read_manifest) {
+  std::unique_ptr<SeriesShard> series(
+      new SeriesShard(directory, std::move(open_volumes), std::move(read_manifest)));
+  const base::MutexLock refreshing(&series->refreshing_);
   // The stamp comes first: a manifest that is replaced while it is read is read again.
-  const io::FileStamp stamp = io::StampOf(ManifestPath(directory));
-  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, store::OpenSeriesShard(directory));
+  series->stamp_ = io::StampOf(ManifestPath(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, series->read_manifest_(directory));
   series->shard_index_ = shard.shard_index;
   const base::MutexLock lock(&series->mutex_);
-  series->stamp_ = stamp;
   series->served_ = series->FindVolumes(std::move(shard));
   return series;
 }
@@ -92,30 +103,40 @@ std::shared_ptr<const SeriesShard::Served> SeriesShard::served() const {
   return served_;
 }
 
+absl::StatusOr<store::SeriesShard> SeriesShard::ReadAgain(const Served& before) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, read_manifest_(directory_));
+  if (shard.manifest.dataset_id != before.manifest.dataset_id ||
+      shard.shard_index != shard_index_) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(directory_, ": holds shard ", shard.shard_index, " of dataset id ",
+                     shard.manifest.dataset_id, " now, was shard ", shard_index_, " of ",
+                     before.manifest.dataset_id, ": restart the agent to serve it"));
+  }
+  return shard;
+}
+
 void SeriesShard::Refresh() {
+  if (!refreshing_.TryLock()) {
+    return;
+  }
+  const absl::Cleanup unlock = [this]() ABSL_UNLOCK_FUNCTION(refreshing_) { refreshing_.Unlock(); };
   const std::shared_ptr<const Served> before = served();
   const io::FileStamp stamp = io::StampOf(ManifestPath(directory_));
   const bool lacks_folders = before->volumes.size() < before->manifest.volumes.size();
-  {
-    const base::MutexLock lock(&mutex_);
-    if (stamp == stamp_ && !lacks_folders) {
-      return;
-    }
-    stamp_ = stamp;
-  }
-  absl::StatusOr<store::SeriesShard> shard = store::OpenSeriesShard(directory_);
-  if (shard.ok() && (shard->manifest.dataset_id != before->manifest.dataset_id ||
-                     shard->shard_index != shard_index_)) {
-    shard = absl::FailedPreconditionError(
-        absl::StrCat(directory_, ": holds shard ", shard->shard_index, " of dataset id ",
-                     shard->manifest.dataset_id, " now, was shard ", shard_index_, " of ",
-                     before->manifest.dataset_id, ": restart the agent to serve it"));
-  }
-  if (!shard.ok()) {
-    base::LogWarning("series_not_read_again",
-                     {{"directory", directory_}, {"status", shard.status()}});
+  if (stamp == stamp_ && !lacks_folders) {
     return;
   }
+  absl::StatusOr<store::SeriesShard> shard = ReadAgain(*before);
+  if (!shard.ok()) {
+    if (std::string error = shard.status().ToString(); error != last_error_) {
+      last_error_ = std::move(error);
+      base::LogWarning("series_not_read_again",
+                       {{"directory", directory_}, {"status", shard.status()}});
+    }
+    return;  // with the old stamp: the next call tries again
+  }
+  stamp_ = stamp;
+  last_error_.clear();
   std::shared_ptr<const Served> after = FindVolumes(*std::move(shard));
   if (after->volumes.size() != before->volumes.size()) {
     base::LogInfo("series_changed", {{"dataset", after->manifest.name},
@@ -138,6 +159,30 @@ const store::ScalarVolume* SeriesShard::VolumeIn(const Served& served,
 
 bool SeriesShard::Has(const std::string& dataset_id) const {
   return VolumeIn(*served(), dataset_id) != nullptr;
+}
+
+std::optional<SeriesShard::Place> SeriesShard::PlaceOf(const std::string& dataset_id) const {
+  const std::shared_ptr<const Served> served = this->served();
+  const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
+  if (volume == nullptr) {
+    return std::nullopt;
+  }
+  Place place{.key = volume->key, .steps = {}};
+  for (const store::ScalarVolume& other : served->volumes) {
+    if (other.key.field == volume->key.field && other.key.component == volume->key.component) {
+      place.position = &other == volume ? place.steps.size() : place.position;
+      place.steps.push_back(other.key.step);
+    }
+  }
+  return place;
+}
+
+std::string SeriesShard::IdOf(const store::ScalarVolumeKey& key) const {
+  const std::shared_ptr<const Served> served = this->served();
+  const auto found =
+      std::find_if(served->volumes.begin(), served->volumes.end(),
+                   [&](const store::ScalarVolume& volume) { return volume.key == key; });
+  return found == served->volumes.end() ? "" : found->dataset_id;
 }
 
 absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
