@@ -223,7 +223,6 @@ absl::Status PlayAhead::Read(const StepPointer& step) {
     ISOSCOPE_RETURN_IF_ERROR(ahead->ReadSamples(memory_.frames()));
   }
   const bool is_queued = mode_ == Mode::kMeshes && making_->TrySchedule([this, step] {
-    LowerPriorityOfThisThread();
     base::OrNoMemory("a step ahead", [&] { return MakeMeshes(step.get()); }).IgnoreError();
   });
   return is_queued ? absl::OkStatus() : absl::UnavailableError("samples alone are read");

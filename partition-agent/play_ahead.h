@@ -8,7 +8,9 @@
 //   4. The frame comes, and finds what was done so far: the step was used. Or a frame contradicts
 //      the guess, or another step takes its place: it was wasted. Either ends the work on it.
 //
-// Both threads have a low priority. At most kMaxSteps steps are read ahead, each of another play.
+// The thread that reads has a low priority. The other one has not: its tasks hold slots of the
+// arena until their present block is done. At most kMaxSteps steps are read ahead, each of another
+// play.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_PLAY_AHEAD_H_
 #define ISOSCOPE_PARTITION_AGENT_PLAY_AHEAD_H_

@@ -17,16 +17,17 @@ int WayTo(int to, int from, int count) {
 
 PlayDetector::Guess GuessFrom(const std::vector<int>& recent, int count) {
   const int now = recent.front();
-  const auto is_recent = [&](int position) {
-    return std::find(recent.begin(), recent.end(), position) != recent.end();
+  // Whether a position was shown before that of index `turns`.
+  const auto is_before = [&](int position, std::size_t turns) {
+    return std::find(recent.begin() + static_cast<std::ptrdiff_t>(turns) + 1, recent.end(),
+                     position) != recent.end();
   };
   for (std::size_t turns = 1; turns <= kMaxTurns && turns < recent.size(); ++turns) {
     const int stride = WayTo(now, recent[turns], count);
     const bool is_neighbour = std::abs(stride) == 1;
     const bool is_repeated =
         2 * turns < recent.size() && WayTo(recent[turns], recent[2 * turns], count) == stride;
-    const bool is_third =
-        is_neighbour && is_recent((now - 2 * stride + 2 * count) % count) && count > 2;
+    const bool is_third = is_neighbour && is_before((now - 2 * stride + 2 * count) % count, turns);
     if (!is_repeated && !is_third && !(is_neighbour && turns == 1)) {
       continue;
     }

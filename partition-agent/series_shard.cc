@@ -116,10 +116,13 @@ absl::StatusOr<store::SeriesShard> SeriesShard::ReadAgain(const Served& before) 
 }
 
 void SeriesShard::Refresh() {
-  if (!refreshing_.TryLock()) {
-    return;
+  if (refreshing_.TryLock()) {
+    RefreshAlone();
+    refreshing_.Unlock();
   }
-  const absl::Cleanup unlock = [this]() ABSL_UNLOCK_FUNCTION(refreshing_) { refreshing_.Unlock(); };
+}
+
+void SeriesShard::RefreshAlone() {
   const std::shared_ptr<const Served> before = served();
   const io::FileStamp stamp = io::StampOf(ManifestPath(directory_));
   const bool lacks_folders = before->volumes.size() < before->manifest.volumes.size();
@@ -193,30 +196,44 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
     return absl::FailedPreconditionError(
         absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
   }
-  const base::MutexLock opening(&opening_);
   std::uint32_t number = 0;
   {
+    // Frames of one step open it once. Those of others do not wait.
     const base::MutexLock lock(&mutex_);
     const auto [entry, is_new] = numbers_.try_emplace(dataset_id, 0);
     if (is_new) {
       entry->second = NextShardNumber();
     }
     number = entry->second;
+    opened_.Await(&mutex_,
+                  [&]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return !opening_.contains(number); });
+    opening_.insert(number);
   }
+  const absl::Cleanup end = [&] {
+    const base::MutexLock lock(&mutex_);
+    opening_.erase(number);
+    opened_.SignalAll();
+  };
   if (std::shared_ptr<const Shard> open = open_volumes_->Find(number)) {
     return open;
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(*volume, number));
+  open_volumes_->Add(shard);
+  return shard;
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
+    const store::ScalarVolume& volume, std::uint32_t number) const {
   const std::string directory =
-      absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume->key));
+      absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume.key));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, OpenShard(directory, number));
-  if (shard->reader->manifest_crc32c() != volume->manifest_crc32c ||
+  if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||
       shard->reader->shard_index() != shard_index_) {
     return absl::DataLossError(absl::StrCat(
         directory, ": holds shard ", shard->reader->shard_index(), " of dataset id ",
         shard->reader->manifest().dataset_id, ", the series expects shard ", shard_index_, " of ",
-        volume->dataset_id, "; copy the whole shard directory again"));
+        volume.dataset_id, "; copy the whole shard directory again"));
   }
-  open_volumes_->Add(shard);
   return shard;
 }
 

@@ -20,6 +20,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -99,7 +100,7 @@ class SeriesShard {
   // Opens it. Blocks on the disk. Errors as OpenShard; DATA_LOSS also if the folder holds another
   // volume. FAILED_PRECONDITION if it is not served.
   absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id)
-      ABSL_LOCKS_EXCLUDED(mutex_, opening_);
+      ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
   SeriesShard(std::string directory, std::shared_ptr<OpenVolumes> open_volumes,
@@ -108,6 +109,9 @@ class SeriesShard {
         open_volumes_(std::move(open_volumes)),
         read_manifest_(std::move(read_manifest)) {}
 
+  void RefreshAlone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(refreshing_) ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> ReadVolume(
+      const store::ScalarVolume& volume, std::uint32_t number) const;
   // OpenSeriesShard, of the same shard of the same series.
   [[nodiscard]] absl::StatusOr<store::SeriesShard> ReadAgain(const Served& before) const;
 
@@ -128,7 +132,8 @@ class SeriesShard {
   std::shared_ptr<const Served> served_ ABSL_GUARDED_BY(mutex_);
   // By dataset id, of volumes that were opened once.
   std::map<std::string, std::uint32_t> numbers_ ABSL_GUARDED_BY(mutex_);
-  base::Mutex opening_;  // one volume at a time: two frames of one step open it once
+  std::set<std::uint32_t> opening_ ABSL_GUARDED_BY(mutex_);  // numbers of volumes
+  base::CondVar opened_;
 };
 
 }  // namespace isoscope::agent

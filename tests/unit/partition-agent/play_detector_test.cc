@@ -66,7 +66,7 @@ INSTANTIATE_TEST_SUITE_P(
                  90,
                  {3, 30, 70, 4, 31, 71, 5, 32, 72},
                  {kNone, kNone, kNone, kNone, kNone, kNone, 6, 33, 73}}),
-    [](const ::testing::TestParamInfo<Sequence>& info) { return std::string(info.param.name); });
+    [](const ::testing::TestParamInfo<Sequence>& of) { return std::string(of.param.name); });
 
 TEST(PlayDetectorTest, KnowsClientsWhoTakeTurnsFromOneThatTurns) {
   PlayDetector detector;
