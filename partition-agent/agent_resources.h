@@ -12,6 +12,7 @@
 #include "core/render/renderer.h"
 #include "partition-agent/agent_metrics.h"
 #include "partition-agent/block_cache.h"
+#include "partition-agent/frames_in_work.h"
 
 namespace isoscope::agent {
 
@@ -25,6 +26,7 @@ struct AgentResources {
   std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // most bytes under way of a step
   base::TraceRecorder* trace = nullptr;                           // of one frame; null: no trace
   AgentMetrics* metrics = nullptr;                                // null: nothing is counted
+  FramesInWork* frames = nullptr;  // learns of waits for the disk; null: nobody does
 };
 
 }  // namespace isoscope::agent

@@ -242,6 +242,12 @@ absl::Status FramePipeline::FindBlocks() {
   return absl::OkStatus();
 }
 
+std::vector<volume::BlockId> FramePipeline::HiddenBlocks(const volume::BlockSet& drawn) const {
+  std::vector<volume::BlockId> hidden = blocks_->Ids();
+  std::erase_if(hidden, [&](volume::BlockId id) { return drawn.Contains(id); });
+  return hidden;
+}
+
 render::Renderer& FramePipeline::RendererOfFrame() const {
   const bool only_cpu = frame::ShowsValues(task_.spec) && resources_.cpu_renderer != nullptr;
   return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;

@@ -122,6 +122,12 @@ void MeshSupply::OpenTables() {
   }
 }
 
+void MeshSupply::EraseCached(std::vector<ChosenMesh>* chosen) {
+  OpenTables();
+  std::erase_if(*chosen,
+                [this](const ChosenMesh& mesh) { return TableOf(mesh).Has(mesh.active_index); });
+}
+
 // Part 1: adds meshes that are cached, or whose samples are cached, and marks the others.
 absl::Status MeshSupply::AddCached(const std::vector<ChosenMesh>& chosen,
                                    std::vector<char>* is_missing, MeshSink* sink) {

@@ -82,7 +82,9 @@ absl::Status ForEachArrival(
     if (paused.empty()) {  // the queue waits for room, which paused arrivals may take
       base::TraceScope wait(watch.trace, "wait for reads");
       const absl::Time wait_start = absl::Now();
+      std::optional<FramesInWork::DiskWait> disk_wait(std::in_place, watch.frames);
       ISOSCOPE_ASSIGN_OR_RETURN(const bool has_more, queue->WaitForMore(cancellation));
+      disk_wait.reset();
       wait.End();
       if (watch.wait != nullptr) {
         watch.wait->Add(std::max(absl::Now() - wait_start, absl::ZeroDuration()));

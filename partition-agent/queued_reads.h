@@ -14,6 +14,7 @@
 #include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/io/read_queue.h"
+#include "partition-agent/frames_in_work.h"
 
 namespace isoscope::agent {
 
@@ -22,7 +23,8 @@ struct ReadWatch {
   // Copies from the system's memory ("read"), waits for the disk ("wait for reads") and calls of
   // `work` ("extract").
   base::TraceRecorder* trace = nullptr;
-  base::Counter* wait = nullptr;  // a duration: waits for the disk
+  base::Counter* wait = nullptr;   // a duration: waits for the disk
+  FramesInWork* frames = nullptr;  // the same waits, while they last
 };
 
 // Conditions under which all threads interrupt their work; by default never.
