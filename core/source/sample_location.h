@@ -22,6 +22,7 @@ struct SampleLocation {
   std::vector<std::string> files;
   // The members below hold for each file.
   std::int64_t offset = 0;        // bytes before the samples or the compressed stream
+  bool has_more_behind = false;   // other bytes may follow: no warning of a longer file
   bool at_file_end = false;       // the samples are the last bytes of the file; offset is ignored
   bool is_compressed = false;     // a gzip or zlib stream
   std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if compressed
