@@ -12,6 +12,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/file_start.h"
+#include "core/source/legacy_vtk_series.h"
 #include "core/source/mrc_series.h"
 #include "core/source/part_path.h"
 
@@ -113,6 +114,11 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".map.gz", ".ccp4.gz"},
        .is_content = IsMrcHeader,
        .open = OpenMrcSeries},
+      {.name = "legacy VTK",
+       .endings = {".vtk"},
+       .has_field_names = true,
+       .is_content = IsLegacyVtk,
+       .open = OpenLegacyVtkSeries},
   };
   return *formats;
 }

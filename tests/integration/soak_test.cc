@@ -38,6 +38,7 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
@@ -647,7 +648,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
   // Checks the frames several times: each time with new limits, and now and then with new caches.
   void CheckWithLimits(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                        const std::vector<SmallFrame>& frames, int wake_count,
-                       const std::shared_ptr<tbb::task_arena>& arena, Dice* dice,
+                       const std::shared_ptr<base::TaskArena>& arena, Dice* dice,
                        LocalCluster* cluster) {
     if (dice->OneIn(3)) {
       cluster->LoseAgents();

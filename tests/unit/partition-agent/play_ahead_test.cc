@@ -45,7 +45,7 @@ class PlayAheadTest : public ::testing::Test {
     options.volume.block_cells = math::Index3{4, 4, 4};
     options.volume.shard_count = 1;
     ISOSCOPE_EXPECT_OK(partition::PartitionSeries(source, options, never_).status());
-    arena_ = base::MakeTaskArena(2);
+    arena_ = std::make_shared<base::TaskArena>(2);
     auto renderer = render::MakeRenderer({.kind = render::RendererKind::kCpu, .arena = arena_});
     ISOSCOPE_EXPECT_OK(renderer.status());
     renderer_ = *std::move(renderer);
@@ -130,7 +130,7 @@ class PlayAheadTest : public ::testing::Test {
 
   const base::Cancellation never_;
   const testing::TempDir temp_;
-  std::shared_ptr<tbb::task_arena> arena_;
+  std::shared_ptr<base::TaskArena> arena_;
   std::unique_ptr<render::Renderer> renderer_;
   std::unique_ptr<AgentMemory> memory_;
   std::unique_ptr<ShardSet> shards_;

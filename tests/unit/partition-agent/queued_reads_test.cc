@@ -83,7 +83,7 @@ TEST_F(QueuedReadsTest, EveryReadIsWorkedOnOnceAndAnErrorStopsTheRest) {
     EXPECT_EQ(std::set<std::size_t>(seen.begin(), seen.end()).size(), 500U);
   }
   // One thread: another could work on any number before this one has said that it failed.
-  tbb::task_arena alone(1);
+  base::TaskArena alone(1);
   io::ReadQueue queue(reads);
   std::atomic<int> count{0};
   EXPECT_THAT(ForEachArrival(&queue, &alone, never_,

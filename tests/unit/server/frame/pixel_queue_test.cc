@@ -1,5 +1,6 @@
 // Pixels that arrive in several orders, in arenas of one thread and of several.
 
+#include "core/base/task_arena.h"
 #include "server/frame/pixel_queue.h"
 
 #include <atomic>
@@ -66,7 +67,7 @@ class Frame {
   const view::View view_ = MakeView();
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
-  tbb::task_arena arena_;
+  base::TaskArena arena_;
   Reduction reduction_;
   std::atomic<int> damage_count_{0};
   std::optional<PixelQueue> queue_;
