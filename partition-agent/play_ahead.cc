@@ -202,11 +202,13 @@ void PlayAhead::NoteHidden(const std::string& look, std::vector<volume::BlockId>
 
 absl::StatusOr<ExpectedFrame> PlayAhead::Open(const Step& step) const {
   ExpectedFrame frame = step.frame;
-  ISOSCOPE_ASSIGN_OR_RETURN(frame.shards, shards_.Find(step.dataset_id, step.shard_indices));
+  ISOSCOPE_ASSIGN_OR_RETURN(frame.shards, shards_.Find(step.dataset_id, step.shard_indices,
+                                                       SeriesShard::Opening::kAhead));
   std::vector<Shards> by_surface(step.frame.isovalues.size());
   for (std::size_t i = 0; i < step.color_ids.size(); ++i) {
     if (!step.color_ids[i].empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(by_surface[i], shards_.Find(step.color_ids[i], step.shard_indices));
+      ISOSCOPE_ASSIGN_OR_RETURN(by_surface[i], shards_.Find(step.color_ids[i], step.shard_indices,
+                                                            SeriesShard::Opening::kAhead));
     }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(frame.colors, ColorVolumes::Make(frame.shards, by_surface));

@@ -47,10 +47,15 @@ std::shared_ptr<const Shard> OpenVolumes::Find(std::uint32_t number) {
   return found->shard;
 }
 
-void OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
+std::shared_ptr<const Shard> OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
   const std::size_t bytes = BytesOf(*shard);
   std::vector<std::shared_ptr<const Shard>> closed;  // without the lock: files are closed
   const base::MutexLock lock(&mutex_);
+  for (const Entry& entry : entries_) {
+    if (entry.shard->number == shard->number) {
+      return entry.shard;
+    }
+  }
   entries_.push_front({.shard = std::move(shard), .bytes = bytes});
   bytes_ += bytes;
   while (bytes_ > max_bytes_ && entries_.size() > 1) {
@@ -58,6 +63,7 @@ void OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
     closed.push_back(std::move(entries_.back().shard));
     entries_.pop_back();
   }
+  return entries_.front().shard;
 }
 
 bool OpenVolumes::HasRoomForAnother(const std::vector<std::shared_ptr<const Shard>>& shards) const {
@@ -188,8 +194,8 @@ std::string SeriesShard::IdOf(const store::ScalarVolumeKey& key) const {
   return found == served->volumes.end() ? "" : found->dataset_id;
 }
 
-absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
-    const std::string& dataset_id) {
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(const std::string& dataset_id,
+                                                                     Opening opening) {
   const std::shared_ptr<const Served> served = this->served();
   const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
   if (volume == nullptr) {
@@ -198,13 +204,20 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
   }
   std::uint32_t number = 0;
   {
-    // Frames of one step open it once. Those of others do not wait.
     const base::MutexLock lock(&mutex_);
     const auto [entry, is_new] = numbers_.try_emplace(dataset_id, 0);
     if (is_new) {
       entry->second = NextShardNumber();
     }
     number = entry->second;
+  }
+  return opening == Opening::kAhead ? OpenNow(*volume, number) : OpenOnce(*volume, number);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenOnce(
+    const store::ScalarVolume& volume, std::uint32_t number) {
+  {
+    const base::MutexLock lock(&mutex_);
     opened_.Await(&mutex_,
                   [&]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return !opening_.contains(number); });
     opening_.insert(number);
@@ -214,12 +227,16 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
     opening_.erase(number);
     opened_.SignalAll();
   };
+  return OpenNow(volume, number);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenNow(const store::ScalarVolume& volume,
+                                                                  std::uint32_t number) const {
   if (std::shared_ptr<const Shard> open = open_volumes_->Find(number)) {
     return open;
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(*volume, number));
-  open_volumes_->Add(shard);
-  return shard;
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(volume, number));
+  return open_volumes_->Add(std::move(shard));
 }
 
 absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(

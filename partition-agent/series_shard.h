@@ -41,8 +41,9 @@ class OpenVolumes {
 
   // Null if it is not open.
   std::shared_ptr<const Shard> Find(std::uint32_t number) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Closes others, unless frames hold them, until `shard` fits. The newest is always kept.
-  void Add(std::shared_ptr<const Shard> shard) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Closes others, unless frames hold them, until `shard` fits. The newest is always kept. Returns
+  // it, or the one with its number that is open already.
+  std::shared_ptr<const Shard> Add(std::shared_ptr<const Shard> shard) ABSL_LOCKS_EXCLUDED(mutex_);
   // Returns true if as many shards of this size fit beside these.
   [[nodiscard]] bool HasRoomForAnother(
       const std::vector<std::shared_ptr<const Shard>>& shards) const;
@@ -99,7 +100,12 @@ class SeriesShard {
   [[nodiscard]] std::string IdOf(const store::ScalarVolumeKey& key) const;
   // Opens it. Blocks on the disk. Errors as OpenShard; DATA_LOSS also if the folder holds another
   // volume. FAILED_PRECONDITION if it is not served.
-  absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id)
+  //
+  // kForFrame: several threads open it once. kAhead: nobody waits for this thread, whose priority
+  // is low; then a frame may open the volume, too, and one of both is kept.
+  enum class Opening { kForFrame, kAhead };
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id,
+                                                          Opening opening = Opening::kForFrame)
       ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
@@ -110,6 +116,11 @@ class SeriesShard {
         read_manifest_(std::move(read_manifest)) {}
 
   void RefreshAlone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(refreshing_) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenOnce(const store::ScalarVolume& volume,
+                                                        std::uint32_t number)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> OpenNow(
+      const store::ScalarVolume& volume, std::uint32_t number) const;
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> ReadVolume(
       const store::ScalarVolume& volume, std::uint32_t number) const;
   // OpenSeriesShard, of the same shard of the same series.

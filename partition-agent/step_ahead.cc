@@ -95,23 +95,21 @@ std::vector<io::FileRead> StepAhead::ReadsOf(const std::vector<ChosenMesh>& mesh
 
 absl::Status StepAhead::ReadSamples(FramesInWork* frames) const {
   const std::vector<io::FileRead> reads = ReadsOf(missing_);
-  std::size_t awaited = 0;
   std::size_t expected_bytes = 0;
-  const auto await_one = [&] {
-    expected_bytes -= reads[awaited].size;
-    return io::AwaitExpectedRead(reads[awaited++]);
-  };
-  for (const io::FileRead& read : reads) {
+  std::size_t expected_begin = 0;  // earlier reads are most likely done
+  for (std::size_t i = 0; i < reads.size(); ++i) {
     ISOSCOPE_RETURN_IF_ERROR(frames->AwaitIdleDisk(cancellation_));
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    io::ExpectRead(read);
-    expected_bytes += read.size;
-    while (expected_bytes > kMaxExpectedBytes) {
-      ISOSCOPE_RETURN_IF_ERROR(await_one());
+    io::ExpectRead(reads[i]);
+    expected_bytes += reads[i].size;
+    if (expected_bytes < kMaxExpectedBytes && i + 1 < reads.size()) {
+      continue;
     }
-  }
-  while (awaited < reads.size()) {
-    ISOSCOPE_RETURN_IF_ERROR(await_one());
+    const std::size_t left_bytes = i + 1 < reads.size() ? kMaxExpectedBytes / 2 : 0;
+    while (expected_bytes > left_bytes) {
+      expected_bytes -= reads[expected_begin++].size;
+    }
+    ISOSCOPE_RETURN_IF_ERROR(io::AwaitExpectedRead(reads[expected_begin - 1]));
   }
   return absl::OkStatus();
 }

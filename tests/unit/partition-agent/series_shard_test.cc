@@ -84,6 +84,29 @@ TEST_F(SeriesShardTest, OpensTheVolumeThatIsAskedForAndNoOther) {
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("not served")));
 }
 
+TEST_F(SeriesShardTest, ThreadsThatOpenOneVolumeGetTheSame) {
+  const auto series = Open();
+  const std::string id = series->served()->volumes[3].dataset_id;
+  constexpr int kThreads = 8;
+  std::vector<std::shared_ptr<const Shard>> found(kThreads);
+  std::vector<std::thread> threads;
+  for (int i = 0; i < kThreads; ++i) {
+    threads.emplace_back([&, i] {
+      const auto opening =
+          i % 2 == 0 ? SeriesShard::Opening::kForFrame : SeriesShard::Opening::kAhead;
+      auto shard = series->OpenVolume(id, opening);
+      ISOSCOPE_EXPECT_OK(shard.status());
+      found[static_cast<std::size_t>(i)] = *std::move(shard);
+    });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  for (const auto& shard : found) {
+    EXPECT_EQ(shard, found[0]);
+  }
+}
+
 TEST_F(SeriesShardTest, AVolumeThatWasClosedHasItsNumberAgainSoThatCachesStayValid) {
   const auto series = Open(/*max_open_bytes=*/1);  // room for the newest alone
   const auto served = series->served();
