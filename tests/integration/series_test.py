@@ -20,6 +20,8 @@ import tempfile
 import threading
 import time
 import unittest
+import urllib.error
+import urllib.request
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
 KILL_AT_STEP = sys.argv.pop(1) if len(sys.argv) > 1 else ''
@@ -115,6 +117,28 @@ def cluster(*agent_directories):
       process.wait()
 
 
+def etags(coordinator, targets):
+  """The ETags that a gateway gives pictures, without the quotation marks; and whether each is immutable."""
+  address = f'127.0.0.1:{free_port()}'
+  process = subprocess.Popen([os.path.join(BIN, 'isoscope-gateway'), '--listen', address, '--server', coordinator,
+                              '--no-token'], stderr=subprocess.DEVNULL)
+  try:
+    end = time.monotonic() + PATIENCE_S
+    found = []
+    while len(found) < len(targets):
+      try:
+        with urllib.request.urlopen(f'http://{address}{targets[len(found)]}', timeout=PATIENCE_S) as answer:
+          found.append((answer.headers['ETag'], 'immutable' in answer.headers['Cache-Control']))
+      except urllib.error.URLError:
+        if time.monotonic() > end:
+          raise
+        time.sleep(0.1)
+    return found
+  finally:
+    process.kill()
+    process.wait()
+
+
 class SeriesTest(unittest.TestCase):
   @classmethod
   def setUpClass(cls):
@@ -187,6 +211,27 @@ class SeriesTest(unittest.TestCase):
         local = self.render(self.path('flow3'), *look)
         remote = picture(self.folder, '--server', server, *SMALL[2:], *look)
         self.assertEqual(local, remote, look)
+
+  def test_a_gateway_tells_series_apart_that_differ_in_a_later_step(self):
+    found = {}
+    for name in ('same', 'other'):
+      folder = self.path(f'etag-{name}')
+      os.mkdir(folder)
+      source = os.path.join(folder, 'flow.pvd')
+      isoscope('generate', 'flow', '--dims', '10,9,8', '--steps', '4', '--output', source)
+      if name == 'other':
+        shutil.copy(os.path.join(folder, 'flow_00001.vti'), os.path.join(folder, 'flow_00003.vti'))
+      flow = os.path.join(folder, 'flow')
+      isoscope('partition', source, '--output', flow)
+      dataset_id = json.loads(isoscope('info', flow, '--json').stdout)['datasets'][0]['dataset_id']
+      with cluster([flow]) as server:
+        found[name] = (dataset_id, etags(server, [
+            f'/v1/datasets/{dataset_id}/render?isovalue=310&field=temperature&width=32&height=32&step={step}'
+            for step in range(4)]))
+    self.assertEqual(found['same'][0], found['other'][0], 'the id names the first step')
+    same, other = found['same'][1], found['other'][1]
+    self.assertEqual([a == b for a, b in zip(same, other)], [True, True, True, False])
+    self.assertEqual([is_immutable for _, is_immutable in same], [True, False, False, False])
 
   def test_wrong_choices_name_those_that_there_are(self):
     for flags, words in ((['--field', 'heat'], ['"heat"', '"pressure"', '"velocity"']),
