@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <set>
 #include <system_error>
 #include <vector>
@@ -40,13 +41,14 @@ std::string RecordOf(absl::string_view fingerprint, const store::ScalarVolume& v
   return absl::StrFormat("%s %08x", fingerprint, volume.manifest_crc32c);
 }
 
-// Removes the entries of a folder that have other names.
-absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
+// Removes the entries of a folder whose names are told.
+absl::Status RemoveEntries(const std::string& path,
+                           const std::function<bool(const std::string& name)>& is_told) {
   std::error_code error;
   std::vector<std::string> others;
   for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (kept.count(entry->path().filename().string()) == 0) {
+    if (is_told(entry->path().filename().string())) {
       others.push_back(entry->path().string());
     }
   }
@@ -59,7 +61,24 @@ absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& 
   return absl::OkStatus();
 }
 
+absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
+  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
+}
+
 }  // namespace
+
+absl::Status RemovePartialManifests(const std::string& directory, int shard_count) {
+  const auto is_partial = [](const std::string& name) {
+    return absl::StartsWith(name, absl::StrCat(store::kManifestFileName, ".partial-")) ||
+           absl::StartsWith(name, absl::StrCat(store::kSeriesShardFileName, ".partial-"));
+  };
+  ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(directory, is_partial));
+  for (int shard = 0; shard < shard_count; ++shard) {
+    ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(
+        absl::StrCat(directory, "/", store::ShardDirectoryName(shard, shard_count)), is_partial));
+  }
+  return absl::OkStatus();
+}
 
 absl::StatusOr<std::unique_ptr<SeriesWorkFolder>> SeriesWorkFolder::Take(const std::string& path) {
   std::unique_ptr<SeriesWorkFolder> folder(new SeriesWorkFolder(path));
@@ -93,7 +112,10 @@ bool SeriesWorkFolder::HoldsFinished() const {
           !std::filesystem::is_empty(finished, error));
 }
 
-absl::Status SeriesWorkFolder::Clear() { return RemoveOthers(path_, {std::string(kLockName)}); }
+absl::Status SeriesWorkFolder::Clear() {
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(absl::StrCat(path_, "/", kFinishedName)));
+  return RemoveOthers(path_, {std::string(kLockName)});
+}
 
 absl::Status SeriesWorkFolder::Prepare(int shard_count) {
   shard_count_ = shard_count;

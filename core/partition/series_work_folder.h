@@ -41,7 +41,8 @@ class SeriesWorkFolder {
   SeriesWorkFolder(const SeriesWorkFolder&) = delete;
   SeriesWorkFolder& operator=(const SeriesWorkFolder&) = delete;
 
-  // Removes everything in it.
+  // Removes everything in it. A process that is killed meanwhile leaves nothing to go on with, or
+  // the manifest and all that it needs.
   absl::Status Clear();
   // Makes the folders of shards that are not there yet, and removes all but finished volumes.
   absl::Status Prepare(int shard_count);
@@ -87,6 +88,10 @@ class SeriesWorkFolder {
   int shard_count_ = 0;
   bool is_moved_ = false;
 };
+
+// Removes files of a series as "manifest.json.partial-4711", which processes left that were killed.
+// REQUIRES: the caller has taken the folder in which the series is appended to.
+absl::Status RemovePartialManifests(const std::string& directory, int shard_count);
 
 }  // namespace isoscope::partition
 

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import unittest
 
-BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
+BIN = os.path.abspath(sys.argv.pop(1) if len(sys.argv) > 1 else '.')
 DIMS = (21, 17, 13)
 VTI_HEAD = f'''<?xml version="1.0"?>
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt32">
@@ -140,7 +140,8 @@ def write_vti(path):
 
 
 def partition(folder, *arguments):
-  subprocess.run([os.path.join(BIN, 'isoscope'), 'partition', *arguments, '--quiet'], cwd=folder, check=True, timeout=240)
+  subprocess.run([os.path.join(BIN, 'isoscope'), 'partition', *arguments, '--quiet'], cwd=folder, check=True,
+                 timeout=240)
 
 
 def read(path):
@@ -206,10 +207,10 @@ def make_and_digest(folder):
   write_raw(os.path.join(folder, 'count.raw'))
   write_vti(os.path.join(folder, 'density.vti'))
   digests = {name: digest(read(os.path.join(folder, name))) for name in ('count.raw', 'density.vti')}
-  partition(folder, 'count.raw', '--dims', ','.join(map(str, DIMS)), '--type', 'uint16', '--spacing', '0.5,1,2', '--origin',
-            '3,-2,1', '--block-cells', '4', '--shards', '3', '--seed', '7', '--output', 'random')
-  partition(folder, 'density.vti', '--block-cells', '5x4x3', '--shards', '2', '--distribution', 'greedy', '--compression',
-            'zstd', '--output', 'greedy')
+  partition(folder, 'count.raw', '--dims', ','.join(map(str, DIMS)), '--type', 'uint16', '--spacing', '0.5,1,2',
+            '--origin', '3,-2,1', '--block-cells', '4', '--shards', '3', '--seed', '7', '--output', 'random')
+  partition(folder, 'density.vti', '--block-cells', '5x4x3', '--shards', '2', '--distribution', 'greedy',
+            '--compression', 'zstd', '--output', 'greedy')
   digests.update(digests_of(os.path.join(folder, 'random'), is_packed=False))
   digests.update(digests_of(os.path.join(folder, 'greedy'), is_packed=True))
   return digests
