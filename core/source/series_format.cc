@@ -14,6 +14,7 @@
 #include "core/source/file_start.h"
 #include "core/source/legacy_vtk_series.h"
 #include "core/source/mrc_series.h"
+#include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
 
 namespace isoscope::source {
@@ -113,12 +114,20 @@ const std::vector<SeriesFormat>& SeriesFormats() {
       {.name = "MRC",
        .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".map.gz", ".ccp4.gz"},
        .is_content = IsMrcHeader,
-       .open = OpenMrcSeries},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenMrcSeries(file, field); }},
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,
        .is_content = IsLegacyVtk,
-       .open = OpenLegacyVtkSeries},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenLegacyVtkSeries(file, field); }},
+      {.name = "netCDF",
+       .endings = {".nc", ".nc4", ".cdf", ".netcdf"},
+       .has_field_names = true,
+       .is_content = IsNetcdf,
+       .open = [](const std::string& file, const std::string& /*field*/,
+                  const std::string& part) { return OpenNetcdfSeries(file, part); }},
   };
   return *formats;
 }
@@ -161,7 +170,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& f
     return absl::InvalidArgumentError(absl::StrCat(file.file, ": a folder; expected a file"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            file.format->open(file.file, field));
+                            file.format->open(file.file, field, file.part));
   return file.part.empty() ? std::move(series) : SelectPart(std::move(series), file);
 }
 

@@ -24,9 +24,11 @@ struct SeriesFormat {
   // True if the first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are
   // of this format. Null: only the name tells.
   bool (*is_content)(absl::string_view head) = nullptr;
-  // `field` is the name of a field that the file does not name.
+  // `field` is the name of a field that the file does not name; `part` is the part that is wanted
+  // (SeriesFile), for formats whose files have several grids.
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open)(const std::string& file,
-                                                        const std::string& field) = nullptr;
+                                                        const std::string& field,
+                                                        const std::string& part) = nullptr;
 };
 
 const std::vector<SeriesFormat>& SeriesFormats();

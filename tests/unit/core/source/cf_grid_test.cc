@@ -1,0 +1,152 @@
+#include "core/source/cf_grid.h"
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+
+TEST(CfGridTest, AttributesGoBeforeNames) {
+  struct Case {
+    CfAxis axis;
+    char letter;
+  };
+  for (const Case& c : std::vector<Case>{{{.name = "a", .axis = "z"}, 'Z'},
+                                         {{.name = "x", .axis = "Y"}, 'Y'},
+                                         {{.name = "a", .units = "days since 1990-01-01"}, 'T'},
+                                         {{.name = "a", .units = "degrees_east"}, 'X'},
+                                         {{.name = "a", .units = "Degrees_North"}, 'Y'},
+                                         {{.name = "a", .units = "hPa"}, 'Z'},
+                                         {{.name = "a", .standard_name = "depth"}, 'Z'},
+                                         {{.name = "a", .positive = "up"}, 'Z'},
+                                         {{.name = "lon"}, 'X'},
+                                         {{.name = "Latitude"}, 'Y'},
+                                         {{.name = "lev"}, 'Z'},
+                                         {{.name = "time"}, 'T'},
+                                         {{.name = "z"}, 'Z'},
+                                         {{.name = "component"}, 'C'},
+                                         {{.name = "member"}, '?'}}) {
+    EXPECT_EQ(CfLetterOf(c.axis), c.letter) << c.axis.name << " " << c.axis.units;
+  }
+}
+
+std::vector<CfAxis> Axes(const std::vector<std::string>& names, std::int64_t size = 4) {
+  std::vector<CfAxis> axes;
+  for (const std::string& name : names) {
+    axes.push_back({.name = name, .size = name == "one" ? 1 : size});
+  }
+  return axes;
+}
+
+TEST(CfGridTest, FindsTheAxesOfSpaceInAnyOrder) {
+  struct Case {
+    std::vector<std::string> names;
+    std::string space;  // numbers of axes, then letters; "" if it is no volume
+  };
+  for (const Case& c : std::vector<Case>{{{"z", "y", "x"}, "012ZYX"},
+                                         {{"time", "lev", "lat", "lon"}, "123ZYX"},
+                                         {{"lon", "lat", "lev", "time"}, "012XYZ"},
+                                         {{"one", "z", "y", "x"}, "123ZYX"},
+                                         {{"p", "q", "r"}, "012ZYX"},
+                                         {{"time", "a", "y", "x"}, "123ZYX"},
+                                         {{"x", "a", "b"}, "012XZY"},
+                                         {{"time", "lat", "lon"}, ""},
+                                         {{"p", "q", "r", "s"}, ""},
+                                         {{"member", "z", "y", "x"}, ""},
+                                         {{"z", "z", "y", "x"}, ""},
+                                         {{"t", "time", "z", "y", "x"}, ""}}) {
+    const auto roles = CfRolesOf(Axes(c.names));
+    std::string got;
+    if (roles.has_value()) {
+      for (const std::size_t axis : roles->space) {
+        got += std::to_string(axis);
+      }
+      got += std::string(roles->letters.begin(), roles->letters.end());
+    }
+    EXPECT_EQ(got, c.space) << ::testing::PrintToString(c.names);
+  }
+  EXPECT_EQ(CfRolesOf(Axes({"z", "y", "x"}, 1)), std::nullopt);
+  EXPECT_EQ(CfRolesOf(Axes({"c", "time", "z", "y", "x"}))->component, 0u);
+}
+
+math::Vec3d At(const volume::GridGeometry& geometry, const math::Vec3d& index) {
+  return math::TransformPoint(geometry.world_from_index(), index);
+}
+
+TEST(CfGridTest, FirstAndLastSampleLieAtTheirCoordinates) {
+  std::vector<CfAxis> axes = Axes({"lev", "lat", "lon"});
+  axes[0].values = {100, 80, 60, 40};
+  axes[1].values = {30, 20, 10, 0};
+  axes[2].values = {-1.5, -1, -0.5, 0};
+  for (const bool is_down : {false, true}) {
+    axes[0].positive = is_down ? "down" : "up";
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(axes, *CfRolesOf(axes)));
+    const double sign = is_down ? -1 : 1;
+    EXPECT_EQ(At(grid, {0, 0, 0}), (math::Vec3d{-1.5, 30, sign * 100}));
+    EXPECT_EQ(At(grid, {3, 3, 3}), (math::Vec3d{0, 0, sign * 40}));
+    EXPECT_EQ(At(grid, {3, 0, 0}), (math::Vec3d{0, 30, sign * 100}));
+  }
+  // The fastest axis is Z.
+  std::vector<CfAxis> turned = Axes({"x", "y", "z"});
+  turned[0].values = {0, 2, 4, 6};
+  turned[2].values = {5, 6, 7, 8};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(turned, *CfRolesOf(turned)));
+  EXPECT_EQ(At(grid, {3, 0, 0}), (math::Vec3d{0, 0, 8}));
+  EXPECT_EQ(At(grid, {0, 1, 3}), (math::Vec3d{6, 1, 5}));
+}
+
+TEST(CfGridTest, RefusesUnevenAxesWithTheDeviation) {
+  std::vector<CfAxis> axes = Axes({"lev", "lat", "lon"});
+  axes[0].values = {0, 10, 25, 30};
+  EXPECT_THAT(CfGridOf(axes, *CfRolesOf(axes)),
+              StatusIs(kInvalid, AllOf(HasSubstr("\"lev\""), HasSubstr("coordinate 2 is 25"),
+                                       HasSubstr("5 from where steps of 10"))));
+  axes[0].values = {0, 10.009, 20, 30};
+  EXPECT_TRUE(CfGridOf(axes, *CfRolesOf(axes)).ok());
+  axes[0].values = {0, 10.02, 20, 30};
+  EXPECT_FALSE(CfGridOf(axes, *CfRolesOf(axes)).ok());
+  // 32-bit floats far from zero: as even as they can be.
+  axes[0].values = {1e7, 1e7 + 1, 1e7 + 1, 1e7 + 3};
+  EXPECT_FALSE(CfGridOf(axes, *CfRolesOf(axes)).ok());
+  axes[0].is_single = true;
+  EXPECT_TRUE(CfGridOf(axes, *CfRolesOf(axes)).ok());
+  axes[0].values = {3, 3, 3, 3};
+  EXPECT_THAT(CfGridOf(axes, *CfRolesOf(axes)), StatusIs(kInvalid, HasSubstr("ends at 3")));
+  axes[0].values = {0, 1, NAN, 3};
+  EXPECT_FALSE(CfGridOf(axes, *CfRolesOf(axes)).ok());
+}
+
+TEST(CfGridTest, UnitsAndTimes) {
+  std::vector<CfAxis> axes = Axes({"z", "y", "x"});
+  for (CfAxis& axis : axes) {
+    axis.units = "km";
+  }
+  EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "km");
+  axes[0].units = "m";
+  EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto counted, CfTimesOf({.name = "t", .size = 3}));
+  EXPECT_THAT(counted, ElementsAre(0, 1, 2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, CfTimesOf({.name = "t", .size = 1}));
+  EXPECT_THAT(none, ElementsAre());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one,
+                                CfTimesOf({.name = "t", .size = 1, .values = {4.5}}));
+  EXPECT_THAT(one, ElementsAre(4.5));
+  EXPECT_THAT(CfTimesOf({.name = "t", .size = 2, .values = {1, 1}}),
+              StatusIs(kInvalid, AllOf(HasSubstr("\"t\""), HasSubstr("index 1"))));
+}
+
+}  // namespace
+}  // namespace isoscope::source
