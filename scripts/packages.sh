@@ -14,7 +14,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
-  libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev
+  libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev libbz2-dev
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core prometheus-cpp-dev
 )
 

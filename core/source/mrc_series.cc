@@ -256,15 +256,17 @@ absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& 
     located.times.push_back(static_cast<double>(i));
   }
   const std::int64_t start = static_cast<std::int64_t>(kMrcHeaderBytes) + header->Integer(24);
-  located.fields.push_back({.field = {.name = field},
-                            .location = SampleLocation{.files = {path},
-                                                       .offset = head.is_gzip ? 0 : start,
-                                                       .is_compressed = head.is_gzip,
-                                                       .decoded_skip = head.is_gzip ? start : 0,
-                                                       .is_big_endian = header->is_big_endian(),
-                                                       .stored_type = type.scalar,
-                                                       .volume_count = volumes},
-                            .wide = type.wide});
+  located.fields.push_back(
+      {.field = {.name = field},
+       .location = SampleLocation{.files = {path},
+                                  .offset = head.is_gzip ? 0 : start,
+                                  .encoding = head.is_gzip ? SampleEncoding::kDeflate
+                                                           : SampleEncoding::kRaw,
+                                  .decoded_skip = head.is_gzip ? start : 0,
+                                  .is_big_endian = header->is_big_endian(),
+                                  .stored_type = type.scalar,
+                                  .volume_count = volumes},
+       .wide = type.wide});
   return located;
 }
 
