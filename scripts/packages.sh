@@ -20,7 +20,7 @@ ISOSCOPE_BUILD_PACKAGES=(
 
 # Packages to run the programs in the container images: all three programs; those that draw (isoscope-agent and
 # isoscope); and isoscope, which reads volumes and writes pictures. Omitted are packages that these or dpkg depend on
-# anyway (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
+# anyway (libabsl, libbz2-1.0, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
   libprometheus-cpp-pull1.0)

@@ -429,6 +429,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       return;
     }
     const bool may_change = DependsOnLaterSteps(render_.selection(), dataset_);
+    std::string digest;
     if (!dataset_.fields().empty()) {
       const auto selection = ResolveSelection(render_.selection(), dataset_);
       if (!selection) {
@@ -436,6 +437,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         return;
       }
       *render_.mutable_selection() = *selection;
+      digest = DigestOfStep(*selection, dataset_);
     }
     const std::string request = Serialize(render_);
     const std::string ranges = RangesOfColors(render_, dataset_);
@@ -443,8 +445,13 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (!ranges.empty()) {
       parts.emplace_back(ranges);
     }
+    if (!digest.empty()) {
+      parts.emplace_back(digest);
+    }
     const std::string etag = MakeEtag(parts);
-    const bool is_immutable = is_by_id_ && !may_change && ranges.empty();
+    // The id of a dataset names its first step alone.
+    const bool is_named = render_.selection().time_step() == 0;
+    const bool is_immutable = is_by_id_ && is_named && !may_change && ranges.empty();
     const bool is_private = options_.is_private || !request_.token.empty();
     const std::vector<std::pair<std::string, std::string>> headers = {
         {"ETag", etag},

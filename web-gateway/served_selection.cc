@@ -85,6 +85,13 @@ std::optional<v1::FieldSelection> ResolveSelection(const v1::FieldSelection& sel
   return resolved;
 }
 
+std::string DigestOfStep(const v1::FieldSelection& resolved, const v1::Dataset& dataset) {
+  const auto found =
+      std::find_if(dataset.time_steps().begin(), dataset.time_steps().end(),
+                   [&](const v1::TimeStep& step) { return step.number() == resolved.time_step(); });
+  return found == dataset.time_steps().end() ? "" : found->volumes_digest();
+}
+
 bool DependsOnLaterSteps(const v1::FieldSelection& selection, const v1::Dataset& dataset) {
   return !dataset.time_steps().empty() &&
          !(selection.has_time_step() && selection.time_step() >= 0);

@@ -20,6 +20,10 @@ namespace isoscope::gateway {
 std::optional<isoscope::v1::FieldSelection> ResolveSelection(
     const isoscope::v1::FieldSelection& selection, const isoscope::v1::Dataset& dataset);
 
+// The digest of the volumes of a step; empty if the dataset has no such step.
+std::string DigestOfStep(const isoscope::v1::FieldSelection& resolved,
+                         const isoscope::v1::Dataset& dataset);
+
 // Whether a later step gives the same request another step.
 bool DependsOnLaterSteps(const isoscope::v1::FieldSelection& selection,
                          const isoscope::v1::Dataset& dataset);

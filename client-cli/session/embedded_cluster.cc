@@ -63,13 +63,13 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shard_directories, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
-  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
+  const std::shared_ptr<base::TaskArena> arena =
+      std::make_shared<base::TaskArena>(options.thread_count);
 
-  // With at least two agents a thread, no thread is idle for long while the last one draws. Threads
-  // of steps compute besides those of the arena; so with --threads 1 the arena has none.
+  // With at least two agents a thread, no thread is idle for long while the last one draws.
   const bool one_thread_a_step =
-      arena->max_concurrency() > 1 &&
       shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
+  arena->SetSharesThreads(one_thread_a_step);
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
                                      : agent::AgentMemory::DefaultLimitBytes(),

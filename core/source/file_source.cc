@@ -147,7 +147,7 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
                                       : absl::StrFormat(" in %d files", location_.files.size()),
           offset(), offset() + bytes_per_file_, file_size));
     }
-    if (file_size - offset() > bytes_per_file_) {
+    if (file_size - offset() > bytes_per_file_ && !location_.has_more_behind) {
       ++longer_count;
       first_longer = i;
     }

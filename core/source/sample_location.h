@@ -23,8 +23,9 @@ struct SampleLocation {
   // sample is a tuple of components. A single file may be the header file.
   std::vector<std::string> files;
   // The members below hold for each file.
-  std::int64_t offset = 0;   // bytes before the samples or the encoded stream
-  bool at_file_end = false;  // the samples are the last bytes of the file; offset is ignored
+  std::int64_t offset = 0;       // bytes before the samples or the encoded stream
+  bool has_more_behind = false;  // other bytes may follow: no warning of a longer file
+  bool at_file_end = false;      // the samples are the last bytes of the file; offset is ignored
   SampleEncoding encoding = SampleEncoding::kRaw;
   std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if encoded
 

@@ -4,17 +4,19 @@
 #include <cstddef>
 #include <utility>
 
-#include "absl/strings/match.h"
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/file_layout.h"
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
+#include "core/source/legacy_vtk_series.h"
 #include "core/source/minc_source.h"
 #include "core/source/mrc_series.h"
 #include "core/source/part_path.h"
@@ -148,6 +150,11 @@ const std::vector<SeriesFormat>& SeriesFormats() {
       LayoutRow<IsMghHeader, ReadMghLayout>("MGH", {".mgh", ".mgz", ".mgh.gz"}),
       LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
+      {.name = "legacy VTK",
+       .endings = {".vtk"},
+       .has_field_names = true,
+       .is_content = IsLegacyVtk,
+       .open = OpenLegacyVtkSeries},
   };
   return *formats;
 }
@@ -162,9 +169,13 @@ std::string ListedSeriesFormats() {
   return absl::StrJoin(texts, ", ");
 }
 
+std::string FormatNameOf(const SeriesFormat& format) {
+  return absl::StrReplaceAll(absl::AsciiStrToLower(format.name), {{" ", "-"}});
+}
+
 const SeriesFormat* FindSeriesFormat(absl::string_view name) {
   for (const SeriesFormat& format : SeriesFormats()) {
-    if (absl::EqualsIgnoreCase(format.name, name)) {
+    if (FormatNameOf(format) == name) {
       return &format;
     }
   }

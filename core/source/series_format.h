@@ -35,7 +35,9 @@ struct SeriesFormat {
 inline constexpr absl::string_view kNifti1Name = "NIfTI-1";
 
 const std::vector<SeriesFormat>& SeriesFormats();
-// The one of that name, in any case; null if there is none.
+// The name for --format: "legacy-vtk" of "legacy VTK".
+std::string FormatNameOf(const SeriesFormat& format);
+// The one of that name; null if there is none.
 const SeriesFormat* FindSeriesFormat(absl::string_view name);
 // "MRC (.mrc .map), ...", for messages and help.
 std::string ListedSeriesFormats();

@@ -23,7 +23,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -311,7 +310,7 @@ std::vector<FormatName> FormatNames() {
                                    {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
                                    {"hdf5", "file.h5:/dataset", false}};
   for (const SeriesFormat& format : SeriesFormats()) {
-    names.push_back({absl::AsciiStrToLower(format.name),
+    names.push_back({FormatNameOf(format),
                      format.endings.empty() ? "by content" : absl::StrJoin(format.endings, " ")});
   }
   return names;

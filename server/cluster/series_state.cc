@@ -12,6 +12,7 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/error_reason.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "server/cluster/dataset_catalog.h"
 
@@ -257,6 +258,19 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   return absl::OkStatus();
 }
 
+// A digest of the offered volumes of each step. O(volumes).
+std::map<int, std::string> DigestsOfSteps(const SeriesState& series) {
+  std::map<int, std::string> digests;  // first what is digested
+  for (const auto& [key, id] : series.offered) {
+    absl::StrAppend(&digests[key.step], key.field, " ", key.component, " ", id, "\n");
+  }
+  constexpr std::size_t kDigits = 32;
+  for (auto& [step, digest] : digests) {
+    digest = base::Sha256Hex(digest).substr(0, kDigits);
+  }
+  return digests;
+}
+
 }  // namespace
 
 SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners) {
@@ -294,10 +308,9 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
       datasets.begin(), datasets.end(),
       [](const auto* a, const auto* b) { return a->time_steps_size() < b->time_steps_size(); });
   v1::Dataset joined = *longest;
-  std::set<int> offered_steps;
+  const std::map<int, std::string> offered_steps = DigestsOfSteps(series);
   std::vector<std::set<int>> of_fields(static_cast<std::size_t>(joined.fields_size()));
   for (const auto& [key, id] : series.offered) {
-    offered_steps.insert(key.step);
     if (key.field < joined.fields_size()) {
       of_fields[static_cast<std::size_t>(key.field)].insert(key.step);
     }
@@ -305,9 +318,10 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
   joined.clear_time_steps();
   std::map<int, int> index_of;  // of offered steps, in the joined description
   for (const v1::TimeStep& step : longest->time_steps()) {
-    if (offered_steps.count(step.number()) > 0) {
+    if (const auto offered = offered_steps.find(step.number()); offered != offered_steps.end()) {
       index_of[step.number()] = joined.time_steps_size();
       *joined.add_time_steps() = step;
+      joined.mutable_time_steps()->rbegin()->set_volumes_digest(offered->second);
     }
   }
   for (int i = 0; i < joined.fields_size(); ++i) {

@@ -49,7 +49,8 @@ struct SeriesState {
 SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 
 // Joins the descriptions of a series by its agents: the ranges and bounds are those of the longest,
-// which has the most steps. Then leaves out the steps that are not offered.
+// which has the most steps. Then leaves out the steps that are not offered, and sets the digests of
+// the others.
 isoscope::v1::Dataset JoinDescriptions(const std::vector<const isoscope::v1::Dataset*>& datasets,
                                        const SeriesState& series);
 

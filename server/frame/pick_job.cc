@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/picture/layer_blending.h"
 #include "core/rpc/proto_convert.h"
 #include "server/frame/agent_queries.h"
@@ -67,7 +68,7 @@ absl::Status PickJob::TryRun(Response* response) {
   *response->mutable_statistics() = StatisticsOf(drawn_);
   ISOSCOPE_RETURN_IF_ERROR(
       runner->AddMissingShards(identity, asked_, target, parts, response->mutable_statistics()));
-  runner->arena()->execute([&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  base::RunIn(runner->arena(), [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
   for (const rpc::PixelPosition& pixel : pixels_) {
     *response->add_points() = ToProto(PointAt(drawn_.image, pixel.x - asked_.spec.region->x,
                                               pixel.y - asked_.spec.region->y, target.view,

@@ -145,6 +145,22 @@ class SeriesTest(unittest.TestCase):
         return f'{least!r},{most!r}'
     raise AssertionError(f'info knows no field {field}')
 
+  def test_reading_ahead_changes_no_picture(self):
+    look = ['--field', 'temperature', '--isovalue', '310', '--color-by', 'velocity', '--step']
+    for steps in ('0:3', '3:0:-1'):
+      pictures = []
+      for mode, more in (('off', []), ('samples', []), ('', []), ('', ['--threads', '1']),
+                         ('', ['--memory-limit', '128MiB'])):
+        with tempfile.TemporaryDirectory(dir=self.folder) as own:
+          os.environ['ISOSCOPE_PLAY_AHEAD'] = mode
+          isoscope('render', *SMALL, self.path('flow3'), *look, steps, '--output', os.path.join(own, '%d.png'), *more)
+          del os.environ['ISOSCOPE_PLAY_AHEAD']
+          names = sorted(os.listdir(own))
+          self.assertEqual(len(names), STEPS)
+          pictures.append([open(os.path.join(own, name), 'rb').read() for name in names])
+      for other in pictures[1:]:
+        self.assertEqual(pictures[0], other, steps)
+
   def test_a_cluster_of_processes_draws_the_same(self):
     shards = sorted(os.path.join(self.path('flow3'), name) for name in os.listdir(self.path('flow3')) if 'shard-' in name)
     with cluster(shards[:1], shards[1:]) as server:

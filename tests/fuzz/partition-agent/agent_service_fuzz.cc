@@ -19,6 +19,7 @@
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/task_arena.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
@@ -50,7 +51,7 @@ class Agent {
     // A port: within a process gRPC blocks writers whose reader has left.
     options.listen_address = "127.0.0.1:0";
     options.renderer = *std::move(renderer);
-    options.arena = std::make_shared<tbb::task_arena>(1);
+    options.arena = std::make_shared<base::TaskArena>(1);
     options.memory = memory_;
     auto server = agent::AgentServer::Start(options);
     Require(server.ok(), "an agent can be started");

@@ -12,6 +12,7 @@
 #include <grpcpp/client_context.h>
 
 #include "core/base/retry_delay.h"
+#include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
@@ -235,7 +236,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
 
   const SmallDataset dataset_{2};
   std::shared_ptr<render::Renderer> renderer_;
-  const std::shared_ptr<tbb::task_arena> arena_ = std::make_shared<tbb::task_arena>(2);
+  const std::shared_ptr<base::TaskArena> arena_ = std::make_shared<base::TaskArena>(2);
   const std::shared_ptr<AgentMemory> memory_ = std::make_shared<AgentMemory>(std::size_t{4} << 30);
   std::shared_ptr<image::PixelMailboxes> mailboxes_;  // null: bands
   std::unique_ptr<AgentServer> server_;

@@ -138,6 +138,32 @@ TEST(SeriesStateTest, AStepIsOfferedOnceAllShardsHaveIt) {
   EXPECT_THAT(StepsOf(later->dataset), ElementsAre(0, 1, 2));
 }
 
+// Series with one dataset id may differ in later steps.
+TEST(SeriesStateTest, TheDigestOfAStepTellsItsVolumes) {
+  const auto digests_of = [](const std::vector<internal::ShardDescription>& shards) {
+    const auto flow = Flow({Agent("a:1", shards)});
+    std::vector<std::string> digests;
+    for (const v1::TimeStep& step : flow->dataset.time_steps()) {
+      digests.push_back(step.volumes_digest());
+    }
+    return digests;
+  };
+  const std::vector<std::string> digests = digests_of({Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})});
+  ASSERT_EQ(digests.size(), 3U);
+  for (const std::string& digest : digests) {
+    EXPECT_THAT(digest, ::testing::MatchesRegex("[0-9a-f]{32}"));
+  }
+  EXPECT_NE(digests[0], digests[1]);
+  const std::vector<std::string> fewer = digests_of({Shard(0, {0, 1}), Shard(1, {0, 1, 2})});
+  EXPECT_THAT(fewer, ElementsAre(digests[0], digests[1]));
+  std::vector<internal::ShardDescription> other = {Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})};
+  for (internal::ShardDescription& shard : other) {
+    shard.mutable_volumes(2 * 3 + 1)->set_dataset_id(IdOf(9, 9, 9));  // velocity x, step 2
+  }
+  const std::vector<std::string> changed = digests_of(other);
+  EXPECT_THAT(changed, ElementsAre(digests[0], digests[1], ::testing::Ne(digests[2])));
+}
+
 TEST(SeriesStateTest, AnAgentThatLagsIsNotUsedForTheNewStepAndIsForTheOthers) {
   // The second one has an older manifest, too.
   const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})}),

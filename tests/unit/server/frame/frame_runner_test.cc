@@ -24,7 +24,7 @@ FrameRunnerOptions Options() {
   FrameRunnerOptions options;
   options.max_concurrent_frames = 1;
   options.max_queued_frames = 1;
-  options.arena = base::MakeTaskArena(1);
+  options.arena = std::make_shared<base::TaskArena>(1);
   options.memory_limit_bytes = CoordinatorMemory::kMinLimitBytes;
   return options;
 }

@@ -1,0 +1,33 @@
+// Legacy VTK files (.vtk) of structured points.
+
+#ifndef ISOSCOPE_CORE_SOURCE_LEGACY_VTK_SERIES_H_
+#define ISOSCOPE_CORE_SOURCE_LEGACY_VTK_SERIES_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/source/volume_series.h"
+
+namespace isoscope::source {
+
+// True if a file begins so.
+bool IsLegacyVtk(absl::string_view head);
+
+// Opens the file, binary or text, versions 1 to 5. Its fields are the arrays of points or, if none
+// of those has numbers, of cells, whose samples lie at the cells' centres. Vectors, normals,
+// tensors and texture coordinates are fields of several components. Colours, tables of colours and
+// arrays of text or bits are passed over. 64-bit integers become float64 (wide_source.h). The step
+// has the time of the field data's array TIME or TimeValue. Files of text are read through once
+// here, to find where arrays begin.
+//
+// INVALID_ARGUMENT: no such file; another kind of dataset (names it, and says what to do); no array
+// of numbers, or two of one name; sizes that do not fit; the file ends early. `field` is not used.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenLegacyVtkSeries(const std::string& file,
+                                                                  const std::string& field);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_LEGACY_VTK_SERIES_H_
