@@ -270,7 +270,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
 
 Action RegisterExportFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
-  AddSessionFlags(set, &flags->session);
+  AddSessionFlags(set, &flags->session, "--input-format");
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level, in field units");
   AddRepeatableFlag(set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,

@@ -7,12 +7,23 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "core/base/status_macros.h"
+#include "core/math/elementary.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr double kMaxCosine = 3e-4;
+
+// By halving: it is for people, and libm's acos has other bits on other machines.
+double DegreesOf(double cosine) {
+  double low = 0;
+  double high = std::numbers::pi;
+  for (int i = 0; i < 40; ++i) {
+    const double middle = (low + high) / 2;
+    (math::Cos(middle) > cosine ? low : high) = middle;
+  }
+  return low * 180 / std::numbers::pi;
+}
 
 math::Vec3d ColumnOf(const AffineRows& rows, std::size_t column) {
   return {rows[0][column], rows[1][column], rows[2][column]};
@@ -40,8 +51,8 @@ absl::Status ShearError(const Shear& shear, const std::string& path) {
   return absl::InvalidArgumentError(absl::StrFormat(
       "%s: the transform of the header is sheared: axes %c and %c meet at %.4g degrees (cosine "
       "%.4g); expected right angles: resample the volume onto a straight grid",
-      path, "xyz"[shear.first_axis], "xyz"[shear.second_axis],
-      std::acos(shear.cosine) * 180 / std::numbers::pi, shear.cosine));
+      path, "xyz"[shear.first_axis], "xyz"[shear.second_axis], DegreesOf(shear.cosine),
+      shear.cosine));
 }
 
 absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,

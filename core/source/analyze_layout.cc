@@ -21,6 +21,7 @@
 #include "core/base/status_macros.h"
 #include "core/source/binary_header.h"
 #include "core/source/data_files.h"
+#include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 
 namespace isoscope::source {
@@ -89,15 +90,13 @@ absl::Status SetAnalyzeGrid(const BinaryHeader& header, const std::string& path,
 }  // namespace
 
 absl::StatusOr<FileLayout> ReadAnalyzeLayout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const FileHead head, ReadFileHead(path, kAnalyzeHeaderBytes));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(path, kAnalyzeHeaderBytes));
   if (head.bytes.size() < kAnalyzeHeaderBytes) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: the Analyze header has %d bytes, expected %d: the file is cut", path,
                         head.bytes.size(), kAnalyzeHeaderBytes));
   }
-  constexpr std::int32_t kSize = kAnalyzeHeaderBytes;
-  const BinaryHeader header(head.bytes,
-                            BinaryHeader(head.bytes, true).Load<std::int32_t>(0) == kSize);
+  const BinaryHeader header(head.bytes, BeginsBigEndian(head.bytes, kAnalyzeHeaderBytes));
   FileLayout layout;
   ISOSCOPE_RETURN_IF_ERROR(SetAnalyzeGrid(header, path, &layout));
   SampleLocation& location = layout.location;

@@ -6,13 +6,25 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <utility>
+
+#include "absl/strings/string_view.h"
 
 #include "core/base/check.h"
 #include "core/base/coding.h"
 
 namespace isoscope::source {
+
+// Whether the header begins with that number in big-endian order.
+inline bool BeginsBigEndian(absl::string_view bytes, std::uint32_t number) {
+  std::uint32_t first = 0;
+  for (std::size_t i = 0; i < sizeof(first) && i < bytes.size(); ++i) {
+    first = first << 8 | static_cast<unsigned char>(bytes[i]);
+  }
+  return first == number;
+}
 
 class BinaryHeader {
  public:

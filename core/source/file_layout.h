@@ -11,6 +11,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/rescale.h"
 #include "core/source/sample_location.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
@@ -19,13 +20,6 @@
 #include "core/volume/patient_frame.h"
 
 namespace isoscope::source {
-
-struct Rescaling {
-  double slope = 1;
-  double intercept = 0;
-
-  friend bool operator==(const Rescaling&, const Rescaling&) = default;
-};
 
 // A plane of samples that lies by itself.
 struct StoredSlice {

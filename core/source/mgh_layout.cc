@@ -20,6 +20,7 @@
 #include "core/base/status_macros.h"
 #include "core/source/affine_grid.h"
 #include "core/source/binary_header.h"
+#include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 
 namespace isoscope::source {
@@ -67,7 +68,7 @@ AffineRows MghTransform(const BinaryHeader& header, const std::array<std::int64_
 }  // namespace
 
 absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const FileHead head, ReadFileHead(path, kMghHeaderBytes));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(path, kMghHeaderBytes));
   if (head.bytes.size() < kMghHeaderBytes) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: the MGH header has %d bytes, expected %d: the file is cut", path,
@@ -88,7 +89,9 @@ absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d frames in the MGH header; expected 1 or more", path, layout.steps));
   }
-  layout.location = {.files = {path}, .encoding = head.encoding, .is_big_endian = true};
+  layout.location = {.files = {path},
+                     .encoding = head.is_gzip ? SampleEncoding::kDeflate : SampleEncoding::kRaw,
+                     .is_big_endian = true};
   (layout.location.is_encoded() ? layout.location.decoded_skip : layout.location.offset) =
       kMghHeaderBytes;
   layout.location.volume_count = layout.steps;

@@ -14,11 +14,16 @@
 //   byte 400  double[12] rows of the sform
 //   byte 500  int32      units, of space in bits 0 to 2, of time in bits 3 to 5
 //
+// Files of NIfTI-1 whose names do not say so are read here, too; ITK reads the others, which it
+// knows by their names (nifti_location.cc has the bytes).
+//
 // Source: https://nifti.nimh.nih.gov/nifti-2, nifti2.h; the transforms as in nifti1.h.
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -28,6 +33,7 @@
 #include "core/base/status_macros.h"
 #include "core/source/affine_grid.h"
 #include "core/source/binary_header.h"
+#include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 #include "core/source/nifti_layout.h"
 #include "core/source/sample_location.h"
@@ -35,20 +41,69 @@
 namespace isoscope::source {
 namespace {
 
+constexpr std::size_t kNifti1HeaderBytes = 348;
 constexpr std::size_t kNifti2HeaderBytes = 540;
 
-AffineRows SformOf(const BinaryHeader& header) {
-  AffineRows rows;
-  for (std::size_t i = 0; i < 12; ++i) {
-    rows[i / 4][i % 4] = header.Load<double>(400 + 8 * i);
-  }
-  return rows;
-}
+// The numbers of a header of either version.
+class NiftiNumbers {
+ public:
+  NiftiNumbers(std::string bytes, bool is_big_endian, bool is_second)
+      : header_(std::move(bytes), is_big_endian), is_second_(is_second) {}
 
-AffineRows QformOf(const BinaryHeader& header) {
-  double b = header.Load<double>(352);
-  double c = header.Load<double>(360);
-  double d = header.Load<double>(368);
+  [[nodiscard]] const char* name() const { return is_second_ ? "NIfTI-2" : "NIfTI-1"; }
+  [[nodiscard]] bool is_big_endian() const { return header_.is_big_endian(); }
+  [[nodiscard]] std::int16_t datatype() const {
+    return header_.Load<std::int16_t>(is_second_ ? 12 : 70);
+  }
+  // Number 0 counts the axes.
+  [[nodiscard]] std::int64_t Size(std::size_t number) const {
+    return is_second_ ? header_.Load<std::int64_t>(16 + 8 * number)
+                      : header_.Load<std::int16_t>(40 + 2 * number);
+  }
+  // Number 0 has the sign of z in the qform.
+  [[nodiscard]] double Distance(std::size_t number) const { return Real(76, 104, number); }
+  [[nodiscard]] double skip() const {
+    return is_second_ ? static_cast<double>(header_.Load<std::int64_t>(168))
+                      : static_cast<double>(header_.Load<float>(108));
+  }
+  [[nodiscard]] double slope() const { return Real(112, 176, 0); }
+  [[nodiscard]] double intercept() const { return Real(112, 176, 1); }
+  [[nodiscard]] std::int32_t units() const {
+    return is_second_ ? header_.Load<std::int32_t>(500) : header_.Load<std::uint8_t>(123);
+  }
+  [[nodiscard]] bool has_qform() const { return Code(252, 344) > 0; }
+  [[nodiscard]] bool has_sform() const { return Code(254, 348) > 0; }
+  // b, c, d, and the offset x, y, z.
+  [[nodiscard]] double Quaternion(std::size_t number) const { return Real(256, 352, number); }
+  [[nodiscard]] AffineRows Sform() const {
+    AffineRows rows;
+    for (std::size_t i = 0; i < 12; ++i) {
+      rows[i / 4][i % 4] = Real(280, 400, i);
+    }
+    return rows;
+  }
+  [[nodiscard]] bool is_pair() const {
+    return header_.bytes().substr(is_second_ ? 4 : 344, 3) == (is_second_ ? "ni2" : "ni1");
+  }
+
+ private:
+  // Of a row of numbers that begins at these bytes in the two versions.
+  [[nodiscard]] double Real(std::size_t first, std::size_t second, std::size_t number) const {
+    return is_second_ ? header_.Load<double>(second + 8 * number)
+                      : static_cast<double>(header_.Load<float>(first + 4 * number));
+  }
+  [[nodiscard]] std::int32_t Code(std::size_t first, std::size_t second) const {
+    return is_second_ ? header_.Load<std::int32_t>(second) : header_.Load<std::int16_t>(first);
+  }
+
+  const BinaryHeader header_;
+  const bool is_second_;
+};
+
+AffineRows QformOf(const NiftiNumbers& header) {
+  double b = header.Quaternion(0);
+  double c = header.Quaternion(1);
+  double d = header.Quaternion(2);
   double a = 1 - (b * b + c * c + d * d);
   if (a < 1e-7) {
     const double scale = 1 / std::sqrt(b * b + c * c + d * d);
@@ -59,41 +114,35 @@ AffineRows QformOf(const BinaryHeader& header) {
   } else {
     a = std::sqrt(a);
   }
-  const double flip = header.Load<double>(104) < 0 ? -1 : 1;
-  const AffineRows rotation{
-      {{a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c), 0},
-       {2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b), 0},
-       {2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - c * c - b * b, 0}}};
-  AffineRows rows = rotation;
+  const double flip = header.Distance(0) < 0 ? -1 : 1;
+  AffineRows rows{{{a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c), 0},
+                   {2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b), 0},
+                   {2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - c * c - b * b, 0}}};
   for (std::size_t r = 0; r < 3; ++r) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double distance = header.Load<double>(112 + 8 * axis);
+      const double distance = header.Distance(axis + 1);
       rows[r][axis] *= (distance > 0 ? distance : 1) * (axis == 2 ? flip : 1);
     }
-    rows[r][3] = header.Load<double>(376 + 8 * r);
+    rows[r][3] = header.Quaternion(3 + r);
   }
   return rows;
 }
 
 // The transform of indices to RAS, in the file's unit of length.
-absl::StatusOr<AffineRows> TransformOf(const BinaryHeader& header, const std::string& path,
-                                       bool* is_set) {
-  const bool has_qform = header.Load<std::int32_t>(344) > 0;
-  const bool has_sform = header.Load<std::int32_t>(348) > 0;
-  *is_set = has_qform || has_sform;
-  const std::optional<Shear> shear = has_sform ? FindShear(SformOf(header)) : std::nullopt;
-  if (shear.has_value() && !has_qform) {
+absl::StatusOr<AffineRows> TransformOf(const NiftiNumbers& header, const std::string& path) {
+  const std::optional<Shear> shear = header.has_sform() ? FindShear(header.Sform()) : std::nullopt;
+  if (shear.has_value() && !header.has_qform()) {
     return ShearError(*shear, path);
   }
-  if (has_sform && !shear.has_value()) {
-    return SformOf(header);
+  if (header.has_sform() && !shear.has_value()) {
+    return header.Sform();
   }
-  if (has_qform) {
+  if (header.has_qform()) {
     return QformOf(header);
   }
   AffineRows rows{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double distance = header.Load<double>(112 + 8 * axis);
+    const double distance = header.Distance(axis + 1);
     rows[axis][axis] = distance > 0 ? distance : 1;
   }
   return rows;
@@ -111,88 +160,84 @@ double MillimetresOf(std::int32_t units) {
   }
 }
 
-absl::Status SetNifti2Axes(const BinaryHeader& header, const std::string& path,
-                           FileLayout* layout) {
+absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, FileLayout* layout) {
   constexpr std::int64_t kMaxVolumes = std::int64_t{1} << 31;
-  const auto axes = header.Load<std::int64_t>(16);
+  const std::int64_t axes = header.Size(0);
   std::array<std::int64_t, 7> dims{1, 1, 1, 1, 1, 1, 1};
   if (axes < 1 || axes > 7) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: %d axes in the NIfTI-2 header; expected 1 to 7", path, axes));
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d axes in the %s header; expected 1 to 7", path, axes, header.name()));
   }
   for (std::size_t axis = 0; axis < static_cast<std::size_t>(axes); ++axis) {
-    dims[axis] = header.Load<std::int64_t>(24 + 8 * axis);
+    dims[axis] = header.Size(axis + 1);
   }
   if (*std::min_element(dims.begin(), dims.end()) < 1 || dims[5] != 1 || dims[6] != 1 ||
       dims[3] > kMaxVolumes || dims[4] > kMaxVolumes) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: %s samples in the NIfTI-2 header; expected x, y, z, time and components", path,
-        absl::StrJoin(dims, " x ")));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %s samples in the %s header; expected x, y, z, time and components",
+                        path, absl::StrJoin(dims, " x "), header.name()));
   }
   layout->steps = dims[3];
   layout->components = dims[4];
   layout->location.volume_count = dims[3] * dims[4];
-  bool is_set = false;
-  ISOSCOPE_ASSIGN_OR_RETURN(AffineRows rows, TransformOf(header, path, &is_set));
-  const auto units = header.Load<std::int32_t>(500);
+  ISOSCOPE_ASSIGN_OR_RETURN(AffineRows rows, TransformOf(header, path));
   for (std::array<double, 4>& row : rows) {
     for (double& number : row) {
-      number *= MillimetresOf(units);
+      number *= MillimetresOf(header.units());
     }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows,
                                                              PatientWorld::kRas, path));
-  if (is_set) {
+  if (header.has_qform() || header.has_sform()) {
     layout->patient_frame.emplace();
   }
-  layout->length_unit = (units & 7) >= 1 && (units & 7) <= 3 ? "mm" : "";
-  const auto interval = header.Load<double>(136);
+  const std::int32_t length_unit = header.units() & 7;
+  layout->length_unit = length_unit >= 1 && length_unit <= 3 ? "mm" : "";
+  const double interval = header.Distance(4);
   if (std::isfinite(interval) && interval > 0) {
     layout->interval = interval;
-    layout->time_unit = NiftiTimeUnit(static_cast<std::uint8_t>(units & 0xff));
+    layout->time_unit = NiftiTimeUnit(static_cast<std::uint8_t>(header.units() & 0xff));
   }
   return absl::OkStatus();
 }
 
 }  // namespace
 
-absl::StatusOr<FileLayout> ReadNifti2Layout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const FileHead head, ReadFileHead(path, kNifti2HeaderBytes));
-  if (head.bytes.size() < kNifti2HeaderBytes) {
+absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(path, kNifti2HeaderBytes));
+  const bool is_second = IsNifti2Header(head.bytes);
+  const std::size_t header_bytes = is_second ? kNifti2HeaderBytes : kNifti1HeaderBytes;
+  if (head.bytes.size() < header_bytes) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: the NIfTI-2 header has %d bytes, expected %d: the file is cut", path,
-                        head.bytes.size(), kNifti2HeaderBytes));
+        absl::StrFormat("%s: the NIfTI header has %d bytes, expected %d: the file is cut", path,
+                        head.bytes.size(), header_bytes));
   }
-  constexpr std::int32_t kSize = kNifti2HeaderBytes;
-  const BinaryHeader header(head.bytes,
-                            BinaryHeader(head.bytes, true).Load<std::int32_t>(0) == kSize);
+  const bool is_big_endian =
+      BeginsBigEndian(head.bytes, static_cast<std::uint32_t>(header_bytes));
+  const NiftiNumbers header(head.bytes, is_big_endian, is_second);
   FileLayout layout;
-  ISOSCOPE_RETURN_IF_ERROR(SetNifti2Axes(header, path, &layout));
+  ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
   SampleLocation& location = layout.location;
-  location.is_big_endian = header.is_big_endian();
-  ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type,
-                            NiftiSampleType(header.Load<std::int16_t>(12), path));
-  auto skip = header.Load<std::int64_t>(168);
-  if (skip < 0) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: NIfTI-2 vox_offset %d; expected 0 or more", path, skip));
+  location.is_big_endian = is_big_endian;
+  ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, NiftiSampleType(header.datatype(), path));
+  if (!(header.skip() >= 0 && header.skip() < 0x1p53)) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: %s vox_offset %g; expected 0 or more",
+                                                      path, header.name(), header.skip()));
   }
-  if (absl::StartsWith(absl::string_view(head.bytes).substr(4), "n+2")) {
-    location.files = {path};
-    location.encoding = head.encoding;
-    skip = std::max(skip, std::int64_t{kNifti2HeaderBytes});
-  } else {
+  auto skip = static_cast<std::int64_t>(header.skip());
+  bool is_gzip = head.is_gzip;
+  if (header.is_pair()) {
     ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
-    location.encoding = absl::EndsWithIgnoreCase(location.files.front(), ".gz")
-                            ? SampleEncoding::kDeflate
-                            : SampleEncoding::kRaw;
+    is_gzip = absl::EndsWithIgnoreCase(location.files.front(), ".gz");
+  } else {
+    location.files = {path};
+    skip = std::max(skip, static_cast<std::int64_t>(header_bytes));
   }
+  location.encoding = is_gzip ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
   (location.is_encoded() ? location.decoded_skip : location.offset) = skip;
-  const auto slope = header.Load<double>(176);
-  const auto intercept = header.Load<double>(184);
-  if (std::isfinite(slope) && std::isfinite(intercept) && slope != 0) {
-    location.slope = slope;
-    location.intercept = intercept;
+  if (std::isfinite(header.slope()) && std::isfinite(header.intercept()) && header.slope() != 0) {
+    location.slope = header.slope();
+    location.intercept = header.intercept();
   }
   return layout;
 }

@@ -35,6 +35,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 #include "core/source/affine_grid.h"
 #include "core/source/layout_formats.h"
@@ -270,8 +271,8 @@ absl::StatusOr<AffineRows> ParTransform(const ParHeader& header, const math::Ind
                                           orientation));
   }
   const auto turn = [](double degrees, int axis) {
-    const double cosine = std::cos(degrees * std::numbers::pi / 180);
-    const double sine = std::sin(degrees * std::numbers::pi / 180);
+    const double cosine = math::Cos(degrees * std::numbers::pi / 180);
+    const double sine = math::Sin(degrees * std::numbers::pi / 180);
     math::Mat3d m;
     const auto a = static_cast<std::size_t>((axis + 1) % 3);
     const auto b = static_cast<std::size_t>((axis + 2) % 3);

@@ -9,6 +9,13 @@
 
 namespace isoscope::source {
 
+struct Rescaling {
+  double slope = 1;
+  double intercept = 0;
+
+  friend bool operator==(const Rescaling&, const Rescaling&) = default;
+};
+
 // float32 if it holds every stored value, as in ITK; else float64, where ITK would round.
 volume::ScalarType RescaledType(volume::ScalarType stored);
 

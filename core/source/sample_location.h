@@ -6,6 +6,7 @@
 #define ISOSCOPE_CORE_SOURCE_SAMPLE_LOCATION_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -52,6 +53,13 @@ absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::strin
 absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
+
+// The format of a file whose header ITK reads: by the ending of the name (NIfTI: .nii .hdr .img,
+// each also .gz but .hdr; NRRD: .nrrd .nhdr; MetaImage: .mha .mhd), else by the first bytes of an
+// existing file (NRRD, MetaImage). Not set for others.
+std::optional<FileFormat> SampleFormatOf(const std::string& path);
+// "nifti", "nrrd", "metaimage", in any case; not set for other names.
+std::optional<FileFormat> SampleFormatFromName(const std::string& name);
 
 // The header file of a NIfTI pair: "a.hdr" for "a.img" and "a.img.gz"; else `path` itself.
 std::string NiftiHeaderPath(const std::string& path);

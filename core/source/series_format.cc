@@ -4,15 +4,20 @@
 #include <cstddef>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/file_layout.h"
 #include "core/source/file_start.h"
+#include "core/source/layout_formats.h"
 #include "core/source/legacy_vtk_series.h"
+#include "core/source/minc_source.h"
 #include "core/source/mrc_series.h"
 #include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
@@ -107,6 +112,29 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeS
   return std::make_unique<PartSeries>(std::move(series), field, component);
 }
 
+// A format whose header file says all.
+template <bool (*is_content)(absl::string_view),
+          absl::StatusOr<FileLayout> (*read)(const std::string&)>
+SeriesFormat LayoutRow(absl::string_view name, std::vector<std::string> endings) {
+  return {.name = name,
+          .endings = std::move(endings),
+          .is_content = is_content,
+          .open = [](const std::string& file, const std::string& field,
+                     const std::string& /*part*/) -> absl::StatusOr<std::unique_ptr<VolumeSeries>> {
+            ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, read(LayoutHeaderPath(file)));
+            return MakeLayoutSeries(file, field, std::move(layout));
+          },
+          .find_files = [](const std::string& file) -> absl::StatusOr<std::vector<std::string>> {
+            std::vector<std::string> files = {LayoutHeaderPath(file)};
+            ISOSCOPE_ASSIGN_OR_RETURN(const FileLayout layout, read(files.front()));
+            const std::vector<std::string>& others = layout.location.files;
+            if (others.front() != files.front()) {
+              files.insert(files.end(), others.begin(), others.end());
+            }
+            return files;
+          }};
+}
+
 }  // namespace
 
 const std::vector<SeriesFormat>& SeriesFormats() {
@@ -116,6 +144,17 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .is_content = IsMrcHeader,
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenMrcSeries(file, field); }},
+      {.name = "MINC",
+       .endings = {".mnc"},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenMincSeries(file, field); }},
+      // These three share their endings; ITK reads NIfTI-1 where the name has one of them.
+      LayoutRow<IsNifti1Header, ReadNiftiHeaderLayout>(kNifti1Name, {}),
+      LayoutRow<IsNifti2Header, ReadNiftiHeaderLayout>("NIfTI-2", {}),
+      LayoutRow<IsAnalyzeHeader, ReadAnalyzeLayout>("Analyze", {}),
+      LayoutRow<IsMghHeader, ReadMghLayout>("MGH", {".mgh", ".mgz", ".mgh.gz"}),
+      LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
+      LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,
@@ -133,9 +172,26 @@ const std::vector<SeriesFormat>& SeriesFormats() {
 }
 
 std::string ListedSeriesFormats() {
-  return absl::StrJoin(SeriesFormats(), ", ", [](std::string* out, const SeriesFormat& format) {
-    absl::StrAppend(out, format.name, " (", absl::StrJoin(format.endings, " "), ")");
-  });
+  std::vector<std::string> texts;
+  for (const SeriesFormat& format : SeriesFormats()) {
+    if (!format.endings.empty()) {
+      texts.push_back(absl::StrCat(format.name, " (", absl::StrJoin(format.endings, " "), ")"));
+    }
+  }
+  return absl::StrJoin(texts, ", ");
+}
+
+std::string FormatNameOf(const SeriesFormat& format) {
+  return absl::StrReplaceAll(absl::AsciiStrToLower(format.name), {{" ", "-"}});
+}
+
+const SeriesFormat* FindSeriesFormat(absl::string_view name) {
+  for (const SeriesFormat& format : SeriesFormats()) {
+    if (FormatNameOf(format) == name) {
+      return &format;
+    }
+  }
+  return nullptr;
 }
 
 std::optional<SeriesFile> FindSeriesFileByName(const std::string& path) {
@@ -161,6 +217,11 @@ std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path) {
   return std::nullopt;
 }
 
+std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path) {
+  std::optional<SeriesFile> file = FindSeriesFileByContent(header_path);
+  return file.has_value() && file->format->name != kNifti1Name ? file : std::nullopt;
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
                                                              const std::string& field) {
   if (!io::PathExists(file.file)) {
@@ -174,23 +235,30 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& f
   return file.part.empty() ? std::move(series) : SelectPart(std::move(series), file);
 }
 
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& series,
+                                                             const std::string& file,
+                                                             bool has_parts) {
+  const std::vector<SourceField>& fields = series.fields();
+  if (fields.size() > 1 || fields[0].components.size() > 1 || series.step_count() > 1) {
+    const SourceField& first = fields[0];
+    const std::string steps =
+        series.step_count() > 1 ? absl::StrFormat(" at %d steps", series.step_count()) : "";
+    const std::string choice =
+        absl::StrCat(file, ":", first.name,
+                     first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`", file,
+        ListedFields(fields), steps,
+        steps.empty() && has_parts ? absl::StrCat("choose one, as in ", choice, ", or ") : "",
+        file));
+  }
+  return series.Open(0, 0, 0);
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
                             OpenSeriesFile(file, "volume"));
-  const std::vector<SourceField>& fields = series->fields();
-  if (fields.size() > 1 || fields[0].components.size() > 1 || series->step_count() > 1) {
-    const SourceField& first = fields[0];
-    const std::string steps =
-        series->step_count() > 1 ? absl::StrFormat(" at %d steps", series->step_count()) : "";
-    const std::string choice =
-        absl::StrCat(file.file, ":", first.name,
-                     first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`",
-        file.file, ListedFields(fields), steps,
-        steps.empty() ? absl::StrCat("choose one, as in ", choice, ", or ") : "", file.file));
-  }
-  return series->Open(0, 0, 0);
+  return OpenOnlyVolume(*series, file.file, true);
 }
 
 }  // namespace isoscope::source
