@@ -35,6 +35,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/math/elementary.h"
 #include "core/source/file_start.h"
 #include "core/source/located_series.h"
 
@@ -159,7 +160,7 @@ absl::StatusOr<math::Mat3d> CellDirections(const MrcHeader& header) {
   if (angles == std::array<double, 3>{90, 90, 90}) {
     return math::Mat3d{};
   }
-  const auto cosine = [](double degrees) { return std::cos(degrees * std::numbers::pi / 180); };
+  const auto cosine = [](double degrees) { return math::Cos(degrees * std::numbers::pi / 180); };
   const double a = cosine(angles[0]);
   const double b = cosine(angles[1]);
   const double c = cosine(angles[2]);
