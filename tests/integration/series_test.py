@@ -12,6 +12,7 @@ import itertools
 import json
 import math
 import os
+import pathlib
 import shutil
 import signal
 import socket
@@ -280,7 +281,7 @@ class SeriesTest(unittest.TestCase):
           del os.environ['ISOSCOPE_PLAY_AHEAD']
           names = sorted(os.listdir(own))
           self.assertEqual(len(names), STEPS)
-          pictures.append([open(os.path.join(own, name), 'rb').read() for name in names])
+          pictures.append([pathlib.Path(own, name).read_bytes() for name in names])
       for other in pictures[1:]:
         self.assertEqual(pictures[0], other, steps)
 
