@@ -32,6 +32,7 @@
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/field_selection.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -431,8 +432,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     const bool may_change = DependsOnLaterSteps(render_.selection(), dataset_);
     std::string digest;
     if (!dataset_.fields().empty()) {
-      const auto selection = ResolveSelection(render_.selection(), dataset_);
-      if (!selection) {
+      const auto selection = rpc::ResolveSelection(render_.selection(), dataset_);
+      if (!selection.ok()) {
         Render({{"Cache-Control", "no-store"}});  // the coordinator says what there is
         return;
       }

@@ -1,19 +1,17 @@
 #include "server/cluster/series_state.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <tuple>
 #include <utility>
 
 #include "absl/status/status.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 
-#include "core/base/error_reason.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/field_selection.h"
+#include "core/rpc/surface_convert.h"
 #include "server/cluster/dataset_catalog.h"
 
 namespace isoscope::server {
@@ -22,64 +20,8 @@ namespace {
 namespace v1 = isoscope::v1;
 using store::ScalarVolumeKey;
 
-// A message names this many steps, and then says "...".
-constexpr std::size_t kMaxNamedSteps = 16;
-
-std::string Quoted(const std::string& text) {
-  constexpr std::size_t kMaxBytes = 100;
-  return absl::StrCat("\"", absl::CHexEscape(text.substr(0, kMaxBytes)), "\"");
-}
-
-template <typename Named>
-std::string JoinNames(const google::protobuf::RepeatedPtrField<Named>& named) {
-  return absl::StrJoin(named, ", ", [](std::string* out, const Named& one) {
-    absl::StrAppend(out, "\"", one.name(), "\"");
-  });
-}
-
-// Indices of a field and a component.
-struct FieldPlace {
-  int field = 0;
-  int component = 0;
-};
-
-// `path` names the message in errors.
-absl::StatusOr<FieldPlace> FindField(const v1::Dataset& dataset, const std::string& field,
-                                     const std::string& component, const std::string& path) {
-  FieldPlace place;
-  if (!field.empty()) {
-    const auto found = std::find_if(dataset.fields().begin(), dataset.fields().end(),
-                                    [&](const v1::Field& of) { return of.name() == field; });
-    if (found == dataset.fields().end()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, "field is ", Quoted(field),
-                                                     ": dataset \"", dataset.name(), "\" has ",
-                                                     JoinNames(dataset.fields())));
-    }
-    place.field = static_cast<int>(found - dataset.fields().begin());
-  }
-  const v1::Field& chosen = dataset.fields(place.field);
-  place.component = chosen.components_size() - 1;  // the only one, or the magnitude
-  if (component.empty()) {
-    return place;
-  }
-  // A number names a component, too.
-  for (int i = 0; i < chosen.components_size(); ++i) {
-    const std::string& name = chosen.components(i).name();
-    const bool is_own = name != store::kMagnitudeName;
-    if (name == component ||
-        (is_own && chosen.components_size() > 1 && component == absl::StrCat(i))) {
-      place.component = i;
-      return place;
-    }
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat(path, "component is ", Quoted(component), ": field \"", chosen.name(), "\" has ",
-                   chosen.components_size() == 1 ? "one component, without a name"
-                                                 : JoinNames(chosen.components())));
-}
-
 // The steps at which a component is offered, ascending.
-std::vector<int> StepsOf(const SeriesState& series, const FieldPlace& place) {
+std::vector<int> OfferedSteps(const SeriesState& series, const rpc::FieldPlace& place) {
   std::vector<int> steps;
   for (const auto& [key, id] : series.offered) {
     if (key.field == place.field && key.component == place.component) {
@@ -87,86 +29,6 @@ std::vector<int> StepsOf(const SeriesState& series, const FieldPlace& place) {
     }
   }
   return steps;  // keys ascend by step
-}
-
-std::string DescribeSteps(const std::vector<int>& steps) {
-  if (steps.empty()) {
-    return "none";
-  }
-  if (static_cast<std::size_t>(steps.back() - steps.front()) + 1 == steps.size()) {
-    return steps.size() == 1 ? absl::StrCat(steps.front())
-                             : absl::StrCat(steps.front(), " to ", steps.back());
-  }
-  const std::size_t named = std::min(steps.size(), kMaxNamedSteps);
-  return absl::StrCat(
-      absl::StrJoin(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(named), ", "),
-      named < steps.size() ? absl::StrCat(", ... (", steps.size(), " in all)") : "");
-}
-
-// The time of a step; not set if the dataset has no times.
-std::optional<double> TimeOf(const v1::Dataset& dataset, int step) {
-  for (const v1::TimeStep& time : dataset.time_steps()) {
-    if (time.number() == step) {
-      return time.value();
-    }
-  }
-  return std::nullopt;
-}
-
-// Returns the nearest of `steps`, which ascend with their times; of two the earlier. Compares two
-// neighbours alone: distances from far away would round to one number.
-int NearestStep(const v1::Dataset& dataset, const std::vector<int>& steps, double time) {
-  const auto next = std::find_if(steps.begin(), steps.end(), [&](int step) {
-    return TimeOf(dataset, step).value_or(0) >= time;
-  });
-  if (next == steps.begin()) {
-    return *next;
-  }
-  const int before = *(next - 1);
-  if (next == steps.end()) {
-    return before;
-  }
-  const double to_next = TimeOf(dataset, *next).value_or(0) - time;
-  return time - TimeOf(dataset, before).value_or(0) <= to_next ? before : *next;
-}
-
-absl::StatusOr<int> ChooseStep(const v1::Dataset& dataset, const v1::FieldSelection& selection,
-                               const std::vector<int>& steps) {
-  if (steps.empty()) {
-    return base::WithReason(
-        absl::FailedPreconditionError(absl::StrCat(
-            "dataset \"", dataset.name(), "\": no step of the field is served by all shards yet")),
-        base::ErrorReason::kDatasetIncomplete);
-  }
-  switch (selection.when_case()) {
-    case v1::FieldSelection::kTimeStep: {
-      const int step = selection.time_step();
-      if (step == -1) {
-        return steps.back();
-      }
-      if (!std::binary_search(steps.begin(), steps.end(), step)) {
-        return absl::NotFoundError(absl::StrCat("selection.time_step is ", step, ": dataset \"",
-                                                dataset.name(), "\" serves steps ",
-                                                DescribeSteps(steps), " of the field"));
-      }
-      return step;
-    }
-    case v1::FieldSelection::kTime: {
-      if (!std::isfinite(selection.time())) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("selection.time is ", selection.time(), ": must be finite"));
-      }
-      if (!TimeOf(dataset, steps.front()).has_value()) {
-        return absl::InvalidArgumentError(absl::StrCat("selection.time is ", selection.time(),
-                                                       ": dataset \"", dataset.name(),
-                                                       "\" has no times"));
-      }
-      return NearestStep(dataset, steps, selection.time());
-    }
-    case v1::FieldSelection::WHEN_NOT_SET:
-      return steps.back();
-  }
-  return steps.back();
 }
 
 // Shards by the agents that have all of `ids`.
@@ -228,20 +90,6 @@ absl::Status CheckAllShards(const SeriesState& series, const v1::Dataset& datase
   return absl::OkStatus();
 }
 
-// The range of a colour map that the request leaves out. It holds more than one value.
-void SetRange(const v1::FieldComponent& component, v1::ColorBy* color_by) {
-  if (color_by->has_range()) {
-    return;
-  }
-  const bool is_known = component.has_value_range() &&
-                        std::isfinite(component.value_range().min()) &&
-                        std::isfinite(component.value_range().max());
-  const double min = is_known ? component.value_range().min() : 0;
-  const double max = is_known ? component.value_range().max() : 1;
-  color_by->mutable_range()->set_min(min);
-  color_by->mutable_range()->set_max(max > min ? max : min + std::max(1.0, std::abs(min)));
-}
-
 absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection* selection,
                            const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces) {
   if (selection != nullptr) {
@@ -251,7 +99,7 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   for (int i = 0; i < surfaces.size(); ++i) {
     if (surfaces[i].color_by().quantity() == v1::ColorBy::QUANTITY_FIELD) {
       return absl::InvalidArgumentError(absl::StrCat(
-          "surfaces[", i, "].color_by.field is ", Quoted(surfaces[i].color_by().field()),
+          "surfaces[", i, "].color_by.field is ", rpc::QuotedName(surfaces[i].color_by().field()),
           ": dataset \"", dataset.name(), "\" has one field"));
     }
   }
@@ -347,9 +195,11 @@ absl::StatusOr<SelectedVolume> SelectVolume(
   }
   const SeriesState& series = *dataset->series;
   const v1::FieldSelection asked = selection != nullptr ? *selection : v1::FieldSelection();
-  ISOSCOPE_ASSIGN_OR_RETURN(const FieldPlace place,
-                            FindField(description, asked.field(), asked.component(), "selection."));
-  ISOSCOPE_ASSIGN_OR_RETURN(const int step, ChooseStep(description, asked, StepsOf(series, place)));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const rpc::FieldPlace place,
+      rpc::FindField(description, asked.field(), asked.component(), "selection."));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int step,
+                            rpc::ChooseStep(description, asked, OfferedSteps(series, place)));
   const ScalarVolumeKey key{.field = place.field, .component = place.component, .step = step};
   std::map<ScalarVolumeKey, std::string> ids = {{key, series.offered.at(key)}};
 
@@ -360,22 +210,24 @@ absl::StatusOr<SelectedVolume> SelectVolume(
     }
     v1::ColorBy* const color_by = surface.mutable_color_by();
     const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
-    ISOSCOPE_ASSIGN_OR_RETURN(const FieldPlace color, FindField(description, color_by->field(),
-                                                                color_by->component(), path));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const rpc::FieldPlace color,
+        rpc::FindField(description, color_by->field(), color_by->component(), path));
     const ScalarVolumeKey color_key{
         .field = color.field, .component = color.component, .step = step};
     const auto offered = series.offered.find(color_key);
     if (offered == series.offered.end()) {
-      return absl::NotFoundError(
-          absl::StrCat(path, "field is ", Quoted(color_by->field()), ": served at steps ",
-                       DescribeSteps(StepsOf(series, color)), ", the surfaces are of step ", step));
+      return absl::NotFoundError(absl::StrCat(
+          path, "field is ", rpc::QuotedName(color_by->field()), ": served at steps ",
+          rpc::DescribeSteps(OfferedSteps(series, color)), ", the surfaces are of step ", step));
     }
     ids.insert(*offered);
     selected.color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
     selected.color_dataset_ids[static_cast<std::size_t>(i)] = offered->second;
-    const v1::FieldComponent& component =
-        description.fields(color.field).components(color.component);
-    SetRange(component, color_by);
+    if (!color_by->has_range()) {
+      *color_by->mutable_range() =
+          rpc::ColorRangeOf(description.fields(color.field).components(color.component));
+    }
   }
 
   auto volume = std::make_shared<DatasetState>();
@@ -405,7 +257,7 @@ absl::StatusOr<SelectedVolume> SelectVolume(
   used.set_field(field.name());
   used.set_component(component.name());
   used.set_time_step(step);
-  selected.time = TimeOf(description, step);
+  selected.time = rpc::TimeOf(description, step);
   return selected;
 }
 

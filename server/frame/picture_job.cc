@@ -147,7 +147,7 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
   ISOSCOPE_RETURN_IF_ERROR(
-      rpc::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
+      rpc::ResolveGradientRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
   *response->mutable_camera() = asked_.request.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(asked_.spec, target.view.geometry(), response);
