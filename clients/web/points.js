@@ -4,6 +4,7 @@
 import { make, page } from './elements.js';
 import { announcer, say } from './messages.js';
 import { client, shown, unit } from './page-view.js';
+import { hasAllFields, valuesOf } from './series.js';
 import { format } from './values.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
@@ -20,7 +21,8 @@ export function listenToPoints(series) {
     /** @type {FrameRequest} */
     const frame = { ...series.pinned(shown.getState()), viewport: { widthPx: width, heightPx: height } };
     try {
-      const response = await client.post(`v1/datasets/${encodeURIComponent(frame.dataset ?? '')}/pick`, { frame, pixels: [{ x, y }] });
+      const request = { frame, pixels: [{ x, y }], ...(hasAllFields(shown.dataset, frame.selection) ? { withFieldValues: true } : {}) };
+      const response = await client.post(`v1/datasets/${encodeURIComponent(frame.dataset ?? '')}/pick`, request);
       const point = (await response.json()).points?.[0];
       if (!point?.isHit) {
         picks = [];
@@ -50,8 +52,9 @@ function distanceOfPicks() {
 function sentenceOfPicks() {
   const pick = picks.at(-1);
   const distance = distanceOfPicks();
+  const values = pick ? valuesOf(pick.point, shown.dataset, format).map(({ name, text }) => ` ${name}: ${text}.`).join('') : '';
   return !pick ? 'There is no surface at this point.' : `Point ${'AB'[picks.length - 1]}: position ` +
-    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. Value ${format(pick.isovalue)}.` +
+    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. Value ${format(pick.isovalue)}.${values}` +
     (distance ? ` A to B: ${distance}.` : '');
 }
 
@@ -71,6 +74,7 @@ function drawPoints() {
     return [make('h3', {}, `Point ${'AB'[i]}`, ...(i === 0 ? [make('button', { className: 'small', onclick: clearPoints }, 'Clear')] : [])),
       make('dl', {}, make('dt', {}, 'position'), make('dd', { className: 'position' }, text({ x: pick.position[0], y: pick.position[1], z: pick.position[2] })),
         make('dt', {}, 'value'), make('dd', {}, format(pick.isovalue)),
+        ...valuesOf(pick.point, shown.dataset, format).flatMap(({ name, text }) => [make('dt', { className: 'field' }, name), make('dd', {}, text)]),
         ...(normal ? [make('dt', {}, 'normal'), make('dd', {}, ['x', 'y', 'z'].map((axis) => (normal[axis] ?? 0).toFixed(3)).join(', '))] : []),
         ...(steepness !== null ? [make('dt', {}, 'gradient'), make('dd', {}, format(steepness, 4))] : []),
         make('dt', {}, 'block'), make('dd', {}, `${blockId ?? 0}${shardIndex === undefined ? '' : ` of shard ${shardIndex}`}`))];

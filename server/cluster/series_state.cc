@@ -73,25 +73,30 @@ std::vector<ReplicaSet> ReplicaSetsOf(const SeriesState& series,
 
 // Agents that have one volume of a shard each, but none that has both, can't draw a frame of both.
 absl::Status CheckAllShards(const SeriesState& series, const v1::Dataset& dataset,
-                            const DatasetState& volume) {
+                            const DatasetState& volume, bool with_all_fields) {
   std::set<int> served;
   for (const ReplicaSet& set : volume.replica_sets) {
     served.insert(set.shard_indices.begin(), set.shard_indices.end());
   }
   for (const auto& [shard, owners] : series.owners) {
     if (served.count(shard) == 0) {
-      return absl::UnavailableError(
-          absl::StrCat("dataset \"", dataset.name(),
-                       "\": no agent has both the surfaces' field and that of the "
-                       "colours for shard ",
-                       shard, "; retry when agents have been updated"));
+      return absl::UnavailableError(absl::StrCat(
+          "dataset \"", dataset.name(), "\": no agent has ",
+          with_all_fields ? "all fields" : "both the surfaces' field and that of the colours",
+          " for shard ", shard, "; retry when agents have been updated"));
     }
   }
   return absl::OkStatus();
 }
 
 absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection* selection,
-                           const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces) {
+                           const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces,
+                           bool with_all_fields) {
+  if (with_all_fields) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("with_field_values is set: dataset \"", dataset.name(),
+                     "\" has one field, whose value on a surface is the isovalue; leave it out"));
+  }
   if (selection != nullptr) {
     return absl::InvalidArgumentError(absl::StrCat("selection is set: dataset \"", dataset.name(),
                                                    "\" has one field and one step; leave it out"));
@@ -117,6 +122,103 @@ std::map<int, std::string> DigestsOfSteps(const SeriesState& series) {
     digest = base::Sha256Hex(digest).substr(0, kDigits);
   }
   return digests;
+}
+
+// The volumes of one step that a frame needs.
+class StepVolumes {
+ public:
+  // All of them outlive the object.
+  StepVolumes(const v1::Dataset& description, const SeriesState& series, int step)
+      : description_(description), series_(series), step_(step) {}
+
+  // Adds a volume, and returns its dataset id. NOT_FOUND if it is not offered at the step; `path`
+  // is the message that names its field.
+  absl::StatusOr<std::string> Add(const rpc::FieldPlace& place, absl::string_view path) {
+    const auto offered =
+        series_.offered.find({.field = place.field, .component = place.component, .step = step_});
+    if (offered == series_.offered.end()) {
+      return absl::NotFoundError(
+          absl::StrCat(path, "field is ", rpc::QuotedName(description_.fields(place.field).name()),
+                       ": served at steps ", rpc::DescribeSteps(OfferedSteps(series_, place)),
+                       ", the surfaces are of step ", step_));
+    }
+    ids_.insert(*offered);
+    return offered->second;
+  }
+
+  [[nodiscard]] const std::map<ScalarVolumeKey, std::string>& ids() const { return ids_; }
+
+ private:
+  const v1::Dataset& description_;
+  const SeriesState& series_;
+  const int step_;
+  std::map<ScalarVolumeKey, std::string> ids_;
+};
+
+// Adds the volumes that colour surfaces; sets their ranges where they are not.
+absl::Status AddColors(const v1::Dataset& description,
+                       google::protobuf::RepeatedPtrField<v1::Surface>* surfaces,
+                       StepVolumes* volumes, SelectedVolume* selected) {
+  for (int i = 0; i < surfaces->size(); ++i) {
+    if ((*surfaces)[i].color_by().quantity() != v1::ColorBy::QUANTITY_FIELD) {
+      continue;
+    }
+    v1::ColorBy* const color_by = surfaces->Mutable(i)->mutable_color_by();
+    const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const rpc::FieldPlace place,
+        rpc::FindField(description, color_by->field(), color_by->component(), path));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::string id, volumes->Add(place, path));
+    selected->color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
+    selected->color_dataset_ids[static_cast<std::size_t>(i)] = std::move(id);
+    if (!color_by->has_range()) {
+      *color_by->mutable_range() =
+          rpc::ColorRangeOf(description.fields(place.field).components(place.component));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AddAllFields(const v1::Dataset& description, StepVolumes* volumes,
+                          SelectedVolume* selected) {
+  for (int i = 0; i < description.fields_size(); ++i) {
+    const v1::Field& field = description.fields(i);
+    for (int component = 0; component < field.components_size(); ++component) {
+      ISOSCOPE_ASSIGN_OR_RETURN(std::string id, volumes->Add({.field = i, .component = component},
+                                                             "with_field_values: "));
+      selected->all_fields.push_back({.field = field.name(),
+                                      .component = field.components(component).name(),
+                                      .unit = field.unit(),
+                                      .dataset_id = std::move(id)});
+    }
+  }
+  return absl::OkStatus();
+}
+
+// Returns the state of a dataset of one volume, without its agents.
+DatasetState StateOfVolume(const DatasetState& dataset, const rpc::FieldPlace& place,
+                           const std::string& id) {
+  DatasetState state;
+  v1::Dataset& of_volume = state.dataset;
+  of_volume = dataset.dataset;
+  of_volume.set_dataset_id(id);
+  of_volume.clear_fields();
+  of_volume.clear_time_steps();
+  const v1::FieldComponent& component =
+      dataset.dataset.fields(place.field).components(place.component);
+  of_volume.set_sample_type(component.sample_type());
+  of_volume.clear_value_range();
+  if (component.has_value_range()) {
+    *of_volume.mutable_value_range() = component.value_range();
+  }
+  of_volume.clear_max_gradient_magnitude();
+  if (component.has_max_gradient_magnitude()) {
+    of_volume.set_max_gradient_magnitude(component.max_gradient_magnitude());
+  }
+  state.status = dataset.status;
+  state.picture_revision = dataset.picture_revision;
+  state.is_served = dataset.is_served;
+  return state;
 }
 
 }  // namespace
@@ -185,11 +287,11 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
 
 absl::StatusOr<SelectedVolume> SelectVolume(
     const std::shared_ptr<const DatasetState>& dataset, const v1::FieldSelection* selection,
-    google::protobuf::RepeatedPtrField<v1::Surface>* surfaces) {
+    google::protobuf::RepeatedPtrField<v1::Surface>* surfaces, bool with_all_fields) {
   SelectedVolume selected;
   const v1::Dataset& description = dataset->dataset;
   if (dataset->series == nullptr) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckNoFields(description, selection, *surfaces));
+    ISOSCOPE_RETURN_IF_ERROR(CheckNoFields(description, selection, *surfaces, with_all_fields));
     selected.dataset = dataset;
     return selected;
   }
@@ -200,62 +302,21 @@ absl::StatusOr<SelectedVolume> SelectVolume(
       rpc::FindField(description, asked.field(), asked.component(), "selection."));
   ISOSCOPE_ASSIGN_OR_RETURN(const int step,
                             rpc::ChooseStep(description, asked, OfferedSteps(series, place)));
-  const ScalarVolumeKey key{.field = place.field, .component = place.component, .step = step};
-  std::map<ScalarVolumeKey, std::string> ids = {{key, series.offered.at(key)}};
-
-  for (int i = 0; i < surfaces->size(); ++i) {
-    v1::Surface& surface = *surfaces->Mutable(i);
-    if (surface.color_by().quantity() != v1::ColorBy::QUANTITY_FIELD) {
-      continue;
-    }
-    v1::ColorBy* const color_by = surface.mutable_color_by();
-    const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const rpc::FieldPlace color,
-        rpc::FindField(description, color_by->field(), color_by->component(), path));
-    const ScalarVolumeKey color_key{
-        .field = color.field, .component = color.component, .step = step};
-    const auto offered = series.offered.find(color_key);
-    if (offered == series.offered.end()) {
-      return absl::NotFoundError(absl::StrCat(
-          path, "field is ", rpc::QuotedName(color_by->field()), ": served at steps ",
-          rpc::DescribeSteps(OfferedSteps(series, color)), ", the surfaces are of step ", step));
-    }
-    ids.insert(*offered);
-    selected.color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
-    selected.color_dataset_ids[static_cast<std::size_t>(i)] = offered->second;
-    if (!color_by->has_range()) {
-      *color_by->mutable_range() =
-          rpc::ColorRangeOf(description.fields(color.field).components(color.component));
-    }
+  StepVolumes volumes(description, series, step);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string id, volumes.Add(place, "selection."));
+  ISOSCOPE_RETURN_IF_ERROR(AddColors(description, surfaces, &volumes, &selected));
+  if (with_all_fields) {
+    ISOSCOPE_RETURN_IF_ERROR(AddAllFields(description, &volumes, &selected));
   }
+  const auto volume = std::make_shared<DatasetState>(StateOfVolume(*dataset, place, id));
+  volume->replica_sets = ReplicaSetsOf(series, volumes.ids());
+  ISOSCOPE_RETURN_IF_ERROR(CheckAllShards(series, description, *volume, with_all_fields));
+  selected.dataset = volume;
 
-  auto volume = std::make_shared<DatasetState>();
-  volume->dataset = description;
-  volume->dataset.set_dataset_id(ids.at(key));
-  volume->dataset.clear_fields();
-  volume->dataset.clear_time_steps();
   const v1::Field& field = description.fields(place.field);
-  const v1::FieldComponent& component = field.components(place.component);
-  volume->dataset.set_sample_type(component.sample_type());
-  volume->dataset.clear_value_range();
-  if (component.has_value_range()) {
-    *volume->dataset.mutable_value_range() = component.value_range();
-  }
-  volume->dataset.clear_max_gradient_magnitude();
-  if (component.has_max_gradient_magnitude()) {
-    volume->dataset.set_max_gradient_magnitude(component.max_gradient_magnitude());
-  }
-  volume->status = dataset->status;
-  volume->replica_sets = ReplicaSetsOf(series, ids);
-  ISOSCOPE_RETURN_IF_ERROR(CheckAllShards(series, description, *volume));
-  volume->picture_revision = dataset->picture_revision;
-  volume->is_served = dataset->is_served;
-  selected.dataset = std::move(volume);
-
   v1::FieldSelection& used = selected.selection.emplace();
   used.set_field(field.name());
-  used.set_component(component.name());
+  used.set_component(field.components(place.component).name());
   used.set_time_step(step);
   selected.time = rpc::TimeOf(description, step);
   return selected;

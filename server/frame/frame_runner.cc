@@ -153,7 +153,7 @@ absl::StatusOr<SelectedVolume> FrameRunner::Select(const std::shared_ptr<const D
   ISOSCOPE_ASSIGN_OR_RETURN(
       SelectedVolume selected,
       SelectVolume(found, request.has_selection() ? &request.selection() : nullptr,
-                   request.mutable_surfaces()));
+                   request.mutable_surfaces(), asked->with_all_fields));
   for (std::size_t i = 0; i < selected.color_dataset_ids.size(); ++i) {
     if (!selected.color_dataset_ids[i].empty()) {
       const isoscope::v1::ColorRange& range =

@@ -72,6 +72,7 @@ struct FrameTarget {
 struct AskedFrame {
   isoscope::v1::RenderIsosurfaceRequest request;
   frame::FrameSpec spec;
+  bool with_all_fields = false;  // the agents must have the volumes of all fields
 };
 
 // Makes caps carry the normal of the surface. Caps that show samples have a colour, but no normal,

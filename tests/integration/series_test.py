@@ -6,6 +6,7 @@
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import signal
@@ -16,6 +17,9 @@ import tempfile
 import threading
 import time
 import unittest
+
+sys.dont_write_bytecode = True
+from flow_formulas import fluid  # noqa: E402
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
 PATIENCE_S = 240  # far above what is needed
@@ -136,6 +140,47 @@ class SeriesTest(unittest.TestCase):
     with_range = self.render(self.path('flow1'), *look[:-4], '--color-by', f'temperature:magma:{self.range_of("temperature")}',
                              '--azimuth', '35')
     self.assertEqual(first, with_range)
+
+  def pick(self, *arguments):
+    return json.loads(isoscope('pick', *SMALL[:-2], *arguments, '--json').stdout)['points']
+
+  def test_a_pick_tells_the_values_of_all_fields_whatever_the_cut(self):
+    pixels = [word for x in range(2, 160, 6) for y in range(2, 120, 6) for word in ('--pixel', f'{x},{y}')]
+    look = ['--field', 'temperature', '--isovalue', '305', '--step', '2', '--azimuth', '35', '--all-fields', *pixels]
+    first = self.pick(self.path('flow1'), *look)
+    self.assertEqual([], [point for point in first if point['is_hit'] != ('field_values' in point)])
+    hits = [point for point in first if point['is_hit']]
+    self.assertGreater(len(hits), 5)
+    for point in hits:
+      values = {f"{value['field']}:{value['component']}": value['value'] for value in point['field_values']}
+      self.assertEqual(['pressure:', 'temperature:', 'velocity:x', 'velocity:y', 'velocity:z', 'velocity:magnitude'], list(values))
+      self.assertEqual({'Pa', 'K', 'm/s'}, {value['unit'] for value in point['field_values']})
+      pressure, temperature, velocity = fluid(point['position'], 0.2)
+      # The surface is linear between samples that are 1/39 m apart, and so are the values on it.
+      self.assertAlmostEqual(305, values['temperature:'], delta=1e-3)
+      self.assertAlmostEqual(temperature, values['temperature:'], delta=2.5)
+      self.assertAlmostEqual(pressure, values['pressure:'], delta=0.5)
+      for name, expected in zip('xyz', velocity):
+        self.assertAlmostEqual(expected, values[f'velocity:{name}'], delta=0.01)
+      self.assertAlmostEqual(math.hypot(*velocity), values['velocity:magnitude'], delta=0.01)
+    without_shard = [{key: value for key, value in point.items() if key != 'shard_index'} for point in first]
+    for more in ([], ['--threads', '1'], ['--memory-limit', '128MiB']):
+      other = self.pick(self.path('flow3'), *look, *more)
+      self.assertEqual(without_shard, [{key: value for key, value in point.items() if key != 'shard_index'} for point in other], more)
+    # On a cap there is no triangle: the values are those of the cell.
+    clip = ['--clip-plane', '0,0,-1,0.05', '--caps']
+    on_caps = [point for point in self.pick(self.path('flow3'), *look[:-len(pixels)], *clip, *pixels)
+               if point['is_hit'] and abs(point['position'][2] + 0.05) < 1e-5]
+    self.assertGreater(len(on_caps), 3)
+    for point in on_caps:
+      pressure, temperature, _ = fluid(point['position'], 0.2)
+      self.assertGreater(temperature, 303)
+      self.assertAlmostEqual(temperature, point['field_values'][1]['value'], delta=2.5)
+      self.assertAlmostEqual(pressure, point['field_values'][0]['value'], delta=0.5)
+    done = isoscope('pick', self.path('flow_00000.vti:pressure'), '--isovalue=-2', '--pixel', '80,60', '--all-fields', check=False)
+    self.assertIn('has one field', done.stderr)
+    table = isoscope('pick', *SMALL[:-2], self.path('flow1'), *look[:-len(pixels)], '--pixel', '80,60').stdout
+    self.assertIn('velocity:magnitude', table)
 
   def range_of(self, field):
     info = json.loads(isoscope('info', self.path('flow1'), '--json').stdout)['datasets'][0]

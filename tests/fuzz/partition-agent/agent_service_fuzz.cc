@@ -261,6 +261,11 @@ std::vector<std::string> Seeds() {
   v1::GetGradientsRequest gradients;
   gradients.add_shard_indices(0);
   gradients.add_points()->set_x(3);
+  v1::GetGradientsRequest values = gradients;
+  values.add_block_ids(0);
+  values.mutable_values()->add_dataset_ids("other");
+  values.mutable_values()->add_isovalues(testing::SmallDataset::kIsovalue);
+  values.mutable_values()->add_on_caps(false);
   const std::string first = MakePiece(occluders.SerializeAsString());
   const std::string second = MakePiece(visible.SerializeAsString());
   return {head(4) + MakePiece(begin) + first + second,
@@ -271,7 +276,8 @@ std::vector<std::string> Seeds() {
           head(0) + MakePiece(surface.SerializeAsString()),
           head(1) + MakePiece(histogram.SerializeAsString()),
           head(2) + MakePiece(box.SerializeAsString()),
-          head(3) + MakePiece(gradients.SerializeAsString())};
+          head(3) + MakePiece(gradients.SerializeAsString()),
+          head(3) + MakePiece(values.SerializeAsString())};
 }
 
 }  // namespace isoscope::fuzz

@@ -804,7 +804,26 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
   EXPECT_EQ(count, 100);
   EXPECT_EQ(told.size(), 50U);
 
-  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(8, {request, ""});
+  // The values of the dataset itself, which are the isovalue on a surface.
+  v1::GetGradientsRequest with_values = request;
+  with_values.mutable_values()->add_dataset_ids(request.dataset_id());
+  for (int i = 0; i < request.points_size(); ++i) {
+    with_values.mutable_values()->add_isovalues(SmallDataset::kIsovalue);
+    with_values.mutable_values()->add_on_caps(false);
+  }
+  v1::GetGradientsResponse values;
+  EXPECT_EQ(ask(with_values, &values), "OK");
+  EXPECT_EQ(values.values_size(), values.shards_size()) << "points whose blocks lie in the shard";
+  for (const v1::PointValues& of_point : values.values()) {
+    EXPECT_EQ(of_point.values_size(), 1);
+  }
+
+  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(10, {request, ""});
+  cases[8].first = with_values;
+  cases[8].first.mutable_values()->add_isovalues(1);
+  cases[9].first = with_values;
+  cases[9].first.mutable_values()->add_dataset_ids("other");
+  cases[9].second = "FAILED_PRECONDITION";
   cases[0].first.set_dataset_id("other");
   cases[0].second = "FAILED_PRECONDITION";
   cases[1].first.clear_shard_indices();
