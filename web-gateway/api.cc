@@ -28,6 +28,8 @@
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
 #include "clients/cpp/connection/like_picture.h"
+#include "clients/cpp/connection/mesh_export.h"
+#include "clients/cpp/mesh_file/mesh_field.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "core/base/retry_delay.h"
@@ -496,7 +498,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   }
 
   void AnswerMesh() {
-    const absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
+    absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
     absl::Status status = query.status();
     if (status.ok() && request_.is_head) {
       HttpResponse response = MeshHeader();
@@ -505,7 +507,9 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       return;
     }
     if (status.ok()) {
-      status = BeginMesh(*query);
+      const std::optional<client::MeshField> field =
+          client::PinSelection(dataset_, &query->request);
+      status = BeginMesh(*query, field);
     }
     if (!status.ok()) {
       RespondError(status);
@@ -524,7 +528,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   }
 
   // Takes a place among the meshes, and creates the file of this one.
-  absl::Status BeginMesh(const MeshQuery& query) {
+  absl::Status BeginMesh(const MeshQuery& query, const std::optional<client::MeshField>& field) {
     ISOSCOPE_ASSIGN_OR_RETURN(mesh_lease_, meshes_->Begin(request_.caller));
     std::error_code error;
     std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
@@ -535,8 +539,10 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
                        error ? error.message() : std::system_category().message(errno)));
     }
     mesh_path_ = folder + "/mesh.glb";
-    const client::MeshFileOptions file{
-        .path = mesh_path_, .format = client::MeshFormat::kGlb, .surfaces = query.surfaces};
+    const client::MeshFileOptions file{.path = mesh_path_,
+                                       .format = client::MeshFormat::kGlb,
+                                       .surfaces = query.surfaces,
+                                       .field = field};
     ISOSCOPE_RETURN_IF_ERROR(client::Validate(file));
     decoder_.emplace(static_cast<int>(query.surfaces.size()));
     absl::StatusOr<std::unique_ptr<client::MeshWriter>> writer = client::MeshWriter::Create(file);

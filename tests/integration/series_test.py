@@ -182,6 +182,26 @@ class SeriesTest(unittest.TestCase):
     table = isoscope('pick', *SMALL[:-2], self.path('flow1'), *look[:-len(pixels)], '--pixel', '80,60').stdout
     self.assertIn('velocity:magnitude', table)
 
+  def test_a_mesh_says_its_field_and_step_and_not_the_number_of_shards(self):
+    look = ['--field', 'velocity:x', '--isovalue', '0.02', '--step', 'last']
+    for suffix, words in (('ply', ['comment field velocity:x\ncomment unit m/s\ncomment step 3\ncomment time 0.3']),
+                          ('obj', ['# field velocity:x\n# unit m/s\n# step 3\n# time 0.3']),
+                          ('stl', ['field velocity:x, unit m/s, step 3, time 0.3']),
+                          ('glb', ['"extras":{"field":"velocity","component":"x","unit":"m/s","step":3,"time":0.3']),
+                          ('vtp', ['Name="TimeStep" NumberOfTuples="1" format="ascii">3<', 'Name="TimeValue"'])):
+      meshes = []
+      for shards in (1, 3):
+        path = self.path(f'mesh.{suffix}')
+        isoscope('export', self.path(f'flow{shards}'), *look, '--output', path, '--quiet')
+        with open(path, 'rb') as file:
+          meshes.append(file.read())
+      self.assertEqual(meshes[0], meshes[1], suffix)
+      for word in words:
+        self.assertIn(word.encode(), meshes[0], suffix)
+    isoscope('export', self.path('flow_00003.vti:velocity:0'), '--isovalue', '0.02', '--output', self.path('plain.ply'), '--quiet')
+    with open(self.path('plain.ply'), 'rb') as file:
+      self.assertNotIn(b'comment field', file.read())
+
   def range_of(self, field):
     info = json.loads(isoscope('info', self.path('flow1'), '--json').stdout)['datasets'][0]
     for row in info['fields']:
