@@ -28,6 +28,9 @@ import urllib.request
 sys.dont_write_bytecode = True
 from flow_formulas import fluid  # noqa: E402
 
+sys.dont_write_bytecode = True
+from flow_formulas import fluid  # noqa: E402
+
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
 KILL_AT_STEP = sys.argv.pop(1) if len(sys.argv) > 1 else ''
 PATIENCE_S = 240  # far above what is needed
