@@ -10,10 +10,11 @@
 // rescale slope * stored + rescale intercept. Slices with equal keys (echo, dynamic, ...) are a
 // volume; steps and fields are made of the keys:
 //
-//   image type                           fields: magnitude, real, imaginary, phase
+//   image type and scanning sequence     fields: magnitude, real, imaginary, phase
 //   the only other key that varies       steps; times from dynamics, echoes and cardiac phases
 //   echoes, with others                  fields, too
 //   several others                       steps, by their order
+//   diffusion of version 4               steps by b factor, then as they come: it has no numbers
 //
 // The transform is made of the angulation and the centre in the scanner's axes (posterior,
 // superior, left), and the way that slices lie in them. Source: nibabel's parrec.py.
@@ -66,6 +67,7 @@ enum Column : std::size_t {
   kEchoTime = 30,
   kDynamicTime = 31,
   kTriggerTime = 32,
+  kDiffusionFactor = 33,
   kMinColumns = 41,  // of version 4
   kDiffusionValue = 41,
   kGradient = 42,
@@ -143,11 +145,12 @@ absl::StatusOr<double> OnlyNumber(const ParHeader& header, Column column, const 
 }
 
 // What tells volumes apart, apart from the type of the image.
-constexpr std::array<Column, 7> kKeys{kDynamic,        kEcho,     kPhase, kSequence,
+constexpr std::array<Column, 7> kKeys{kDynamic,        kEcho,     kPhase, kDiffusionFactor,
                                       kDiffusionValue, kGradient, kLabel};
 
 double KeyOf(const std::vector<double>& line, Column column) {
-  return column < line.size() ? line[column] : 0;
+  const bool has_numbers = line.size() > kDiffusionValue;  // in place of the factor
+  return column >= line.size() || (column == kDiffusionFactor && has_numbers) ? 0 : line[column];
 }
 
 std::string TypeName(double type) {
@@ -156,13 +159,25 @@ std::string TypeName(double type) {
                                                            : absl::StrCat("type ", type);
 }
 
+// Type, scanning sequence, and the echo if it makes fields.
+using FieldKey = std::array<double, 3>;
+
 // A volume's field, and its place in the order of steps.
 struct VolumeKey {
-  std::pair<double, double> field;  // type, echo if it makes fields
+  FieldKey field;
   std::vector<double> step;
 
   friend auto operator<=>(const VolumeKey&, const VolumeKey&) = default;
 };
+
+// "phase", "magnitude sequence 4 echo 2": as much as tells it from the others.
+std::string FieldName(const FieldKey& field, const std::set<FieldKey>& all) {
+  const bool has_sequence = std::any_of(all.begin(), all.end(), [&](const FieldKey& other) {
+    return other[0] == field[0] && other[1] != field[1];
+  });
+  return absl::StrCat(TypeName(field[0]), has_sequence ? absl::StrCat(" sequence ", field[1]) : "",
+                      field[2] == 0 ? "" : absl::StrCat(" echo ", field[2]));
+}
 
 struct ParVolumes {
   std::vector<Column> varying;                                              // of kKeys
@@ -184,10 +199,19 @@ absl::StatusOr<ParVolumes> SortLines(const ParHeader& header, const std::string&
   if (has_echo_fields) {
     volumes.varying.erase(std::find(volumes.varying.begin(), volumes.varying.end(), kEcho));
   }
+  const bool is_diffusion = std::find(volumes.varying.begin(), volumes.varying.end(),
+                                      kDiffusionFactor) != volumes.varying.end();
   for (const std::vector<double>& line : header.lines) {
-    VolumeKey key{.field = {line[kType], has_echo_fields ? line[kEcho] : 0}, .step = {}};
+    VolumeKey key{.field = {line[kType], line[kSequence], has_echo_fields ? line[kEcho] : 0},
+                  .step = {}};
     for (const Column column : volumes.varying) {
       key.step.push_back(KeyOf(line, column));
+    }
+    if (is_diffusion) {
+      key.step.push_back(0);
+      while (volumes.lines[key].contains(line[kSlice])) {
+        ++key.step.back();
+      }
     }
     if (!volumes.lines[key].emplace(line[kSlice], &line).second) {
       return ParError(path,
@@ -201,7 +225,7 @@ absl::StatusOr<ParVolumes> SortLines(const ParHeader& header, const std::string&
 
 // Every volume must have the slices 1 to n, and every field the same steps.
 absl::Status CheckWhole(const ParVolumes& volumes, std::size_t slice_count,
-                        const std::set<std::pair<double, double>>& fields,
+                        const std::set<FieldKey>& fields,
                         const std::set<std::vector<double>>& steps, const std::string& path) {
   std::size_t index = 0;
   for (const auto& [key, slices] : volumes.lines) {
@@ -354,7 +378,7 @@ absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path) {
       std::max(slices.size(), max_slices.size() == 1 && max_slices[0] > 0 && max_slices[0] < 65536
                                   ? static_cast<std::size_t>(max_slices[0])
                                   : 0);
-  std::set<std::pair<double, double>> fields;
+  std::set<FieldKey> fields;
   std::set<std::vector<double>> steps;
   for (const auto& [key, lines] : volumes.lines) {
     fields.insert(key.field);
@@ -362,12 +386,10 @@ absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path) {
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckWhole(volumes, slice_count, fields, steps, path));
   FileLayout layout{.steps = static_cast<std::int64_t>(steps.size()), .length_unit = "mm"};
-  for (const auto& [type, echo] : fields) {
-    if (fields.size() == 1) {
-      break;  // then the field has the name of the file
+  if (fields.size() > 1) {  // else the field has the name of the file
+    for (const FieldKey& field : fields) {
+      layout.fields.push_back(FieldName(field, fields));
     }
-    layout.fields.push_back(echo == 0 ? TypeName(type)
-                                      : absl::StrCat(TypeName(type), " echo ", echo));
   }
   SetTimes(volumes, steps.size(), &layout);
   ISOSCOPE_RETURN_IF_ERROR(SetParGrid(header, slice_count, path, &layout));

@@ -158,15 +158,18 @@ struct ParLine {
   double dynamic_time = 0;
   int orientation = 1;
   double gap = 1;
+  int sequence = 2;
+  double b_factor = 0;
 };
 
 // A line of an image of 4 x 3 samples of 16 bits, 1.5 x 2 apart, 2 thick.
 inline std::string ParImage(const ParLine& l) {
   return absl::StrFormat(
-      "%3d %3d %3d  1 %d 2 %4d  16  100  4  3  %g %g 0.004  1070 1860  0 0 0  0 0 0  2.000 %g 0 %d "
-      "0 2  1.5 2  %g  %g  0.00  0.00  1  90.0  0 0 0  1  0.0\n",
-      l.slice, l.echo, l.dynamic, l.type, l.index, l.intercept, l.slope, l.gap, l.orientation,
-      10.0 * l.echo, l.dynamic_time);
+      "%3d %3d %3d  1 %d %d %4d  16  100  4  3  %g %g 0.004  1070 1860  0 0 0  0 0 0  2.000 %g 0 "
+      "%d "
+      "0 2  1.5 2  %g  %g  0.00  %g  1  90.0  0 0 0  1  0.0\n",
+      l.slice, l.echo, l.dynamic, l.type, l.sequence, l.index, l.intercept, l.slope, l.gap,
+      l.orientation, 10.0 * l.echo, l.dynamic_time, l.b_factor);
 }
 
 // A PAR file of two slices a volume, with its centre at posterior 10, superior 20, left 30.

@@ -270,6 +270,27 @@ TEST_F(LayoutFormatsTest, ParRec) {
   EXPECT_EQ(series->step_count(), 2);
 }
 
+TEST_F(LayoutFormatsTest, SequencesAndDiffusionOfParRec) {
+  const math::Vec3d first{30 - 2.25, 10 - 2, 20 - 1.5};
+  const math::Vec3d last{30 + 2.25, 10 + 2, 20 + 1.5};
+  Write("p.REC", Volumes(4));
+  Expect(Write("p.PAR", ParBytes(Images({{.type = 0, .sequence = 2}, {.type = 3, .sequence = 4}}))),
+         2, first, last);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(dir_.Sub("p.PAR")));
+  EXPECT_EQ(series->fields()[1].name, "phase");
+  Expect(Write("p.PAR", ParBytes(Images({{.type = 0, .sequence = 2}, {.type = 0, .sequence = 4}}))),
+         2, first, last);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("p.PAR")));
+  EXPECT_EQ(series->fields()[1].name, "magnitude sequence 4");
+  // Version 4 has no numbers of directions: those of one b factor follow each other.
+  Expect(Write("p.PAR",
+               ParBytes(Images(
+                   {{.b_factor = 0}, {.b_factor = 800}, {.b_factor = 800}, {.b_factor = 800}}))),
+         4, first, last);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("p.PAR")));
+  EXPECT_THAT(series->times(), ElementsAre(0, 1, 2, 3));
+}
+
 TEST_F(LayoutFormatsTest, OrientationsOfParRec) {
   Write("p.REC", Volumes(1));
   // Sagittal: x to posterior, y down, z to the right. Coronal: x to the left, y down, z back.
