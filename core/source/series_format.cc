@@ -11,11 +11,13 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/cube_series.h"
 #include "core/source/file_start.h"
 #include "core/source/legacy_vtk_series.h"
 #include "core/source/mrc_series.h"
 #include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
+#include "core/source/slc_series.h"
 
 namespace isoscope::source {
 namespace {
@@ -87,26 +89,6 @@ int ComponentNumber(const std::vector<std::string>& components, absl::string_vie
                                                                                          : -1;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
-                                                         const SeriesFile& file) {
-  const std::vector<SourceField>& fields = series->fields();
-  int field = FieldNumber(fields, file.part);
-  std::optional<int> component;
-  const std::size_t colon = file.part.rfind(':');
-  if (field < 0 && colon != std::string::npos) {
-    field = FieldNumber(fields, absl::string_view(file.part).substr(0, colon));
-    component = field < 0 ? -1
-                          : ComponentNumber(fields[static_cast<std::size_t>(field)].components,
-                                            absl::string_view(file.part).substr(colon + 1));
-  }
-  if (field < 0 || component.value_or(0) < 0) {
-    return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file.file,
-                                               field < 0 ? "field" : "component", file.part,
-                                               ListedFields(fields)));
-  }
-  return std::make_unique<PartSeries>(std::move(series), field, component);
-}
-
 }  // namespace
 
 const std::vector<SeriesFormat>& SeriesFormats() {
@@ -122,6 +104,15 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .is_content = IsLegacyVtk,
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenLegacyVtkSeries(file, field); }},
+      {.name = "Gaussian cube",
+       .endings = {".cube", ".cub"},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenCubeSeries(file, field); }},
+      {.name = "SLC",
+       .endings = {".slc"},
+       .is_content = IsSlc,
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenSlcSeries(file, field); }},
       {.name = "netCDF",
        .endings = {".nc", ".nc4", ".cdf", ".netcdf"},
        .has_field_names = true,
@@ -171,26 +162,57 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& f
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
                             file.format->open(file.file, field, file.part));
-  return file.part.empty() ? std::move(series) : SelectPart(std::move(series), file);
+  return file.part.empty() ? std::move(series)
+                           : SelectPart(std::move(series), file.file, file.part);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
+                                                         const std::string& file,
+                                                         const std::string& part) {
+  const std::vector<SourceField>& fields = series->fields();
+  int field = FieldNumber(fields, part);
+  std::optional<int> component;
+  const std::size_t colon = part.rfind(':');
+  if (field < 0 && colon != std::string::npos) {
+    field = FieldNumber(fields, absl::string_view(part).substr(0, colon));
+    component = field < 0 ? -1
+                          : ComponentNumber(fields[static_cast<std::size_t>(field)].components,
+                                            absl::string_view(part).substr(colon + 1));
+  }
+  if (field < 0 || component.value_or(0) < 0) {
+    return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file,
+                                               field < 0 ? "field" : "component", part,
+                                               ListedFields(fields)));
+  }
+  return std::make_unique<PartSeries>(std::move(series), field, component);
+}
+
+bool IsOneVolume(const VolumeSeries& series) {
+  return series.fields().size() == 1 && series.fields()[0].components.size() == 1 &&
+         series.step_count() == 1;
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries* series,
+                                                             const std::string& file) {
+  if (IsOneVolume(*series)) {
+    return series->Open(0, 0, 0);
+  }
+  const SourceField& first = series->fields()[0];
+  const std::string steps =
+      series->step_count() > 1 ? absl::StrFormat(" at %d steps", series->step_count()) : "";
+  const std::string choice =
+      absl::StrCat(file, ":", first.name,
+                   first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`", file,
+      ListedFields(series->fields()), steps,
+      steps.empty() ? absl::StrCat("choose one, as in ", choice, ", or ") : "", file));
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
-                            OpenSeriesFile(file, "volume"));
-  const std::vector<SourceField>& fields = series->fields();
-  if (fields.size() > 1 || fields[0].components.size() > 1 || series->step_count() > 1) {
-    const SourceField& first = fields[0];
-    const std::string steps =
-        series->step_count() > 1 ? absl::StrFormat(" at %d steps", series->step_count()) : "";
-    const std::string choice =
-        absl::StrCat(file.file, ":", first.name,
-                     first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`",
-        file.file, ListedFields(fields), steps,
-        steps.empty() ? absl::StrCat("choose one, as in ", choice, ", or ") : "", file.file));
-  }
-  return series->Open(0, 0, 0);
+                            OpenSeriesFile(file, FieldNameOf(file.file)));
+  return OpenOnlyVolume(series.get(), file.file);
 }
 
 }  // namespace isoscope::source
