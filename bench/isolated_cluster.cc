@@ -23,6 +23,7 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/store/shard_reader.h"
 #include "core/view/view.h"
 #include "partition-agent/block_cache.h"
@@ -69,7 +70,7 @@ class IsolatedLink final : public server::AgentLink {
 
   // Steps 0 and 1, or the whole frame.
   void Begin(std::shared_ptr<const agent::Shard> shard, render::Renderer* renderer,
-             tbb::task_arena* arena, const base::Cancellation* cancellation) {
+             base::TaskArena* arena, const base::Cancellation* cancellation) {
     absl::StatusOr<std::unique_ptr<agent::FramePipeline>> pipeline = agent::FramePipeline::Make(
         {std::move(shard)}, task_, {.renderer = renderer, .arena = arena, .cache = cache_},
         cancellation);
@@ -280,7 +281,7 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
   const absl::Time start = absl::Now();
   // Runs inside the arena, so that no step finds a second thread.
   server::FrameOutcome outcome =
-      arena_.execute([&] { return server::RunFrame(setup, begin, cancellation); });
+      base::RunIn(&arena_, [&] { return server::RunFrame(setup, begin, cancellation); });
   const absl::Duration wall = absl::Now() - start;
   ISOSCOPE_RETURN_IF_ERROR(outcome.status);
   IsolatedFrame frame = FrameOf(std::move(outcome.result), std::move(ray_hits), orders, wall);
@@ -292,9 +293,9 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
         agent::FramePipeline::Make({shards_[i]}, TaskOf(spec, i),
                                    {.renderer = renderer_, .arena = &arena_, .cache = &cache},
                                    &cancellation));
-    ISOSCOPE_ASSIGN_OR_RETURN(const absl::Duration busy, arena_.execute([&] {
-      return TimeAlone(pipeline.get(), spec.culling, orders[i]);
-    }));
+    ISOSCOPE_ASSIGN_OR_RETURN(const absl::Duration busy, base::RunIn(&arena_, [&] {
+                                return TimeAlone(pipeline.get(), spec.culling, orders[i]);
+                              }));
     ISOSCOPE_CHECK_EQ(pipeline->statistics().triangle_count, frame.agents[i].triangle_count);
     frame.agents[i].busy_ms = absl::ToDoubleMilliseconds(busy);
   }
@@ -321,7 +322,7 @@ absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
       agent::FramePipeline::Make(shards_, task,
                                  {.renderer = renderer_, .arena = &arena_, .cache = &cache},
                                  &cancellation));
-  return arena_.execute([&]() -> absl::StatusOr<BlocksPicture> {
+  return base::RunIn(&arena_, [&]() -> absl::StatusOr<BlocksPicture> {
     // Finds the active blocks, which drawing needs; the hits of the rays are not used.
     ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
     BlocksPicture picture;

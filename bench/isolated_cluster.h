@@ -12,10 +12,10 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/memory_pool.h"
+#include "core/base/task_arena.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
@@ -109,7 +109,7 @@ class IsolatedCluster {
   const std::shared_ptr<image::FrameImagePool> images_ =
       image::FrameImagePool::Make(kUnusedImageBytes);
   render::Renderer* renderer_ = nullptr;
-  tbb::task_arena arena_;
+  base::TaskArena arena_;
 };
 
 }  // namespace isoscope::bench

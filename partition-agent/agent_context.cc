@@ -12,6 +12,9 @@ namespace {
 // scheduled, before the task of the first has ended. Refused frames never get there, so the steps
 // of each admitted frame fit.
 constexpr std::size_t kStepCount = 3;
+// A coordinator in the same process finishes a picture after the agents' frames have ended. If no
+// frame comes for this long, it has most likely done so.
+constexpr absl::Duration kIdleOfCoordinator = absl::Milliseconds(20);
 
 std::shared_ptr<base::Executor> FrameExecutorOf(const AgentServerOptions& options, int max_frames) {
   return options.frame_executor != nullptr
@@ -33,6 +36,12 @@ AgentContext::AgentContext(const AgentServerOptions& server_options, ShardSet se
                                          .arena = options.arena})
               : nullptr),
       max_frames(options.max_concurrent_frames + options.max_queued_frames),
+      play(&shards, options.memory.get(), &metrics, Resources(nullptr),
+           options.mailboxes != nullptr ? kIdleOfCoordinator : absl::ZeroDuration(),
+           PlayAhead::ModeOfEnvironment()),
+      series_executor(shards.series().empty()
+                          ? nullptr
+                          : std::make_unique<base::Executor>(1, kMaxQueuedDescriptions)),
       frame_executor(FrameExecutorOf(options, max_frames),
                      kStepCount * static_cast<std::size_t>(max_frames)),
       extraction_executor(kMaxConcurrentExtractions, kMaxQueuedExtractions),
@@ -46,7 +55,8 @@ AgentResources AgentContext::Resources(base::TraceRecorder* trace) {
           .cache = options.memory->cache(),
           .max_read_bytes = options.memory->read_bytes(),
           .trace = trace,
-          .metrics = &metrics};
+          .metrics = &metrics,
+          .frames = options.memory->frames()};
 }
 
 AgentGauges AgentContext::Gauges() const {

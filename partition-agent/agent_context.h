@@ -12,6 +12,7 @@
 #include "partition-agent/agent_metrics.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/agent_server.h"
+#include "partition-agent/play_ahead.h"
 #include "partition-agent/shard_set.h"
 
 namespace isoscope::agent {
@@ -26,6 +27,7 @@ struct AgentContext {
   static constexpr int kMaxQueuedExtractions = 16;
   static constexpr int kMaxConcurrentQueries = 2;
   static constexpr int kMaxQueuedQueries = 64;
+  static constexpr int kMaxQueuedDescriptions = 64;
 
   AgentContext(const AgentServerOptions& server_options, ShardSet served);
 
@@ -40,6 +42,9 @@ struct AgentContext {
   const int max_frames;
   std::atomic<int> frame_count{0};  // calls that have not ended yet
   AgentMetrics metrics;
+  PlayAhead play;
+  // Looks for new volumes of series. Null if there are none.
+  const std::unique_ptr<base::Executor> series_executor;
   // These come last, because their threads use the members above.
   base::ExecutorShare frame_executor;
   base::Executor extraction_executor;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "absl/strings/str_format.h"
 
@@ -94,6 +95,17 @@ std::size_t AgentMemory::StepBytes(const view::Viewport& viewport, int max_layer
 
 std::size_t AgentMemory::RoomFor(const view::Viewport& viewport, int max_layers) const {
   return steps_.capacity_bytes() / StepBytes(viewport, max_layers);
+}
+
+AgentMemory::AheadThreads AgentMemory::TakeAheadThreads() {
+  const base::MutexLock lock(&ahead_mutex_);
+  if (ahead_threads_.reading == nullptr) {
+    // The agents bound their tasks.
+    constexpr std::size_t kMaxQueued = std::numeric_limits<std::size_t>::max();
+    ahead_threads_ = {.reading = std::make_shared<base::Executor>(1, kMaxQueued),
+                      .making = std::make_shared<base::Executor>(1, kMaxQueued)};
+  }
+  return ahead_threads_;
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(

@@ -8,14 +8,18 @@
 #include <cstddef>
 #include <memory>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/executor.h"
 #include "core/base/memory_budget.h"
+#include "core/base/mutex.h"
 #include "core/render/layer_pass.h"
 #include "core/view/camera.h"
 #include "partition-agent/block_cache.h"
+#include "partition-agent/frames_in_work.h"
 #include "partition-agent/idle_toucher.h"
 #include "partition-agent/series_shard.h"
 
@@ -69,6 +73,20 @@ class AgentMemory {
   // Returns the number of steps of this kind that have room at a time.
   [[nodiscard]] std::size_t RoomFor(const view::Viewport& viewport, int max_layers) const;
 
+  // Reserves the memory of reads alone, for work ahead of frames. Errors: of the cancellation.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveReads(
+      const base::Cancellation& cancellation) {
+    return steps_.Reserve(read_bytes(), cancellation);
+  }
+  // Returns the threads of the process for work ahead of frames, one each, made at the first call.
+  struct AheadThreads {
+    std::shared_ptr<base::Executor> reading;  // waits for the disk, computes little
+    std::shared_ptr<base::Executor> making;   // waits for frames to end, then uses the arena
+  };
+  AheadThreads TakeAheadThreads() ABSL_LOCKS_EXCLUDED(ahead_mutex_);
+  [[nodiscard]] FramesInWork* frames() { return &frames_; }
+  [[nodiscard]] const OpenVolumes& open_volumes() const { return *open_volumes_; }
+
   [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
   [[nodiscard]] BlockCache* cache() { return &cache_; }
   [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
@@ -83,6 +101,9 @@ class AgentMemory {
   base::MemoryBudget steps_;
   BlockCache cache_;
   render::LayerRenderer layers_;
+  FramesInWork frames_;
+  base::Mutex ahead_mutex_;
+  AheadThreads ahead_threads_ ABSL_GUARDED_BY(ahead_mutex_);
   std::unique_ptr<IdleToucher> toucher_;  // last: its thread uses the members above
 };
 

@@ -86,6 +86,10 @@ void AddBlocks(const AgentMetrics& metrics, const AgentGauges& gauges, FamilyLis
               {Value(gauges.mesh_cache_bytes, {{"cache", "meshes"}}),
                Value(gauges.sample_cache_bytes, {{"cache", "samples"}}),
                Value(gauges.active_cache_bytes, {{"cache", "active_blocks"}})});
+  list->Counter("isoscope_agent_steps_ahead_total",
+                "Time steps that were read ahead of a frame, by whether a frame asked for them.",
+                {Value(metrics.steps_ahead.used, {{"outcome", "used"}}),
+                 Value(metrics.steps_ahead.wasted, {{"outcome", "wasted"}})});
   list->Gauge("isoscope_agent_shards", "Shards that the agent serves.",
               {Value(gauges.shard_count)});
 }

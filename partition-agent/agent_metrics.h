@@ -44,6 +44,12 @@ struct CacheLookups {
   base::Counter misses;
 };
 
+// Steps of plays that were read ahead, by what became of them.
+struct StepsAhead {
+  base::Counter used;    // a frame asked for it
+  base::Counter wasted;  // another frame came instead
+};
+
 // Updated while the agent works, by atomics alone. Thread-safe.
 struct AgentMetrics {
   AgentMetrics();
@@ -70,6 +76,7 @@ struct AgentMetrics {
   CacheLookups mesh_lookups;
   CacheLookups sample_lookups;
   CacheLookups active_lookups;  // lists of active blocks
+  StepsAhead steps_ahead;
 
   // Returns the values above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const AgentGauges& gauges) const;

@@ -11,6 +11,7 @@
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/series_convert.h"
 #include "partition-agent/point_gradients.h"
+#include "partition-agent/point_values.h"
 #include "partition-agent/shard_histogram.h"
 
 namespace isoscope::agent {
@@ -25,6 +26,36 @@ void SortShards(v1::DescribeShardsResponse* description) {
               return std::pair(a.dataset().name(), a.shard_index()) <
                      std::pair(b.dataset().name(), b.shard_index());
             });
+}
+
+// Adds the values of scalar volumes that a request asks for.
+absl::Status AddValues(const ShardSet& shards, const v1::GetGradientsRequest& request,
+                       const Shards& found, const std::vector<math::Vec3d>& points,
+                       const std::vector<std::optional<volume::BlockId>>& block_ids,
+                       const base::Cancellation& cancellation, v1::GetGradientsResponse* response) {
+  if (!request.has_values()) {
+    return absl::OkStatus();
+  }
+  const v1::PointValuesQuery& query = request.values();
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckPointValuesQuery(request));
+  std::vector<SurfacePoint> surface_points;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const int index = static_cast<int>(i);
+    surface_points.push_back(
+        {points[i], block_ids[i], query.isovalues(index), query.on_caps(index)});
+  }
+  std::vector<Shards> volumes;
+  for (const std::string& id : query.dataset_ids()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(volumes.emplace_back(), shards.Find(id, request.shard_indices()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointValues> values,
+                            ValuesAt(found, volumes, surface_points, cancellation));
+  for (const PointValues& of_point : values) {
+    v1::PointValues* const out = response->add_values();
+    out->set_point_index(static_cast<std::int32_t>(of_point.point_index));
+    out->mutable_values()->Assign(of_point.values.begin(), of_point.values.end());
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -119,7 +150,7 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetGradientsRequest& 
     out->set_point_index(static_cast<std::int32_t>(shard.point_index));
     out->set_shard_index(shard.shard_index);
   }
-  return absl::OkStatus();
+  return AddValues(shards, request, found, points, block_ids, cancellation, response);
 }
 
 }  // namespace isoscope::agent

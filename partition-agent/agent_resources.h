@@ -5,14 +5,14 @@
 
 #include <cstddef>
 
-#include <oneapi/tbb/task_arena.h>
-
+#include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/io/read_queue.h"
 #include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
 #include "partition-agent/agent_metrics.h"
 #include "partition-agent/block_cache.h"
+#include "partition-agent/frames_in_work.h"
 
 namespace isoscope::agent {
 
@@ -21,11 +21,12 @@ struct AgentResources {
   render::LayerRenderer* layers = nullptr;  // for frames with translucent surfaces
   // For frames that only the CPU draws; null if `renderer` does that.
   render::Renderer* cpu_renderer = nullptr;
-  tbb::task_arena* arena = nullptr;
+  base::TaskArena* arena = nullptr;
   BlockCache* cache = nullptr;
   std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // most bytes under way of a step
   base::TraceRecorder* trace = nullptr;                           // of one frame; null: no trace
   AgentMetrics* metrics = nullptr;                                // null: nothing is counted
+  FramesInWork* frames = nullptr;  // learns of waits for the disk; null: nobody does
 };
 
 }  // namespace isoscope::agent

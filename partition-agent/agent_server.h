@@ -12,10 +12,10 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/executor.h"
 #include "core/base/metrics.h"
+#include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
 #include "core/rpc/transport.h"
@@ -30,7 +30,7 @@ struct AgentServerOptions {
   std::string listen_address;
   // Shared by all agents of a process.
   std::shared_ptr<render::Renderer> renderer;
-  std::shared_ptr<tbb::task_arena> arena;
+  std::shared_ptr<base::TaskArena> arena;
   std::shared_ptr<AgentMemory> memory;
   // Mailboxes of a coordinator in this process, which takes pixels from there; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;

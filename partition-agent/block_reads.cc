@@ -31,7 +31,7 @@ BlockReads::BlockReads(const Shards& shards, const std::vector<BlockToRead>& blo
 absl::Status BlockReads::ForEach(const AgentResources& resources,
                                  const base::Cancellation& cancellation, Visit visit,
                                  const Pauses& pauses) {
-  ReadWatch watch{.trace = resources.trace};
+  ReadWatch watch{.trace = resources.trace, .frames = resources.frames};
   if (AgentMetrics* const metrics = resources.metrics; metrics != nullptr) {
     metrics->reads.Add(static_cast<std::int64_t>(reads_.size()));
     metrics->read_bytes.Add(read_bytes_);

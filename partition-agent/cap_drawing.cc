@@ -67,12 +67,10 @@ class CapSink {
     const base::MutexLock lock(&mutex_);
     for (const CapFragment& fragment : *fragments) {
       const std::size_t pixel = image_.IndexOf(fragment.x, fragment.y);
-      std::uint64_t& key = image_.keys[pixel];
-      if (!order_.IsBefore(fragment.key, fragment.color, key, image_.colors[pixel])) {
-        continue;
-      }
-      std::atomic_ref(key).store(fragment.key, std::memory_order_relaxed);
-      image_.colors[pixel] = fragment.color;
+      std::uint64_t first = image_.keys[pixel];
+      order_.KeepFirst(fragment.key, fragment.color, &first, &image_.colors[pixel]);
+      std::atomic_ref(image_.keys[pixel]).store(first, std::memory_order_relaxed);
+      // If the fragment does not come first, its pixel is marked already.
       constexpr int kTilePx = image::TileSet::kTilePx;
       const int column = fragment.x / kTilePx;
       const int row = fragment.y / kTilePx;

@@ -193,6 +193,11 @@ std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
 
 // Step 0, on this thread, which may wait for a disk while the arena runs `work`.
 absl::Status FramePipeline::FindBlocksWhile(const std::function<void()>& work) {
+  if (resources_.arena->shares_threads()) {  // another step computes while this one reads
+    const absl::Status found = FindBlocks();
+    base::RunIn(resources_.arena, work);
+    return found;
+  }
   tbb::task_group working;
   base::RunIn(resources_.arena, [&] { working.run(work); });
   const auto wait = [&] { base::RunIn(resources_.arena, [&] { working.wait(); }); };
@@ -235,6 +240,12 @@ absl::Status FramePipeline::FindBlocks() {
     resources_.metrics->read_bytes.Add(cost.read_bytes);
   }
   return absl::OkStatus();
+}
+
+std::vector<volume::BlockId> FramePipeline::HiddenBlocks(const volume::BlockSet& drawn) const {
+  std::vector<volume::BlockId> hidden = blocks_->Ids();
+  std::erase_if(hidden, [&](volume::BlockId id) { return drawn.Contains(id); });
+  return hidden;
 }
 
 render::Renderer& FramePipeline::RendererOfFrame() const {

@@ -25,6 +25,7 @@
 #include "core/view/clip_region.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/block_set.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/color_volumes.h"
 #include "partition-agent/frame_task.h"
@@ -78,6 +79,9 @@ class FramePipeline {
   image::LayerStack TakeLayers() { return std::exchange(layers_, {}); }
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
+  [[nodiscard]] std::uint64_t cache_round() const { return cache_round_; }
+  // Returns the active blocks that are not among `drawn`. REQUIRES: step 0 is done.
+  [[nodiscard]] std::vector<volume::BlockId> HiddenBlocks(const volume::BlockSet& drawn) const;
 
  private:
   // The next step that may be called. kFirst: SelectOccluders or RenderAll.

@@ -73,6 +73,7 @@ absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
 
 absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  in_work_.emplace(agent_.options.memory->frames());
   ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
                             agent_.shards.Find(begin.dataset_id(), begin.shard_indices()));
   ISOSCOPE_ASSIGN_OR_RETURN(task_, FrameTaskFromProto(begin));
@@ -84,9 +85,20 @@ absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
   shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
   block_count_ = shards.front()->reader->layout().block_count();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
+  Shards volumes = shards;
+  for (const Shards& of_surface : color_shards) {
+    volumes.insert(volumes.end(), of_surface.begin(), of_surface.end());
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(
       pipeline_, FramePipeline::Make(std::move(shards), task_, agent_.Resources(trace_.recorder()),
                                      &cancellation_, color_shards));
+  look_ = agent_.play.NoteFrame({.dataset_id = begin.dataset_id(),
+                                 .shard_indices = begin.shard_indices(),
+                                 .color_ids = begin.color_dataset_ids(),
+                                 .spec = task_.spec,
+                                 .volumes = volumes,
+                                 .cache_round = pipeline_->cache_round()});
+  drawn_ = volume::BlockSet(look_.empty() ? 0 : block_count_);
   return absl::OkStatus();
 }
 
@@ -131,6 +143,9 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::RenderOccluders(const v1::Occlu
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> blocks,
       rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
+  if (!look_.empty()) {
+    drawn_.InsertAll(blocks);
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(Response answer, Draw(&agent_.metrics.render_occluders, [&] {
                               return pipeline_->RenderOccluders(blocks);
                             }));
@@ -142,6 +157,10 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::RenderVisible(const v1::Visible
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> blocks,
       rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
+  if (!look_.empty()) {
+    drawn_.InsertAll(blocks);
+    agent_.play.NoteHidden(look_, pipeline_->HiddenBlocks(drawn_));
+  }
   return WithStatistics(Draw(&agent_.metrics.render_visible, [&] {
     return pipeline_->RenderVisible(blocks, visible.open_pixels());
   }));

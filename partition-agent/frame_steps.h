@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -18,11 +19,13 @@
 #include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
 #include "core/base/task_arena.h"
+#include "core/volume/block_set.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "partition-agent/agent_context.h"
 #include "partition-agent/frame_pipeline.h"
 #include "partition-agent/frame_task.h"
 #include "partition-agent/frame_trace.h"
+#include "partition-agent/frames_in_work.h"
 
 namespace isoscope::agent {
 
@@ -52,7 +55,10 @@ class FrameSteps {
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return pipeline_->statistics(); }
   // Frees the frame's layers for the next frame.
-  void Release() { pipeline_.reset(); }
+  void Release() {
+    pipeline_.reset();
+    in_work_.reset();
+  }
 
  private:
   absl::StatusOr<std::vector<Shards>> FindColors(
@@ -75,6 +81,9 @@ class FrameSteps {
   std::vector<int> shard_indices_;
   std::int64_t block_count_ = 0;
   std::int64_t mailbox_ = 0;  // 0: pixels leave as bands
+  std::optional<FramesInWork::Frame> in_work_;
+  std::string look_;        // PlayAhead::NoteFrame
+  volume::BlockSet drawn_;  // by step 2
   std::unique_ptr<FramePipeline> pipeline_;
 };
 

@@ -1,25 +1,13 @@
 #include "partition-agent/idle_toucher.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <utility>
 
 #include "absl/time/clock.h"
-#include <sys/resource.h>
-#include <sys/syscall.h>
+
+#include "partition-agent/low_priority.h"
 
 namespace isoscope::agent {
-namespace {
-
-// On Linux, this sets the priority of one thread.
-void LowerPriorityOfThisThread() {
-  constexpr int kNice = 10;
-  // If it fails, the thread still works.
-  (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
-}
-
-}  // namespace
 
 IdleToucher::IdleToucher(Options options)
     : options_(std::move(options)), thread_([this] { Run(); }) {}

@@ -105,7 +105,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
   options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
-  options.arena = base::MakeTaskArena(flags.threads);
+  options.arena = std::make_shared<base::TaskArena>(flags.threads);
   options.memory =
       std::make_shared<AgentMemory>(static_cast<std::size_t>(flags.memory_limit_bytes));
   ISOSCOPE_ASSIGN_OR_RETURN(

@@ -44,8 +44,14 @@ std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t active_inde
   if (segment == nullptr) {
     return nullptr;
   }
-  segment->round.store(round, std::memory_order_relaxed);
+  segment->NoteUse(round);
   return {segment, slot.mesh};
+}
+
+bool MeshTable::Has(std::size_t active_index) {
+  ISOSCOPE_DCHECK(active_index < slots_.size());
+  base::MutexLock lock(&LockOf(active_index));
+  return !slots_[active_index].segment.expired();
 }
 
 void MeshTable::Set(std::size_t active_index, Slot slot) {
@@ -136,7 +142,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
       if ((*open)->size_bytes - (*open)->used_bytes >= size_bytes) {
         std::shared_ptr<MeshSegment> found = std::move(*open);
         open_.erase(open);
-        found->round.store(round, std::memory_order_relaxed);
+        found->NoteUse(round);
         return found;
       }
     }
@@ -158,6 +164,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
       segment_bytes_ += segment->size_bytes;
     } else {
       segment->is_kept.store(false, std::memory_order_relaxed);
+      unkept_count_.fetch_add(1, std::memory_order_relaxed);
     }
   }
   evicted.clear();  // frees their chunks for the new segment

@@ -32,7 +32,13 @@ struct MeshSegment {
   std::size_t size_bytes = 0;
   std::size_t used_bytes = 0;
   std::atomic<std::uint64_t> round{0};  // the last round that used it
-  std::atomic<bool> is_kept{true};      // false: it lives only as long as one of its meshes is held
+  void NoteUse(std::uint64_t in_round) {
+    std::uint64_t last = round.load(std::memory_order_relaxed);
+    while (last < in_round &&
+           !round.compare_exchange_weak(last, in_round, std::memory_order_relaxed)) {
+    }
+  }
+  std::atomic<bool> is_kept{true};  // false: it lives only as long as one of its meshes is held
 };
 
 // The source of the values that a mesh's vertices have.
@@ -56,6 +62,8 @@ class MeshTable {
 
   // Returns null if the mesh is not kept. REQUIRES: active_index < block_count.
   std::shared_ptr<const mesh::CompactMesh> Find(std::size_t active_index, std::uint64_t round);
+  // Returns true if the mesh is kept. Does not count as use. REQUIRES: as Find.
+  [[nodiscard]] bool Has(std::size_t active_index);
 
  private:
   friend class MeshCache;
@@ -116,6 +124,10 @@ class MeshCache {
   // turns, each at one isovalue, do not count as a slider.
   [[nodiscard]] bool is_slider_moving() const {
     return is_slider_moving_.load(std::memory_order_relaxed);
+  }
+  // Returns the number of segments that found no room.
+  [[nodiscard]] std::uint64_t unkept_count() const {
+    return unkept_count_.load(std::memory_order_relaxed);
   }
   [[nodiscard]] std::size_t size_bytes() const {
     const base::MutexLock lock(&mutex_);
@@ -178,6 +190,7 @@ class MeshCache {
   Motion motion_ ABSL_GUARDED_BY(mutex_);                     // of this round
   Motion last_motion_ ABSL_GUARDED_BY(mutex_);                // of the round before
   std::atomic<bool> is_slider_moving_{false};
+  std::atomic<std::uint64_t> unkept_count_{0};
 };
 
 }  // namespace isoscope::agent

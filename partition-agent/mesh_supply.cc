@@ -122,10 +122,16 @@ void MeshSupply::OpenTables() {
   }
 }
 
+void MeshSupply::EraseCached(std::vector<ChosenMesh>* chosen) {
+  OpenTables();
+  std::erase_if(*chosen,
+                [this](const ChosenMesh& mesh) { return TableOf(mesh).Has(mesh.active_index); });
+}
+
 // Part 1: adds meshes that are cached, or whose samples are cached, and marks the others.
 absl::Status MeshSupply::AddCached(const std::vector<ChosenMesh>& chosen,
                                    std::vector<char>* is_missing, MeshSink* sink) {
-  const auto threads = static_cast<std::size_t>(base::ConcurrencyOf(resources_.arena));
+  const auto threads = static_cast<std::size_t>(base::ConcurrencyOf(*resources_.arena));
   const std::size_t per_task =
       std::clamp(chosen.size() / (threads * kTasksPerThread), kMinMeshesPerTask, kMaxMeshesPerTask);
   // The first mesh of each task, or kNoMesh once it is done.

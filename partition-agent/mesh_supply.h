@@ -53,6 +53,9 @@ class MeshSupply {
   // ColorVolumes::CheckBlock. Blocks.
   absl::StatusOr<SupplyCost> AddMeshes(const std::vector<ChosenMesh>& chosen, MeshSink* sink);
 
+  // Removes the meshes that the cache has, without using them.
+  void EraseCached(std::vector<ChosenMesh>* chosen);
+
  private:
   [[nodiscard]] const Shard& ShardOf(const ChosenMesh& mesh) const {
     return *blocks_.shards()[mesh.shard_index];

@@ -56,16 +56,24 @@ rpc::OnCallEnd PartitionAgentServiceImpl::UnaryEnd(AgentMethod method,
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
     grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* request,
     v1::DescribeShardsResponse* response) {
-  return rpc::AnswerUnary(
-      context, *request,
-      [&] {
-        *response = plain_description_;
-        AddSeries(agent_.shards, response);
-        *response->mutable_load() = Load();
-        response->set_is_draining(is_draining_.load());
-        return absl::OkStatus();
-      },
-      UnaryEnd(AgentMethod::kDescribeShards, request, response, context));
+  const auto describe = [this, response] {
+    *response = plain_description_;
+    AddSeries(agent_.shards, response);
+    *response->mutable_load() = Load();
+    response->set_is_draining(is_draining_.load());
+    return absl::OkStatus();
+  };
+  rpc::OnCallEnd end = UnaryEnd(AgentMethod::kDescribeShards, request, response, context);
+  if (agent_.series_executor == nullptr) {
+    return rpc::AnswerUnary(context, *request, describe, end);
+  }
+  // Reads the disk, which a thread of gRPC must not wait for.
+  constexpr absl::Duration kMaxDuration = absl::Minutes(1);
+  return rpc::UnaryTask::Start(
+      context, *request, agent_.series_executor.get(), kMaxDuration,
+      [describe](const base::Cancellation& /*cancellation*/,
+                 const base::TraceContext& /*identity*/) { return describe(); },
+      std::move(end));
 }
 
 template <typename Request, typename Response>

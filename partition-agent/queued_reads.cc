@@ -47,7 +47,7 @@ class PausedArrivals {
 }  // namespace
 
 absl::Status ForEachArrival(
-    io::ReadQueue* queue, tbb::task_arena* arena, const base::Cancellation& cancellation,
+    io::ReadQueue* queue, base::TaskArena* arena, const base::Cancellation& cancellation,
     absl::FunctionRef<absl::StatusOr<ArrivalWork>(const io::ReadQueue::Arrival&)> work,
     const Pauses& pauses, const ReadWatch& watch) {
   base::FirstError error;
@@ -82,7 +82,9 @@ absl::Status ForEachArrival(
     if (paused.empty()) {  // the queue waits for room, which paused arrivals may take
       base::TraceScope wait(watch.trace, "wait for reads");
       const absl::Time wait_start = absl::Now();
+      std::optional<FramesInWork::DiskWait> disk_wait(std::in_place, watch.frames);
       ISOSCOPE_ASSIGN_OR_RETURN(const bool has_more, queue->WaitForMore(cancellation));
+      disk_wait.reset();
       wait.End();
       if (watch.wait != nullptr) {
         watch.wait->Add(std::max(absl::Now() - wait_start, absl::ZeroDuration()));

@@ -8,12 +8,13 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/metrics.h"
+#include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/io/read_queue.h"
+#include "partition-agent/frames_in_work.h"
 
 namespace isoscope::agent {
 
@@ -22,7 +23,8 @@ struct ReadWatch {
   // Copies from the system's memory ("read"), waits for the disk ("wait for reads") and calls of
   // `work` ("extract").
   base::TraceRecorder* trace = nullptr;
-  base::Counter* wait = nullptr;  // a duration: waits for the disk
+  base::Counter* wait = nullptr;   // a duration: waits for the disk
+  FramesInWork* frames = nullptr;  // the same waits, while they last
 };
 
 // Conditions under which all threads interrupt their work; by default never.
@@ -44,7 +46,7 @@ enum class ArrivalWork {
 // error it takes no further read. Threads of the arena never wait for a disk. The calling thread
 // does, and holds no lock.
 absl::Status ForEachArrival(
-    io::ReadQueue* queue, tbb::task_arena* arena, const base::Cancellation& cancellation,
+    io::ReadQueue* queue, base::TaskArena* arena, const base::Cancellation& cancellation,
     absl::FunctionRef<absl::StatusOr<ArrivalWork>(const io::ReadQueue::Arrival&)> work,
     const Pauses& pauses = {}, const ReadWatch& watch = {});
 

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
@@ -46,10 +47,15 @@ std::shared_ptr<const Shard> OpenVolumes::Find(std::uint32_t number) {
   return found->shard;
 }
 
-void OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
+std::shared_ptr<const Shard> OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
   const std::size_t bytes = BytesOf(*shard);
   std::vector<std::shared_ptr<const Shard>> closed;  // without the lock: files are closed
   const base::MutexLock lock(&mutex_);
+  for (const Entry& entry : entries_) {
+    if (entry.shard->number == shard->number) {
+      return entry.shard;
+    }
+  }
   entries_.push_front({.shard = std::move(shard), .bytes = bytes});
   bytes_ += bytes;
   while (bytes_ > max_bytes_ && entries_.size() > 1) {
@@ -57,17 +63,28 @@ void OpenVolumes::Add(std::shared_ptr<const Shard> shard) {
     closed.push_back(std::move(entries_.back().shard));
     entries_.pop_back();
   }
+  return entries_.front().shard;
+}
+
+bool OpenVolumes::HasRoomForAnother(const std::vector<std::shared_ptr<const Shard>>& shards) const {
+  std::size_t bytes = 0;
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    bytes += BytesOf(*shard);
+  }
+  return 2 * bytes <= max_bytes_;
 }
 
 absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
-    const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes) {
-  std::unique_ptr<SeriesShard> series(new SeriesShard(directory, std::move(open_volumes)));
+    const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
+    ReadManifest read_manifest) {
+  std::unique_ptr<SeriesShard> series(
+      new SeriesShard(directory, std::move(open_volumes), std::move(read_manifest)));
+  const base::MutexLock refreshing(&series->refreshing_);
   // The stamp comes first: a manifest that is replaced while it is read is read again.
-  const io::FileStamp stamp = io::StampOf(ManifestPath(directory));
-  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, store::OpenSeriesShard(directory));
+  series->stamp_ = io::StampOf(ManifestPath(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, series->read_manifest_(directory));
   series->shard_index_ = shard.shard_index;
   const base::MutexLock lock(&series->mutex_);
-  series->stamp_ = stamp;
   series->served_ = series->FindVolumes(std::move(shard));
   return series;
 }
@@ -92,30 +109,43 @@ std::shared_ptr<const SeriesShard::Served> SeriesShard::served() const {
   return served_;
 }
 
+absl::StatusOr<store::SeriesShard> SeriesShard::ReadAgain(const Served& before) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesShard shard, read_manifest_(directory_));
+  if (shard.manifest.dataset_id != before.manifest.dataset_id ||
+      shard.shard_index != shard_index_) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(directory_, ": holds shard ", shard.shard_index, " of dataset id ",
+                     shard.manifest.dataset_id, " now, was shard ", shard_index_, " of ",
+                     before.manifest.dataset_id, ": restart the agent to serve it"));
+  }
+  return shard;
+}
+
 void SeriesShard::Refresh() {
+  if (refreshing_.TryLock()) {
+    RefreshAlone();
+    refreshing_.Unlock();
+  }
+}
+
+void SeriesShard::RefreshAlone() {
   const std::shared_ptr<const Served> before = served();
   const io::FileStamp stamp = io::StampOf(ManifestPath(directory_));
   const bool lacks_folders = before->volumes.size() < before->manifest.volumes.size();
-  {
-    const base::MutexLock lock(&mutex_);
-    if (stamp == stamp_ && !lacks_folders) {
-      return;
-    }
-    stamp_ = stamp;
-  }
-  absl::StatusOr<store::SeriesShard> shard = store::OpenSeriesShard(directory_);
-  if (shard.ok() && (shard->manifest.dataset_id != before->manifest.dataset_id ||
-                     shard->shard_index != shard_index_)) {
-    shard = absl::FailedPreconditionError(
-        absl::StrCat(directory_, ": holds shard ", shard->shard_index, " of dataset id ",
-                     shard->manifest.dataset_id, " now, was shard ", shard_index_, " of ",
-                     before->manifest.dataset_id, ": restart the agent to serve it"));
-  }
-  if (!shard.ok()) {
-    base::LogWarning("series_not_read_again",
-                     {{"directory", directory_}, {"status", shard.status()}});
+  if (stamp == stamp_ && !lacks_folders) {
     return;
   }
+  absl::StatusOr<store::SeriesShard> shard = ReadAgain(*before);
+  if (!shard.ok()) {
+    if (std::string error = shard.status().ToString(); error != last_error_) {
+      last_error_ = std::move(error);
+      base::LogWarning("series_not_read_again",
+                       {{"directory", directory_}, {"status", shard.status()}});
+    }
+    return;  // with the old stamp: the next call tries again
+  }
+  stamp_ = stamp;
+  last_error_.clear();
   std::shared_ptr<const Served> after = FindVolumes(*std::move(shard));
   if (after->volumes.size() != before->volumes.size()) {
     base::LogInfo("series_changed", {{"dataset", after->manifest.name},
@@ -140,15 +170,38 @@ bool SeriesShard::Has(const std::string& dataset_id) const {
   return VolumeIn(*served(), dataset_id) != nullptr;
 }
 
-absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
-    const std::string& dataset_id) {
+std::optional<SeriesShard::Place> SeriesShard::PlaceOf(const std::string& dataset_id) const {
+  const std::shared_ptr<const Served> served = this->served();
+  const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
+  if (volume == nullptr) {
+    return std::nullopt;
+  }
+  Place place{.key = volume->key, .steps = {}};
+  for (const store::ScalarVolume& other : served->volumes) {
+    if (other.key.field == volume->key.field && other.key.component == volume->key.component) {
+      place.position = &other == volume ? place.steps.size() : place.position;
+      place.steps.push_back(other.key.step);
+    }
+  }
+  return place;
+}
+
+std::string SeriesShard::IdOf(const store::ScalarVolumeKey& key) const {
+  const std::shared_ptr<const Served> served = this->served();
+  const auto found =
+      std::find_if(served->volumes.begin(), served->volumes.end(),
+                   [&](const store::ScalarVolume& volume) { return volume.key == key; });
+  return found == served->volumes.end() ? "" : found->dataset_id;
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(const std::string& dataset_id,
+                                                                     Opening opening) {
   const std::shared_ptr<const Served> served = this->served();
   const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
   if (volume == nullptr) {
     return absl::FailedPreconditionError(
         absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
   }
-  const base::MutexLock opening(&opening_);
   std::uint32_t number = 0;
   {
     const base::MutexLock lock(&mutex_);
@@ -158,20 +211,46 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(
     }
     number = entry->second;
   }
+  return opening == Opening::kAhead ? OpenNow(*volume, number) : OpenOnce(*volume, number);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenOnce(
+    const store::ScalarVolume& volume, std::uint32_t number) {
+  {
+    const base::MutexLock lock(&mutex_);
+    opened_.Await(&mutex_,
+                  [&]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return !opening_.contains(number); });
+    opening_.insert(number);
+  }
+  const absl::Cleanup end = [&] {
+    const base::MutexLock lock(&mutex_);
+    opening_.erase(number);
+    opened_.SignalAll();
+  };
+  return OpenNow(volume, number);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenNow(const store::ScalarVolume& volume,
+                                                                  std::uint32_t number) const {
   if (std::shared_ptr<const Shard> open = open_volumes_->Find(number)) {
     return open;
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(volume, number));
+  return open_volumes_->Add(std::move(shard));
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
+    const store::ScalarVolume& volume, std::uint32_t number) const {
   const std::string directory =
-      absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume->key));
+      absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume.key));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, OpenShard(directory, number));
-  if (shard->reader->manifest_crc32c() != volume->manifest_crc32c ||
+  if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||
       shard->reader->shard_index() != shard_index_) {
     return absl::DataLossError(absl::StrCat(
         directory, ": holds shard ", shard->reader->shard_index(), " of dataset id ",
         shard->reader->manifest().dataset_id, ", the series expects shard ", shard_index_, " of ",
-        volume->dataset_id, "; copy the whole shard directory again"));
+        volume.dataset_id, "; copy the whole shard directory again"));
   }
-  open_volumes_->Add(shard);
   return shard;
 }
 

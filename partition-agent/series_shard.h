@@ -5,7 +5,8 @@
 //    the memory that they share (OpenVolumes). A frame holds those that it draws.
 // 3. Refresh reads the manifest again if the file was replaced. A folder that is not there yet (a
 //    copy under way) is looked for at the next Refresh. A manifest of another dataset, or one that
-//    is damaged, changes nothing: what was served is served on.
+//    is damaged or can't be read, changes nothing: what was served is served on, and the next
+//    Refresh tries again.
 //
 // A volume has the same number (Shard::number) whenever it is opened, so that caches stay valid.
 
@@ -14,9 +15,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <list>
 #include <map>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -37,8 +41,12 @@ class OpenVolumes {
 
   // Null if it is not open.
   std::shared_ptr<const Shard> Find(std::uint32_t number) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Closes others, unless frames hold them, until `shard` fits. The newest is always kept.
-  void Add(std::shared_ptr<const Shard> shard) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Closes others, unless frames hold them, until `shard` fits. The newest is always kept. Returns
+  // it, or the one with its number that is open already.
+  std::shared_ptr<const Shard> Add(std::shared_ptr<const Shard> shard) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Returns true if as many shards of this size fit beside these.
+  [[nodiscard]] bool HasRoomForAnother(
+      const std::vector<std::shared_ptr<const Shard>>& shards) const;
 
  private:
   struct Entry {
@@ -62,28 +70,61 @@ class SeriesShard {
     std::vector<store::ScalarVolume> volumes;  // whose folders are there, ascending by key
   };
 
+  // The steps of one field's component that are served, and one of them.
+  struct Place {
+    store::ScalarVolumeKey key;
+    std::vector<int> steps;    // numbers, ascending
+    std::size_t position = 0;  // of key.step in `steps`
+  };
+  // Reads the manifest of a shard directory; tests inject faults.
+  using ReadManifest = std::function<absl::StatusOr<store::SeriesShard>(const std::string&)>;
+
   // Opens a shard directory of a series. `open_volumes` is shared by all series of the agent.
   // Errors as store::OpenSeriesShard.
   static absl::StatusOr<std::unique_ptr<SeriesShard>> Open(
-      const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes);
+      const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
+      ReadManifest read_manifest = store::OpenSeriesShard);
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
   [[nodiscard]] std::shared_ptr<const Served> served() const ABSL_LOCKS_EXCLUDED(mutex_);
 
-  // Looks for new volumes. Cheap if there are none.
-  void Refresh() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Looks for new volumes. Cheap if there are none. Returns at once if another thread looks.
+  void Refresh() ABSL_LOCKS_EXCLUDED(mutex_, refreshing_);
 
   // Whether the volume of this dataset id is served.
   [[nodiscard]] bool Has(const std::string& dataset_id) const;
+  // Not set if it is not served. O(volumes).
+  [[nodiscard]] std::optional<Place> PlaceOf(const std::string& dataset_id) const;
+  // The dataset id of a volume; "" if it is not served.
+  [[nodiscard]] std::string IdOf(const store::ScalarVolumeKey& key) const;
   // Opens it. Blocks on the disk. Errors as OpenShard; DATA_LOSS also if the folder holds another
   // volume. FAILED_PRECONDITION if it is not served.
-  absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id)
-      ABSL_LOCKS_EXCLUDED(mutex_, opening_);
+  //
+  // kForFrame: several threads open it once. kAhead: nobody waits for this thread, whose priority
+  // is low; then a frame may open the volume, too, and one of both is kept.
+  enum class Opening { kForFrame, kAhead };
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id,
+                                                          Opening opening = Opening::kForFrame)
+      ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  SeriesShard(std::string directory, std::shared_ptr<OpenVolumes> open_volumes)
-      : directory_(std::move(directory)), open_volumes_(std::move(open_volumes)) {}
+  SeriesShard(std::string directory, std::shared_ptr<OpenVolumes> open_volumes,
+              ReadManifest read_manifest)
+      : directory_(std::move(directory)),
+        open_volumes_(std::move(open_volumes)),
+        read_manifest_(std::move(read_manifest)) {}
+
+  void RefreshAlone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(refreshing_) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenOnce(const store::ScalarVolume& volume,
+                                                        std::uint32_t number)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> OpenNow(
+      const store::ScalarVolume& volume, std::uint32_t number) const;
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> ReadVolume(
+      const store::ScalarVolume& volume, std::uint32_t number) const;
+  // OpenSeriesShard, of the same shard of the same series.
+  [[nodiscard]] absl::StatusOr<store::SeriesShard> ReadAgain(const Served& before) const;
 
   // The volumes of `shard` whose folders are there, after those of `before`.
   [[nodiscard]] std::shared_ptr<const Served> FindVolumes(store::SeriesShard shard) const;
@@ -93,13 +134,17 @@ class SeriesShard {
 
   const std::string directory_;
   const std::shared_ptr<OpenVolumes> open_volumes_;
+  const ReadManifest read_manifest_;
   int shard_index_ = 0;
+  base::Mutex refreshing_;  // one at a time: an older list never replaces a newer one
+  io::FileStamp stamp_ ABSL_GUARDED_BY(refreshing_);     // of the manifest that is served
+  std::string last_error_ ABSL_GUARDED_BY(refreshing_);  // each is logged once
   mutable base::Mutex mutex_;
   std::shared_ptr<const Served> served_ ABSL_GUARDED_BY(mutex_);
-  io::FileStamp stamp_ ABSL_GUARDED_BY(mutex_);  // of the manifest that was read last
   // By dataset id, of volumes that were opened once.
   std::map<std::string, std::uint32_t> numbers_ ABSL_GUARDED_BY(mutex_);
-  base::Mutex opening_;  // one volume at a time: two frames of one step open it once
+  std::set<std::uint32_t> opening_ ABSL_GUARDED_BY(mutex_);  // numbers of volumes
+  base::CondVar opened_;
 };
 
 }  // namespace isoscope::agent

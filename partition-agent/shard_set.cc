@@ -16,9 +16,9 @@ int ShardSet::Served::index() const {
 }
 
 absl::StatusOr<std::shared_ptr<const Shard>> ShardSet::Served::Open(
-    const std::string& dataset_id) const {
+    const std::string& dataset_id, SeriesShard::Opening opening) const {
   if (series != nullptr) {
-    return series->OpenVolume(dataset_id);
+    return series->OpenVolume(dataset_id, opening);
   }
   return *plain;
 }
@@ -46,16 +46,17 @@ absl::StatusOr<std::vector<ShardSet::Served>> ShardSet::ServedOf(
 absl::StatusOr<std::shared_ptr<const Shard>> ShardSet::FindAny(
     const std::string& dataset_id) const {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Served> served, ServedOf(dataset_id));
-  return served.front().Open(dataset_id);
+  return served.front().Open(dataset_id, SeriesShard::Opening::kForFrame);
 }
 
 absl::StatusOr<Shards> ShardSet::Find(
     const std::string& dataset_id,
-    const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const {
+    const google::protobuf::RepeatedField<std::int32_t>& shard_indices,
+    SeriesShard::Opening opening) const {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Served> served, ServedOf(dataset_id));
   // All have the manifest of the dataset.
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> first,
-                            served.front().Open(dataset_id));
+                            served.front().Open(dataset_id, opening));
   const store::Manifest& manifest = first->reader->manifest();
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<int> wanted,
@@ -74,7 +75,8 @@ absl::StatusOr<Shards> ShardSet::Find(
           "shard ", index, " of dataset \"", manifest.name,
           "\" is not served by this agent (any more); it serves ", absl::StrJoin(indices, ", ")));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, position->Open(dataset_id));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
+                              position->Open(dataset_id, opening));
     found.push_back(std::move(shard));
   }
   return found;

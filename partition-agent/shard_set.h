@@ -30,7 +30,8 @@ class ShardSet {
   // series also errors as SeriesShard::OpenVolume. O(shards). May block on the disk.
   [[nodiscard]] absl::StatusOr<Shards> Find(
       const std::string& dataset_id,
-      const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const;
+      const google::protobuf::RepeatedField<std::int32_t>& shard_indices,
+      SeriesShard::Opening opening = SeriesShard::Opening::kForFrame) const;
   // Returns some shard of a dataset that is served, for what all shards have. Errors as Find.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> FindAny(
       const std::string& dataset_id) const;
@@ -47,7 +48,7 @@ class ShardSet {
     SeriesShard* series = nullptr;
     [[nodiscard]] int index() const;
     [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> Open(
-        const std::string& dataset_id) const;
+        const std::string& dataset_id, SeriesShard::Opening opening) const;
   };
   // FAILED_PRECONDITION if there are none.
   [[nodiscard]] absl::StatusOr<std::vector<Served>> ServedOf(const std::string& dataset_id) const;

@@ -14,13 +14,13 @@ ISOSCOPE_BUILD_PACKAGES=(
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
-  libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libexpat1-dev
+  libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libexpat1-dev libbz2-dev
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core prometheus-cpp-dev
 )
 
 # Packages to run the programs in the container images: all three programs; those that draw (isoscope-agent and
 # isoscope); and isoscope, which reads volumes and writes pictures. Omitted are packages that these or dpkg depend on
-# anyway (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
+# anyway (libabsl, libbz2-1.0, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
   libprometheus-cpp-pull1.0)

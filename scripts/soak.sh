@@ -1,21 +1,24 @@
 #!/usr/bin/env bash
 # The long form of tests that scripts/test.sh runs for seconds. Either pictures of random volumes on both back ends, and
 # agents that are killed under load while other processes use the processor; or a very large number of small random
-# frames. Builds missing programs. Ends with 1 at the first failure, with the command to repeat it.
+# frames, of volumes or of series. Builds missing programs. Ends with 1 at the first failure, with the command to repeat
+# it.
 set -euo pipefail
 
 usage() {
   cat <<'USAGE'
 Usage: scripts/soak.sh [MINUTES] [--seed N]
-       scripts/soak.sh --threads [--frames N] [--seed N]
+       scripts/soak.sh --threads|--series [--frames N] [--seed N]
 
   MINUTES     of all parts together (default: 30)
   --threads   instead, small random frames: each is drawn with 1, 2, 3, 8 or 32 threads, some memory
               limit, options and cut of its volume, and compared with the same frame of one agent
               without culling and limit; prints seeds, frames, differences, and frames by threads
               and limits
-  --frames N  how many frames are compared, at least (default: 100000)
-  --seed N    of the first volume; each one after it has the next (default: from the clock)
+  --series    the same of random series (fields, components, steps, colours by another field), each
+              compared with the frame of a dataset of its array alone; a tenth again with OpenGL
+  --frames N  how many frames are compared, at least (default: 100000; of series 20000)
+  --seed N    of the first volume or series; each one after it has the next (default: from the clock)
   -h, --help  this text
 USAGE
 }
@@ -27,14 +30,17 @@ fail() {
 
 minutes=
 frames=
-threads=false
+small=
 while [ $# -gt 0 ]; do
   case "$1" in
     -h | --help)
       usage
       exit 0
       ;;
-    --threads) threads=true ;;
+    --threads | --series)
+      [ -z "$small" ] || fail "--threads and --series are runs of their own"
+      small="$1"
+      ;;
     --frames | --seed)
       [[ "${2:-}" =~ ^[1-9][0-9]*$ ]] || fail "$1 '${2:-}' is not a number"
       if [ "$1" = --frames ]; then
@@ -49,22 +55,30 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-if "$threads" && [ -n "$minutes" ]; then
-  fail "--threads ends after --frames, not after minutes"
-elif ! "$threads" && [ -n "$frames" ]; then
-  fail "--frames needs --threads"
+if [ -n "$small" ] && [ -n "$minutes" ]; then
+  fail "$small ends after --frames, not after minutes"
+elif [ -z "$small" ] && [ -n "$frames" ]; then
+  fail "--frames needs --threads or --series"
 fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/build.sh --with-tests
 tests=build/release/tests
 
-if "$threads"; then
+if [ -n "$small" ]; then
   # Writing a small dataset safely to a disk takes longer than drawing it.
   if [ -w /dev/shm ]; then
     export TMPDIR=/dev/shm
   fi
-  ISOSCOPE_SOAK_FRAMES="${frames:-100000}" "$tests/soak_test" --gtest_filter='*SmallFrames/Cpu' --gtest_brief=1
+  run() {
+    ISOSCOPE_SOAK_FRAMES="$2" "$tests/soak_test" --gtest_filter="$1" --gtest_brief=1
+  }
+  if [ "$small" = --threads ]; then
+    run '*SmallFrames/Cpu' "${frames:-100000}"
+  else
+    run 'BackEnds/SoakTest.FramesOfSeries*/Cpu' "${frames:-20000}"
+    run 'BackEnds/SoakTest.FramesOfSeries*/Egl' "$((${frames:-20000} / 10 + 1))"
+  fi
   exit
 fi
 

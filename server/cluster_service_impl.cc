@@ -104,9 +104,9 @@ isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
   *load.mutable_up_duration() = rpc::ToProto(up);
   load.set_working_frame_count(gauges.working_frames);
   load.set_queued_frame_count(gauges.queued_frames);
-  load.set_done_frame_count(metrics.done_frames.value());
-  load.set_failed_frame_count(metrics.failed_frames.value() + metrics.cancelled_frames.value());
-  load.set_refused_frame_count(metrics.refused_frames.value());
+  load.set_done_frame_count(metrics.frames.done.value());
+  load.set_failed_frame_count(metrics.frames.failed.value() + metrics.frames.cancelled.value());
+  load.set_refused_frame_count(metrics.frames.refused.value());
   load.set_network_bytes(metrics.network_bytes.value());
   load.set_resident_bytes(static_cast<std::int64_t>(base::ResidentBytes()));
   load.set_memory_limit_bytes(static_cast<std::int64_t>(gauges.memory_limit_bytes));

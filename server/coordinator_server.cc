@@ -113,7 +113,8 @@ class CoordinatorServerImpl final : public CoordinatorServer {
         runner_({.registry = registry_.get(),
                  .max_concurrent_frames = options.max_concurrent_frames,
                  .max_queued_frames = options.max_queued_frames,
-                 .arena = options.arena != nullptr ? options.arena : base::MakeTaskArena(),
+                 .arena =
+                     options.arena != nullptr ? options.arena : std::make_shared<base::TaskArena>(),
                  .memory_limit_bytes = options.memory_limit_bytes > 0
                                            ? options.memory_limit_bytes
                                            : CoordinatorMemory::DefaultLimitBytes(),

@@ -14,9 +14,9 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/metrics.h"
+#include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
@@ -43,7 +43,7 @@ struct CoordinatorServerOptions {
   // The interval between two polls of the agents.
   absl::Duration poll_interval = absl::Seconds(2);
   // The arena of the coordinator's computations; null: an arena of all cores.
-  std::shared_ptr<tbb::task_arena> arena;
+  std::shared_ptr<base::TaskArena> arena;
   // Mailboxes of the agents, if all of them share this process: pixels are then passed without
   // encoding. Else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;

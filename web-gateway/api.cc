@@ -9,36 +9,28 @@
 
 #include "web-gateway/api.h"
 
-#include <algorithm>
-#include <cerrno>
-#include <cstddef>
-#include <cstdint>
-#include <cstdlib>
-#include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "google/protobuf/io/coded_stream.h"
-#include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
 #include "clients/cpp/connection/like_picture.h"
-#include "clients/cpp/mesh_file/mesh_piece.h"
-#include "clients/cpp/mesh_file/mesh_writer.h"
+#include "clients/cpp/connection/mesh_export.h"
+#include "clients/cpp/mesh_file/mesh_field.h"
 #include "core/base/retry_delay.h"
-#include "core/base/status_macros.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "web-gateway/etag.h"
 #include "web-gateway/json.h"
+#include "web-gateway/mesh_answer.h"
+#include "web-gateway/picture_answer.h"
 #include "web-gateway/render_query.h"
-#include "web-gateway/served_selection.h"
 #include "web-gateway/static_files.h"
 #include "web-gateway/url.h"
 
@@ -46,9 +38,6 @@ namespace isoscope::gateway {
 namespace {
 
 namespace v1 = isoscope::v1;
-using OutputOptions = v1::OutputOptions;
-
-constexpr std::int64_t kMaxMeshBytes = std::int64_t{1} << 30;
 
 HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allowed) {
   HttpResponse response =
@@ -59,57 +48,6 @@ HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allow
                     405);
   response.headers.emplace_back("Allow", allowed);
   return response;
-}
-
-// Returns bytes that depend on the content of the message alone.
-std::string Serialize(const google::protobuf::Message& message) {
-  std::string bytes;
-  google::protobuf::io::StringOutputStream stream(&bytes);
-  google::protobuf::io::CodedOutputStream coded(&stream);
-  coded.SetSerializationDeterministic(true);
-  message.SerializeToCodedStream(&coded);
-  coded.Trim();
-  return bytes;
-}
-
-// Moves the requested output out of a response: a picture or a plane, with its type.
-absl::Status TakePicture(const v1::RenderIsosurfaceRequest& request,
-                         v1::RenderIsosurfaceResponse* response, HttpResponse* answer) {
-  answer->content_type = "application/octet-stream";
-  switch (request.output().image_format()) {
-    case OutputOptions::IMAGE_FORMAT_JPEG:
-      answer->content_type = "image/jpeg";
-      answer->body = std::move(*response->mutable_jpeg());
-      return absl::OkStatus();
-    case OutputOptions::IMAGE_FORMAT_RGBA8:
-      answer->body = std::move(*response->mutable_rgba8());
-      return absl::OkStatus();
-    case OutputOptions::IMAGE_FORMAT_NONE:
-      answer->body =
-          std::move(request.output().depth()           ? *response->mutable_depth()
-                    : request.output().surface_index() ? *response->mutable_surface_index()
-                    : request.output().position()      ? *response->mutable_position()
-                                                       : *response->mutable_normal());
-      return absl::OkStatus();
-    default:
-      answer->content_type = "image/png";
-      answer->body = std::move(*response->mutable_png());
-      return absl::OkStatus();
-  }
-}
-
-// An answer is one picture or one plane. INVALID_ARGUMENT for a request of more, or of none.
-absl::Status CheckOneOutput(const OutputOptions& output) {
-  const int plane_count = static_cast<int>(output.depth()) +
-                          static_cast<int>(output.surface_index()) +
-                          static_cast<int>(output.position()) + static_cast<int>(output.normal());
-  const bool has_image = output.image_format() != OutputOptions::IMAGE_FORMAT_NONE;
-  if (plane_count + static_cast<int>(has_image) == 1) {
-    return absl::OkStatus();
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat("output asks for ", has_image ? "a picture and " : "", plane_count,
-                   " planes: an answer is one picture, or with IMAGE_FORMAT_NONE one plane"));
 }
 
 class Exchange : public std::enable_shared_from_this<Exchange> {
@@ -386,16 +324,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       status = SetDataset(&render_);
     }
     if (status.ok()) {
-      status = CheckOneOutput(render_.output());
-    }
-    if (status.ok() && render_.with_trace()) {
-      status = absl::InvalidArgumentError(
-          "withTrace is true: an answer over HTTP has no trace; ask the coordinator for one");
-    }
-    if (status.ok() && render_.allow_partial()) {
-      status = absl::InvalidArgumentError(
-          "allowPartial is true: a picture over HTTP can't say what is missing in it; ask the "
-          "coordinator");
+      status = CheckAnswerable(render_);
     }
     if (!status.ok()) {
       RespondError(status);
@@ -424,164 +353,59 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   }
 
   void RenderUnlessKnown(const std::string& picture_revision) {
-    if (render_.culling() == v1::CULLING_MASK) {
-      Render({{"Cache-Control", "no-store"}});  // approximate
+    const PictureCaching caching =
+        CachingOf(dataset_, picture_revision, is_by_id_,
+                  options_.is_private || !request_.token.empty(), &render_);
+    if (caching.etag.empty() || !MatchesEtag(request_.if_none_match, caching.etag)) {
+      Render(caching.headers);
       return;
     }
-    const bool may_change = DependsOnLaterSteps(render_.selection(), dataset_);
-    if (!dataset_.fields().empty()) {
-      const auto selection = ResolveSelection(render_.selection(), dataset_);
-      if (!selection) {
-        Render({{"Cache-Control", "no-store"}});  // the coordinator says what there is
-        return;
-      }
-      *render_.mutable_selection() = *selection;
-    }
-    const std::string request = Serialize(render_);
-    const std::string ranges = RangesOfColors(render_, dataset_);
-    std::vector<absl::string_view> parts = {dataset_.dataset_id(), picture_revision, request};
-    if (!ranges.empty()) {
-      parts.emplace_back(ranges);
-    }
-    const std::string etag = MakeEtag(parts);
-    const bool is_immutable = is_by_id_ && !may_change && ranges.empty();
-    const bool is_private = options_.is_private || !request_.token.empty();
-    const std::vector<std::pair<std::string, std::string>> headers = {
-        {"ETag", etag},
-        {"Cache-Control", absl::StrCat(is_private ? "private, " : "public, ",
-                                       is_immutable ? "max-age=31536000, immutable" : "no-cache")}};
-    if (MatchesEtag(request_.if_none_match, etag)) {
-      HttpResponse response;
-      response.status = 304;
-      response.headers = headers;
-      Respond(std::move(response));
-      return;
-    }
-    Render(headers);
+    HttpResponse response;
+    response.status = 304;
+    response.headers = caching.headers;
+    Respond(std::move(response));
   }
 
   void Render(std::vector<std::pair<std::string, std::string>> headers) {
-    client_->Render(
-        render_, call_,
-        [self = shared_from_this(),
-         headers = std::move(headers)](absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
-          if (!rendered.ok()) {
-            self->RespondError(rendered.status());
-            return;
-          }
-          HttpResponse response;
-          response.headers = headers;
-          response.headers.emplace_back(
-              "X-Isoscope-Extent",
-              absl::StrCat(rendered->extent().width_px(), "x", rendered->extent().height_px()));
-          response.headers.emplace_back("X-Isoscope-Camera", ToJson(rendered->camera()));
-          if (rendered->has_selection()) {
-            response.headers.emplace_back("X-Isoscope-Selection",
-                                          ToAsciiJson(rendered->selection()));
-          }
-          if (rendered->has_time()) {
-            response.headers.emplace_back("X-Isoscope-Time", ToJson(rendered->time()));
-          }
-          const absl::Status taken = TakePicture(self->render_, &*rendered, &response);
-          self->Respond(taken.ok() ? std::move(response) : ErrorResponse(taken));
-        });
+    client_->Render(render_, call_,
+                    [self = shared_from_this(), headers = std::move(headers)](
+                        absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
+                      self->Respond(rendered.ok() ? PictureResponse(self->render_, headers,
+                                                                    *std::move(rendered))
+                                                  : ErrorResponse(rendered.status()));
+                    });
   }
 
   void AnswerMesh() {
-    const absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
-    absl::Status status = query.status();
-    if (status.ok() && request_.is_head) {
-      HttpResponse response = MeshHeader();
+    absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
+    if (query.ok() && request_.is_head) {
+      HttpResponse response = MeshAnswer::Header();
       response.has_unknown_length = true;
       Respond(std::move(response));
       return;
     }
-    if (status.ok()) {
-      status = BeginMesh(*query);
-    }
-    if (!status.ok()) {
-      RespondError(status);
+    if (!query.ok()) {
+      RespondError(query.status());
       return;
     }
+    const std::optional<client::MeshField> field = client::PinSelection(dataset_, &query->request);
+    absl::StatusOr<std::unique_ptr<MeshAnswer>> mesh = MeshAnswer::Begin(
+        query->surfaces, field, request_.caller, options_.max_mesh_bytes, meshes_);
+    if (!mesh.ok()) {
+      RespondError(mesh.status());
+      return;
+    }
+    mesh_ = *std::move(mesh);
     client_->Export(
         query->request, call_,
-        [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
-          ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshPiece piece,
-                                    self->decoder_->Decode(chunk.surface_index(), chunk.positions(),
-                                                           chunk.normals(), chunk.triangles()));
-          ISOSCOPE_RETURN_IF_ERROR(self->CountMeshBytes());
-          return self->writer_->Add(piece);
+        [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) {
+          return self->mesh_->Add(chunk);
         },
-        [self = shared_from_this()](const absl::Status& exported) { self->EndMesh(exported); });
-  }
-
-  // Takes a place among the meshes, and creates the file of this one.
-  absl::Status BeginMesh(const MeshQuery& query) {
-    ISOSCOPE_ASSIGN_OR_RETURN(mesh_lease_, meshes_->Begin(request_.caller));
-    std::error_code error;
-    std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
-    // A private folder: no other user can put a file of this name there.
-    if (error || mkdtemp(folder.data()) == nullptr) {
-      return absl::FailedPreconditionError(
-          absl::StrCat("no folder for temporary files can be made (TMPDIR): ",
-                       error ? error.message() : std::system_category().message(errno)));
-    }
-    mesh_path_ = folder + "/mesh.glb";
-    const client::MeshFileOptions file{
-        .path = mesh_path_, .format = client::MeshFormat::kGlb, .surfaces = query.surfaces};
-    ISOSCOPE_RETURN_IF_ERROR(client::Validate(file));
-    decoder_.emplace(static_cast<int>(query.surfaces.size()));
-    absl::StatusOr<std::unique_ptr<client::MeshWriter>> writer = client::MeshWriter::Create(file);
-    if (!writer.ok()) {
-      RemoveTemporaryFile(mesh_path_);
-      return writer.status();
-    }
-    writer_ = *std::move(writer);
-    return absl::OkStatus();
-  }
-
-  // Counts the bytes on disk of the mesh so far.
-  [[nodiscard]] absl::Status CountMeshBytes() const {
-    constexpr std::int64_t kVectorBytes = 3 * sizeof(float);  // also the size of three indices
-    const std::int64_t vertices = kVectorBytes * decoder_->vertex_count();
-    const std::int64_t triangles = kVectorBytes * decoder_->triangle_count();
-    const std::int64_t bytes = 2 * vertices + triangles;
-    // While the file is assembled, normals and then indices are on disk twice.
-    const std::int64_t disk_bytes = bytes + std::max(vertices, triangles);
-    if (bytes > kMaxMeshBytes || disk_bytes > options_.max_mesh_bytes) {
-      return absl::ResourceExhaustedError(
-          absl::StrCat("the mesh has ", bytes, " bytes or more, and the gateway's limit is ",
-                       kMaxMeshBytes, ", or two thirds of --max-mesh-bytes ",
-                       options_.max_mesh_bytes, ": clip it, or use 'isoscope export'"));
-    }
-    return mesh_lease_->SetBytes(disk_bytes);
-  }
-
-  static HttpResponse MeshHeader() {
-    HttpResponse response;
-    response.content_type = "model/gltf-binary";
-    response.headers = {{"Cache-Control", "no-store"},
-                        {"Content-Disposition", "attachment; filename=\"mesh.glb\""}};
-    return response;
-  }
-
-  void EndMesh(absl::Status status) {
-    if (status.ok()) {
-      status = writer_->Finish();
-    }
-    if (status.ok()) {
-      status = mesh_lease_->SetBytes(writer_->size_bytes());
-    }
-    writer_.reset();  // without Finish, this removes the file
-    if (!status.ok()) {
-      RemoveTemporaryFile(mesh_path_);
-      RespondError(status);
-      return;
-    }
-    HttpResponse response = MeshHeader();
-    response.file_path = mesh_path_;
-    response.hold = std::move(mesh_lease_);
-    Respond(std::move(response));
+        [self = shared_from_this()](const absl::Status& exported) {
+          absl::StatusOr<HttpResponse> response = exported.ok() ? self->mesh_->Finish() : exported;
+          self->mesh_.reset();  // an answer that failed removes its file first
+          self->Respond(response.ok() ? *std::move(response) : ErrorResponse(response.status()));
+        });
   }
 
   const ApiOptions options_;
@@ -596,10 +420,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   v1::Dataset dataset_;
   bool is_by_id_ = false;
   v1::RenderIsosurfaceRequest render_;
-  std::shared_ptr<MeshBudget::Lease> mesh_lease_;
-  std::string mesh_path_;
-  std::optional<client::MeshDecoder> decoder_;
-  std::unique_ptr<client::MeshWriter> writer_;
+  std::unique_ptr<MeshAnswer> mesh_;
 };
 
 }  // namespace

@@ -19,7 +19,7 @@
 #include "core/rpc/certificate_watch.h"
 #include "core/rpc/host_port.h"
 #include "web-gateway/http_session.h"
-#include "web-gateway/peer_stream.h"
+#include "web-gateway/peer_listener.h"
 #include "web-gateway/tls_context.h"
 #include "web-gateway/url.h"
 

@@ -1,6 +1,5 @@
-// The transport of a gateway: browsers' connections, HTTP/1.1 and WebSockets on them, over TCP or
-// TLS. It also sends a single request to another gateway. Boost.Asio and Boost.Beast compile
-// slowly, so only peer_stream.cc includes their templates.
+// A browser's connection: HTTP/1.1 and WebSockets, over TCP or TLS. Boost.Asio and Boost.Beast
+// compile slowly, so no header that others include has their templates.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
 #define ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
@@ -10,76 +9,27 @@
 #include <functional>
 #include <memory>
 #include <string>
-#include <utility>
-#include <vector>
 
-#include "absl/status/status.h"
-#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
-#include "web-gateway/tls_context.h"
+#include "web-gateway/peer_message.h"
+
+namespace boost::asio::ssl {
+class context;
+}  // namespace boost::asio::ssl
 
 namespace isoscope::gateway {
 
-// Names and values of a header, in order.
-using PeerFields = std::vector<std::pair<std::string, std::string>>;
+class Transport;
 
-// Appends a field, after removing those of the same name; names ignore case.
-void SetField(absl::string_view name, absl::string_view value, PeerFields* fields);
-
-struct PeerRequest {
-  std::string method;
-  std::string target;
-  PeerFields fields;
-  std::string body;
-  bool keeps_alive = false;     // another request may follow
-  bool asks_websocket = false;  // requests a WebSocket
-
-  // Returns the first value of a field; "" without it.
-  [[nodiscard]] absl::string_view Field(absl::string_view name) const;
-  [[nodiscard]] int CountFields(absl::string_view name) const;
-};
-
-// The reason why no request came.
+// The reason that no request came.
 enum class ReadError {
   kNone,
   kEnd,            // the peer left, or the time limit passed
   kLongHeader,     // longer than kMaxHeaderBytes
   kLongBody,       // longer than kMaxBodyBytes
   kNoHttpRequest,  // no HTTP/1.1
-};
-
-// An open file; closes it. Can be moved.
-class AnswerFile {
- public:
-  AnswerFile() = default;
-  ~AnswerFile();
-  AnswerFile(AnswerFile&& other) noexcept
-      : descriptor_(std::exchange(other.descriptor_, -1)), size_(other.size_) {}
-  AnswerFile& operator=(AnswerFile&& other) noexcept {
-    std::swap(descriptor_, other.descriptor_);
-    std::swap(size_, other.size_);
-    return *this;
-  }
-
-  // The status has the error of the operating system as its message.
-  static absl::StatusOr<AnswerFile> Open(const std::string& path);
-
-  [[nodiscard]] bool is_open() const { return descriptor_ >= 0; }
-  [[nodiscard]] int descriptor() const { return descriptor_; }
-  [[nodiscard]] std::int64_t size() const { return size_; }
-
- private:
-  int descriptor_ = -1;
-  std::int64_t size_ = 0;
-};
-
-struct PeerAnswer {
-  int status = 200;
-  PeerFields fields = {};  // complete, with Content-Length
-  std::string body = {};
-  AnswerFile file = {};  // replaces `body` if it is open
 };
 
 struct WebSocketOptions {
@@ -100,6 +50,9 @@ class PeerStream {
   using Done = std::function<void(bool is_ok)>;
   using RequestDone = std::function<void(ReadError error, const std::string& message)>;
 
+  // `context`: of TLS; null without.
+  static std::shared_ptr<PeerStream> Make(std::unique_ptr<Transport> transport,
+                                          std::shared_ptr<boost::asio::ssl::context> context);
   virtual ~PeerStream() = default;
 
   // Calls `task` on the strand.
@@ -152,44 +105,6 @@ class PeerStream {
                               std::function<void()> done) = 0;
   static constexpr std::size_t kMaxReasonBytes = 123;
 };
-
-// The listening socket and the threads of connections.
-class PeerListener {
- public:
-  // Called for each connection, one at a time; a stream that it does not keep is closed.
-  using Serve = std::function<void(std::shared_ptr<PeerStream> stream)>;
-
-  static std::unique_ptr<PeerListener> Make();
-  // Ends the threads, and drops the remaining connections.
-  virtual ~PeerListener() = default;
-
-  // `host` has no brackets; port 0 takes a free one. `address`: both, for errors. `tls`: null for
-  // plain TCP. UNAVAILABLE: the address can't be bound. Call it once.
-  virtual absl::Status Listen(const std::string& host, const std::string& port,
-                              const std::string& address, std::unique_ptr<TlsContext> tls,
-                              int thread_count, Serve serve) = 0;
-  [[nodiscard]] virtual int port() const = 0;
-  // Takes no new connections.
-  virtual void Close() = 0;
-};
-
-struct PeerQuestion {
-  std::string host;
-  std::string port;
-  std::string target;
-  bool has_tls = false;
-  std::string ca_file = {};  // authority of the certificate; empty: any
-  absl::Duration timeout;
-};
-
-struct PeerReply {
-  int status = 0;
-  std::string body;
-};
-
-// Sends GET for a target of "localhost" to a server. UNAVAILABLE names the step that failed.
-// Blocks.
-absl::StatusOr<PeerReply> AskPeer(const PeerQuestion& question);
 
 }  // namespace isoscope::gateway
 

@@ -1,11 +1,10 @@
-// The field and the time step of a picture, before it is drawn: for its ETag. A running simulation
+// How a picture depends on steps that are appended later, for its ETag. A running simulation
 // appends steps to a dataset and does not change its id, so "the last step" is another picture
 // later.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_SERVED_SELECTION_H_
 #define ISOSCOPE_WEB_GATEWAY_SERVED_SELECTION_H_
 
-#include <optional>
 #include <string>
 
 #include "isoscope/v1/dataset.pb.h"
@@ -13,12 +12,9 @@
 
 namespace isoscope::gateway {
 
-// Replaces what a selection leaves open by what `dataset` serves: the first field, the only
-// component or the magnitude, the number of the last step or of the one nearest to a time (of two
-// the earlier). Nothing if the dataset has no such field, component or step: the coordinator says
-// so. REQUIRES: the dataset has fields. O(steps).
-std::optional<isoscope::v1::FieldSelection> ResolveSelection(
-    const isoscope::v1::FieldSelection& selection, const isoscope::v1::Dataset& dataset);
+// The digest of the volumes of a step; empty if the dataset has no such step.
+std::string DigestOfStep(const isoscope::v1::FieldSelection& resolved,
+                         const isoscope::v1::Dataset& dataset);
 
 // Whether a later step gives the same request another step.
 bool DependsOnLaterSteps(const isoscope::v1::FieldSelection& selection,

@@ -168,11 +168,11 @@ class SurfaceStores : public client::MeshSink {
 };
 
 // Passes the stream of the isosurfaces to `sink`.
-absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
+absl::Status Receive(const isoscope::v1::ExportIsosurfaceRequest& request, Session* session,
                      client::MeshSink* sink, const Context& context) {
   ProgressLine line(context.err, context.err_is_terminal);
   return client::ReceiveMesh(
-      MakeRequest(flags, dataset), session->export_timeout(), &session->client(), sink,
+      request, session->export_timeout(), &session->client(), sink,
       [&](std::int64_t vertex_count, std::int64_t triangle_count) {
         line.Update(absl::StrCat("exporting  ", FormatCount(vertex_count), " vertices, ",
                                  FormatCount(triangle_count), " triangles"));
@@ -236,7 +236,7 @@ absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
 }
 
 absl::Status Run(const ExportFlags& flags, const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshFileOptions file_options, FileOptions(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(client::MeshFileOptions file_options, FileOptions(flags));
   ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, std::nullopt, context));
@@ -246,17 +246,19 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   for (const client::MeshSurface& surface : file_options.surfaces) {
     WarnIfNoSurface(client::DatasetOfField(dataset, flags.selection), {surface.isovalue}, context);
   }
+  isoscope::v1::ExportIsosurfaceRequest request = MakeRequest(flags, dataset.name());
+  file_options.field = client::PinSelection(dataset, &request);
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,
                             client::MeshWriter::Create(file_options));
   if (flags.has_filter()) {
     const std::string folder = std::filesystem::path(*flags.output).parent_path().string();
     SurfaceStores surfaces(folder.empty() ? "." : folder);
-    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), &surfaces, context));
+    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), &surfaces, context));
     ISOSCOPE_RETURN_IF_ERROR(Filter(flags, surfaces, context));
     ISOSCOPE_RETURN_IF_ERROR(surfaces.Emit(writer.get()));
   } else {
-    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), writer.get(), context));
+    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), writer.get(), context));
   }
   ISOSCOPE_RETURN_IF_ERROR(writer->Finish());
   *context.out << *flags.output << ": " << FormatCount(writer->vertex_count()) << " vertices, "
@@ -268,7 +270,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
 
 Action RegisterExportFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
-  AddSessionFlags(set, &flags->session);
+  AddSessionFlags(set, &flags->session, "--input-format");
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level, in field units");
   AddRepeatableFlag(set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,

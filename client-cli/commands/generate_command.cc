@@ -19,7 +19,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
-#include "oneapi/tbb/task_arena.h"
 
 #include "client-cli/commands/program.h"
 #include "clients/cpp/request/parse_value.h"
@@ -262,8 +261,8 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
     const Progress progress = [&line](std::int64_t done, std::int64_t total) {
       line.Update("generating", done, total);
     };
-    const std::shared_ptr<tbb::task_arena> arena =
-        base::MakeTaskArena(static_cast<int>(flags.thread_count.value_or(0)));
+    const std::shared_ptr<base::TaskArena> arena =
+        std::make_shared<base::TaskArena>(static_cast<int>(flags.thread_count.value_or(0)));
     written = base::RunIn(arena.get(), [&] {
       return (*flags.field)->field ? GenerateVolume(flags, progress, cancellation)
                                    : GenerateFlow(flags, progress, cancellation);

@@ -6,15 +6,14 @@
 // session, which partitions a volume into the cache.
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 #include <nlohmann/json.hpp>
@@ -23,7 +22,9 @@
 #include "client-cli/output/dataset_json.h"
 #include "client-cli/output/histogram_plot.h"
 #include "client-cli/output/series_json.h"
+#include "client-cli/output/source_json.h"
 #include "client-cli/session/connection_flags.h"
+#include "client-cli/session/series_flags.h"
 #include "client-cli/session/session.h"
 #include "client-cli/session/source_flags.h"
 #include "clients/cpp/connection/service_client.h"
@@ -37,8 +38,11 @@
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
+#include "core/io/file.h"
+#include "core/partition/series_partitioner.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
+#include "core/source/dicom_source.h"
 #include "core/source/value_range.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
@@ -65,6 +69,7 @@ struct InfoFlags {
   std::optional<absl::Duration> timeout;
   bool is_json = false;
   bool reads_values = false;
+  bool lists_formats = false;
   SourceFlags source;
   // of a single dataset
   bool draws_histogram = false;
@@ -103,77 +108,99 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
   return json;
 }
 
-// A collection: the grid of its first volume, its fields and steps. Reads no samples.
-absl::StatusOr<Json> DescribeSourceSeries(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
-                            source::OpenVolumeSeries(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
-                            series->Open(0, 0, 0));
-  Json volume = VolumeToJson(*first, std::nullopt);
-  volume["name"] = path;
-  volume["fields"] = Json::array();
-  for (const source::SourceField& field : series->fields()) {
-    volume["fields"].push_back(
-        {{"name", field.name}, {"unit", field.unit}, {"components", field.components}});
+// The input, with the flags that its volumes need, as one types them.
+std::string InputAsTyped(const InfoFlags& flags) {
+  const SourceFlags& source = flags.source;
+  std::string text = ShellWord(*flags.input);
+  if (source.dims) {
+    absl::StrAppend(&text, " --dims ", source.dims->x, ",", source.dims->y, ",", source.dims->z,
+                    " --type ", volume::NameOf(source.type.value_or(volume::ScalarType::kUint8)));
+    if (source.is_big_endian.value_or(false)) {
+      absl::StrAppend(&text, " --endian big");
+    }
+    if (source.header_bytes) {
+      absl::StrAppend(&text, " --header-bytes ", *source.header_bytes);
+    }
+    if (source.spacing) {
+      absl::StrAppend(&text, " --spacing ", source.spacing->x, ",", source.spacing->y, ",",
+                      source.spacing->z);
+    }
+    if (source.origin) {
+      absl::StrAppend(&text, " --origin ", source.origin->x, ",", source.origin->y, ",",
+                      source.origin->z);
+    }
   }
-  volume["time_steps"] = series->times();
-  volume["time_unit"] = series->time_unit();
-  Json json;
-  json["volume"] = std::move(volume);
-  return json;
+  if (source.dicom_series) {
+    absl::StrAppend(&text, " --series ", *source.dicom_series);
+  }
+  if (source.format) {
+    absl::StrAppend(&text, " --format ", *source.format);
+  }
+  if (source.crop) {
+    const auto end = [](std::int64_t last) {
+      return last == std::numeric_limits<std::int64_t>::max() ? "" : absl::StrCat(last);
+    };
+    absl::StrAppend(&text, " --crop ", source.crop->begin.x, ":", end(source.crop->end.x), ",",
+                    source.crop->begin.y, ":", end(source.crop->end.y), ",", source.crop->begin.z,
+                    ":", end(source.crop->end.z));
+  }
+  if (source.stride) {
+    absl::StrAppend(&text, " --stride ", *source.stride);
+  }
+  if (source.fill) {
+    absl::StrAppend(&text, " --fill ", *source.fill);
+  }
+  return text;
 }
 
-// "fields        pressure [Pa], velocity [m/s] (x, y, z)", and the steps.
-std::string DescribeSourceSeries(const Json& volume) {
-  std::vector<std::string> fields;
-  for (const Json& field : volume.at("fields")) {
-    const std::string unit = field.at("unit").get<std::string>();
-    const auto components = field.at("components").get<std::vector<std::string>>();
-    fields.push_back(base::Printable(absl::StrCat(
-        field.at("name").get<std::string>(), unit.empty() ? "" : absl::StrCat(" [", unit, "]"),
-        components.size() < 2 ? "" : absl::StrCat(" (", absl::StrJoin(components, ", "), ")"))));
+// The series of a folder, if it has several and none is chosen; else an empty object.
+absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
+  if (flags.source.dims || flags.source.dicom_series || !io::IsDirectory(*flags.input) ||
+      !source::NamesDicomSeries(*flags.input)) {
+    return Json::object();
   }
-  const auto times = volume.at("time_steps").get<std::vector<double>>();
-  return absl::StrCat(
-      "fields        ", absl::StrJoin(fields, ", "), "\nsteps         ",
-      times.empty() ? "1, without a time"
-                    : absl::StrCat(times.size(), ", from ", times.front(), " to ", times.back(),
-                                   " ", base::Printable(volume.at("time_unit").get<std::string>())),
-      "\n");
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<source::DicomSeriesEntry> entries,
+                            source::ListDicomSeries(*flags.input));
+  return entries.size() > 1 ? DicomSeriesToJson(entries) : Json::object();
 }
 
 // Prints the header before it reads the volume for the range of its values. Reads the volume only
-// if that is quick, or asked for.
+// if it is the only one, and that is quick or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
+  ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeDicomFolder(flags));
+  if (!folder.empty()) {
+    return folder;
+  }
   // SourceFiles has the error message for a folder without a volume.
   ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
-  if (!flags.source.dims && absl::EndsWithIgnoreCase(*flags.input, ".pvd")) {
-    ISOSCOPE_ASSIGN_OR_RETURN(Json series, DescribeSourceSeries(*flags.input));
-    if (!flags.is_json) {
-      *context.out << DescribeVolume(series.at("volume"));
-    }
-    return series;
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
+                            OpenSourceSeries(flags.source, {}, *flags.input));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
-                            OpenSource(flags.source, *flags.input));
+                            series->Open(0, 0, 0));
+  const bool is_single = !partition::NeedsSeries(*series);
+  Json volume = VolumeToJson(*source, std::nullopt);
+  volume["name"] = *flags.input;
   if (!flags.is_json) {
-    *context.out << DescribeVolume(VolumeToJson(*source, std::nullopt)) << std::flush;
+    *context.out << DescribeVolume(volume) << std::flush;
   }
   const std::int64_t bytes = math::Volume(source->geometry().sample_dims) *
                              static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
-  std::optional<volume::ScalarSpan> range;
-  if (flags.reads_values || bytes <= kMaxQuickBytes) {
+  if (is_single && (flags.reads_values || bytes <= kMaxQuickBytes)) {
     ProgressLine line(context.err, context.err_is_terminal);
-    ISOSCOPE_ASSIGN_OR_RETURN(range,
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan range,
                               source::FindValueRange(
                                   source.get(),
                                   [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
                                     line.Update("reading values", done_bytes, total_bytes);
                                   },
                                   context.interrupt->cancellation()));
+    volume = VolumeToJson(*source, range);
+    volume["name"] = *flags.input;
   }
+  AddSource(*series, *source, InputAsTyped(flags), &volume);
+  volume["is_single"] = is_single;
   Json json;
-  json["volume"] = VolumeToJson(*source, range);
+  json["volume"] = std::move(volume);
   return json;
 }
 
@@ -273,12 +300,14 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
   return absl::OkStatus();
 }
 
-std::string ToText(const Json& json, int max_width) {
-  if (json.contains("volume") && json.at("volume").contains("fields")) {
-    return DescribeSourceSeries(json.at("volume"));
+std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
+  if (json.contains("series")) {
+    return DescribeDicomSeries(json, ShellWord(*flags.input));
   }
-  if (json.contains("volume")) {
-    return DescribeValueRange(json.at("volume"));  // the other lines are printed already
+  if (json.contains("volume")) {  // the lines of the grid are printed already
+    const Json& volume = json.at("volume");
+    return absl::StrCat(volume.at("is_single").get<bool>() ? DescribeValueRange(volume) : "",
+                        DescribeSource(volume));
   }
   std::string text;
   if (json.contains("server")) {
@@ -308,6 +337,10 @@ std::string ToText(const Json& json, int max_width) {
 }
 
 absl::Status Run(const InfoFlags& flags, const Context& context) {
+  if (flags.lists_formats) {
+    *context.out << ListFormats();
+    return absl::OkStatus();
+  }
   if (flags.input.has_value() == flags.server.has_value()) {
     return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
                                   : "give a volume, a dataset folder or --server HOST:PORT");
@@ -333,7 +366,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
   }
   *context.out << (flags.is_json ? client::JsonText(json)
-                                 : absl::StrCat(ToText(json, context.out_columns),
+                                 : absl::StrCat(ToText(json, flags, context.out_columns),
                                                 plot.empty() ? "" : "\n", plot));
   return absl::OkStatus();
 }
@@ -350,6 +383,8 @@ Action RegisterInfoFlags(FlagSet* set) {
   set->AddSwitch("--json", &flags->is_json, "print JSON instead of text");
   set->AddSwitch("--values", &flags->reads_values,
                  "read the whole volume for the range of its values (default: up to 64 MiB)");
+  set->AddSwitch("--list-formats", &flags->lists_formats,
+                 "list the formats of volumes, by the names that --format takes");
   set->AddSwitch(
       "--histogram", &flags->draws_histogram,
       "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
@@ -380,6 +415,8 @@ Command InfoCommand() {
           .examples =
               "  isoscope info head.nii.gz\n"
               "  isoscope info large.nrrd --values\n"
+              "  isoscope info --list-formats\n"
+              "  isoscope info scans/ --series 3\n"
               "  isoscope info head\n"
               "  isoscope info head.nii.gz --histogram --log\n"
               "  isoscope info --server localhost:50051 --json\n",

@@ -44,6 +44,7 @@ struct PickFlags {
   client::ViewFlags view;
   std::vector<std::string> pixels;
   bool is_json = false;
+  bool all_fields = false;
 };
 
 // "X,Y", inside the viewport.
@@ -105,6 +106,12 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
       if (point.has_shard_index()) {
         out["shard_index"] = point.shard_index();
       }
+      for (const v1::FieldValue& value : point.field_values()) {
+        out["field_values"].push_back({{"field", value.field()},
+                                       {"component", value.component()},
+                                       {"unit", value.unit()},
+                                       {"value", value.value()}});
+      }
     }
     json["points"].push_back(std::move(out));
   }
@@ -131,6 +138,24 @@ std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
   return table.ToString(max_width);
 }
 
+// The values of all fields, one a row; "" if there are none.
+std::string DescribeValues(const v1::PickSurfaceRequest& request,
+                           const v1::PickSurfaceResponse& response, int max_width) {
+  Table table({"pixel", "field", "value", "unit"});
+  bool has_values = false;
+  for (int i = 0; i < response.points_size(); ++i) {
+    for (const v1::FieldValue& value : response.points(i).field_values()) {
+      has_values = true;
+      table.AddRow({absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y()),
+                    value.component().empty() ? value.field()
+                                              : absl::StrCat(value.field(), ":", value.component()),
+                    absl::StrFormat("%.7g", value.value()),
+                    value.unit().empty() ? "-" : value.unit()});
+    }
+  }
+  return has_values ? absl::StrCat("\n", table.ToString(max_width)) : "";
+}
+
 absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.view.save_camera_file) {
@@ -146,6 +171,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   v1::PickSurfaceRequest request;
+  request.set_with_field_values(flags.all_fields);
   ISOSCOPE_ASSIGN_OR_RETURN(
       *request.mutable_frame(),
       client::MakeRequest(flags.request, dataset.name(), camera, flags.view.fit));
@@ -169,8 +195,12 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(*flags.view.save_camera_file,
                                                      client::CameraToJson(response.camera())));
   }
-  *context.out << (flags.is_json ? DescribeAsJson(request, response)
-                                 : DescribeAsTable(request, response, context.out_columns));
+  if (flags.is_json) {
+    *context.out << DescribeAsJson(request, response);
+  } else {
+    *context.out << DescribeAsTable(request, response, context.out_columns)
+                 << DescribeValues(request, response, context.out_columns);
+  }
   return absl::OkStatus();
 }
 
@@ -180,6 +210,8 @@ Action RegisterPickFlags(FlagSet* set) {
   AddRendererFlag(set, &flags->session);
   set->AddTexts("--pixel", "X,Y", &flags->pixels,
                 "a pixel of the picture: column and row from the top left; repeatable");
+  set->AddSwitch("--all-fields", &flags->all_fields,
+                 "also print the values of all fields at the points, of datasets that have fields");
   set->AddSwitch("--json", &flags->is_json, "print JSON");
   client::AddRequestFlags(set, &flags->request);
   set->Remove("--region");  // --pixel refers to the whole picture
@@ -199,7 +231,8 @@ Command PickCommand() {
           "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
           "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface --pixel 9,8\n"
           "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
-          "--json\n",
+          "--json\n"
+          "  isoscope pick flow --field temperature --isovalue 310 --pixel 512,400 --all-fields\n",
       .register_flags = RegisterPickFlags};
 }
 

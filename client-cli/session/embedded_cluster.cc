@@ -44,6 +44,18 @@ absl::Status CheckAllShardsPresent(const std::vector<std::string>& shard_directo
                    "); serve them where they are with isoscope-agent, or copy them back"));
 }
 
+// Without agents, and without what they share with the coordinator.
+server::CoordinatorServerOptions CoordinatorOptionsOf(const EmbeddedClusterOptions& options) {
+  server::CoordinatorServerOptions coordinator_options;
+  coordinator_options.listen_address = options.listen_address;
+  coordinator_options.transport = options.transport;
+  coordinator_options.token_file = options.token_file;
+  coordinator_options.memory_limit_bytes = options.memory_limit_bytes;
+  coordinator_options.max_frame_duration = options.max_frame_duration;
+  coordinator_options.expected_viewport = options.expected_viewport;
+  return coordinator_options;
+}
+
 }  // namespace
 
 absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text) {
@@ -63,13 +75,13 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shard_directories, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
-  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
+  const std::shared_ptr<base::TaskArena> arena =
+      std::make_shared<base::TaskArena>(options.thread_count);
 
-  // With at least two agents a thread, no thread is idle for long while the last one draws. Threads
-  // of steps compute besides those of the arena; so with --threads 1 the arena has none.
+  // With at least two agents a thread, no thread is idle for long while the last one draws.
   const bool one_thread_a_step =
-      arena->max_concurrency() > 1 &&
       shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
+  arena->SetSharesThreads(one_thread_a_step);
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
                                      : agent::AgentMemory::DefaultLimitBytes(),
@@ -86,7 +98,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   const auto frame_executor = std::make_shared<base::Executor>(
       static_cast<std::size_t>(std::max(2, arena->max_concurrency())),
       /*max_queued=*/std::numeric_limits<std::size_t>::max());
-  server::CoordinatorServerOptions coordinator_options;
+  server::CoordinatorServerOptions coordinator_options = CoordinatorOptionsOf(options);
   coordinator_options.mailboxes = mailboxes;
   coordinator_options.arena = arena;
   agent::AgentServerOptions agent_options;
@@ -110,12 +122,6 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),
                                 2 * cluster->shard_count());
   }
-  coordinator_options.listen_address = options.listen_address;
-  coordinator_options.transport = options.transport;
-  coordinator_options.token_file = options.token_file;
-  coordinator_options.memory_limit_bytes = options.memory_limit_bytes;
-  coordinator_options.max_frame_duration = options.max_frame_duration;
-  coordinator_options.expected_viewport = options.expected_viewport;
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,
                             server::CoordinatorServer::Start(coordinator_options));
   ISOSCOPE_RETURN_IF_ERROR(cluster->coordinator_->WaitUntilReady(absl::Now() + kReadyTimeout));

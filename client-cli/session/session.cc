@@ -20,6 +20,7 @@
 #include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/embedded_cluster.h"
 #include "client-cli/session/partition_volume.h"
+#include "client-cli/session/series_flags.h"
 #include "clients/cpp/connection/connect.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/parse_value.h"
@@ -105,7 +106,7 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
     options.name = key.substr(0, key.rfind('-'));  // the user knows this name
     if (!flags.source.dims && absl::EndsWithIgnoreCase(input, ".pvd")) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
-                                source::OpenVolumeSeries(input));
+                                OpenSourceSeries(flags.source, {}, input));
       return PartitionSeries(SeriesAction::kMake, *series, {.volume = options}, context).status();
     }
     return PartitionVolume(flags.source, input, options, context).status();
@@ -147,14 +148,14 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Cont
   return PrepareVolume(flags, files, context);
 }
 
-void AddInputFlags(FlagSet* set, SessionFlags* flags) {
+void AddInputFlags(FlagSet* set, SessionFlags* flags, const std::string& format_flag) {
   AddFlag(
       set, "input", "INPUT|DIR", &flags->input, ParseText,
       "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
   AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "cut a volume into P shards, one agent each (default: 1)");
   AddCacheLimitFlag(set, &flags->cache_limit_bytes);
-  AddSourceFlags(set, &flags->source);
+  AddSourceFlags(set, &flags->source, format_flag);
 }
 
 void AddServerFlags(FlagSet* set, SessionFlags* flags) {
@@ -168,8 +169,8 @@ void AddServerFlags(FlagSet* set, SessionFlags* flags) {
           "frame without --server 5 minutes)");
 }
 
-void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
-  AddInputFlags(set, flags);
+void AddSessionFlags(FlagSet* set, SessionFlags* flags, const std::string& format_flag) {
+  AddInputFlags(set, flags, format_flag);
   AddServerFlags(set, flags);
   AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");

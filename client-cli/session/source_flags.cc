@@ -1,17 +1,22 @@
 #include "client-cli/session/source_flags.h"
 
 #include <limits>
+#include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
+#include "core/source/dicom_source.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/series_format.h"
 #include "core/source/vti_source.h"
 #include "core/store/shard_reader.h"
 
@@ -26,9 +31,40 @@ absl::StatusOr<std::int64_t> ParseHeaderBytes(absl::string_view text) {
   return client::ParseInteger(text, 0, std::numeric_limits<std::int64_t>::max());
 }
 
+absl::StatusOr<std::int64_t> ParseStride(absl::string_view text) {
+  constexpr std::int64_t kMaxStride = std::int64_t{1} << 24;
+  return client::ParseInteger(text, 1, kMaxStride);
+}
+
+absl::StatusOr<std::string> ParseFormatName(absl::string_view text) {
+  const std::string name = absl::AsciiStrToLower(text);
+  std::vector<std::string> names;
+  for (const source::FormatName& known : source::FormatNames()) {
+    if (known.is_forceable && known.name == name) {
+      return name;
+    }
+    if (known.is_forceable) {
+      names.push_back(known.name);
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("'", text, "' is no format; known are ", absl::StrJoin(names, ", ")));
+}
+
 }  // namespace
 
 const char* SourceFlags::FirstGiven() const {
+  const char* const raw = FirstOfRaw();
+  return raw != nullptr ? raw
+         : format       ? "--format"
+         : dicom_series ? "--series"
+         : crop         ? "--crop"
+         : stride       ? "--stride"
+         : fill         ? "--fill"
+                        : nullptr;
+}
+
+const char* SourceFlags::FirstOfRaw() const {
   return dims            ? "--dims"
          : type          ? "--type"
          : spacing       ? "--spacing"
@@ -38,7 +74,7 @@ const char* SourceFlags::FirstGiven() const {
                          : nullptr;
 }
 
-void AddSourceFlags(FlagSet* set, SourceFlags* flags) {
+void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_flag) {
   const auto add = [](Flag flag) { flag.Group("Raw files"); };
   add(AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,
               "samples on each axis, x fastest"));
@@ -52,12 +88,29 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags) {
               "byte order (default: little)"));
   add(AddFlag(set, "--header-bytes", "N", &flags->header_bytes, ParseHeaderBytes,
               "bytes before the first sample (default: 0)"));
+  const auto of_any = [](Flag flag) { flag.Group("Parts of a source"); };
+  of_any(AddFlag(set, "--crop", "X0:X1,Y0:Y1,Z0:Z1", &flags->crop, source::ParseSampleBox,
+                 "samples X0 to X1 - 1 of each axis, in place of all; they keep their positions"));
+  of_any(AddFlag(set, "--stride", "N", &flags->stride, ParseStride,
+                 "every Nth sample on each axis; values are picked, not averaged"));
+  of_any(AddFlag(set, "--fill", "VALUE", &flags->fill, client::ParseNumber,
+                 "samples of this value become NaN: holes in the surface"));
+  of_any(AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
+                 "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
+                 "them)"));
+  of_any(
+      AddFlag(set, format_flag, "NAME", &flags->format, ParseFormatName,
+              "read the file as this format ('isoscope info --list-formats' lists them; default: "
+              "as the name says, else the content)"));
 }
 
 bool HasSelfDescribingName(const std::string& path) {
   source::Hdf5Path hdf5;
   source::PartPath vti;
   if (source::SplitHdf5Path(path, &hdf5) || source::SplitVtiPath(path, &vti)) {
+    return true;
+  }
+  if (source::FindSeriesFileByName(path).has_value()) {
     return true;
   }
   const std::string name = absl::AsciiStrToLower(path);
@@ -71,9 +124,13 @@ bool HasSelfDescribingName(const std::string& path) {
 }
 
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
-  const char* given = flags.FirstGiven();
+  const char* given = flags.FirstOfRaw();
   if (given == nullptr) {
     return absl::OkStatus();
+  }
+  if (flags.format || flags.dicom_series) {
+    return UsageError(absl::StrCat(given, " is for raw files only; it can't be used with ",
+                                   flags.format ? "--format" : "--series"));
   }
   if (HasSelfDescribingName(path)) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
@@ -89,18 +146,29 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path) {
+  return flags.dicom_series ? source::FindDicomSeriesFile(path, *flags.dicom_series)
+                            : absl::StatusOr<std::string>(path);
+}
+
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path) {
   if (!flags.dims) {
-    return source::OpenVolumeFile(path);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<source::VolumeSource> volume,
+                              source::OpenVolumeFile(file, flags.format.value_or("")));
+    return source::AdjustSource(std::move(volume), flags.adjustment());
   }
-  return source::OpenRawFile(
-      path, source::RawFormat{.dims = *flags.dims,
-                              .type = flags.type.value_or(volume::ScalarType::kUint8),
-                              .is_big_endian = flags.is_big_endian.value_or(false),
-                              .header_bytes = flags.header_bytes.value_or(0),
-                              .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),
-                              .origin = flags.origin.value_or(math::Vec3d{})});
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::unique_ptr<source::VolumeSource> volume,
+      source::OpenRawFile(path,
+                          source::RawFormat{.dims = *flags.dims,
+                                            .type = flags.type.value_or(volume::ScalarType::kUint8),
+                                            .is_big_endian = flags.is_big_endian.value_or(false),
+                                            .header_bytes = flags.header_bytes.value_or(0),
+                                            .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),
+                                            .origin = flags.origin.value_or(math::Vec3d{})}));
+  return source::AdjustSource(std::move(volume), flags.adjustment());
 }
 
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
@@ -108,7 +176,9 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   if (flags.dims) {
     return std::vector<std::string>{path};
   }
-  absl::StatusOr<std::vector<std::string>> files = source::FilesOfVolume(path);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
+  absl::StatusOr<std::vector<std::string>> files =
+      source::FilesOfVolume(file, flags.format.value_or(""));
   if (!files.ok() && io::IsDirectory(path)) {
     return absl::NotFoundError(
         absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
@@ -118,17 +188,43 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   return files;
 }
 
+std::string ListFormats() {
+  std::string text;
+  for (const source::FormatName& format : source::FormatNames()) {
+    absl::StrAppend(&text, absl::StrFormat("%-12s %s%s\n", format.name, format.files,
+                                           format.is_forceable ? "" : " (by name only)"));
+  }
+  return absl::StrCat(text,
+                      absl::StrFormat("%-12s %s\n", "raw", "any file, with --dims and --type"));
+}
+
 std::string DescribeForKey(const SourceFlags& flags) {
+  std::string parts;  // keys of volumes without these flags stay as they were
+  if (flags.crop) {
+    absl::StrAppend(&parts, " crop ", flags.crop->begin.x, ":", flags.crop->end.x, ",",
+                    flags.crop->begin.y, ":", flags.crop->end.y, ",", flags.crop->begin.z, ":",
+                    flags.crop->end.z);
+  }
+  if (flags.stride) {
+    absl::StrAppend(&parts, " stride ", *flags.stride);
+  }
+  if (flags.fill) {
+    absl::StrAppend(&parts, absl::StrFormat(" fill %a", *flags.fill));
+  }
+  if (flags.format || flags.dicom_series) {
+    absl::StrAppend(&parts, " format ", flags.format.value_or(""), " series ",
+                    flags.dicom_series.value_or(""));
+  }
   if (!flags.dims) {
-    return "self-describing";
+    return absl::StrCat("self-describing", parts);
   }
   const math::Vec3d spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1});
   const math::Vec3d origin = flags.origin.value_or(math::Vec3d{});
   return absl::StrFormat(
-      "raw %d,%d,%d %s %a,%a,%a %a,%a,%a %d %d", flags.dims->x, flags.dims->y, flags.dims->z,
+      "raw %d,%d,%d %s %a,%a,%a %a,%a,%a %d %d%s", flags.dims->x, flags.dims->y, flags.dims->z,
       volume::NameOf(flags.type.value_or(volume::ScalarType::kUint8)), spacing.x, spacing.y,
       spacing.z, origin.x, origin.y, origin.z, flags.is_big_endian.value_or(false) ? 1 : 0,
-      flags.header_bytes.value_or(0));
+      flags.header_bytes.value_or(0), parts);
 }
 
 }  // namespace isoscope::cli

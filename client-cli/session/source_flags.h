@@ -14,12 +14,13 @@
 
 #include "core/cli/flag_set.h"
 #include "core/math/vec.h"
+#include "core/source/adjusted_source.h"
 #include "core/source/volume_source.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
 
-// Raw files need dims and type; other files must not have any of these flags.
+// Raw files need dims and type; other files must not have any of the flags of raw files.
 struct SourceFlags {
   std::optional<math::Index3> dims;
   std::optional<volume::ScalarType> type;
@@ -27,13 +28,24 @@ struct SourceFlags {
   std::optional<math::Vec3d> origin;
   std::optional<bool> is_big_endian;
   std::optional<std::int64_t> header_bytes;
+  // Of any file:
+  std::optional<std::string> format;
+  std::optional<std::string> dicom_series;  // number or UID
+  std::optional<source::SampleBox> crop;
+  std::optional<std::int64_t> stride;
+  std::optional<double> fill;
 
-  // The first flag given, "--dims" for instance, or null.
+  // The first flag given, "--dims" for instance, or null; of all, and of those of raw files.
   [[nodiscard]] const char* FirstGiven() const;
+  [[nodiscard]] const char* FirstOfRaw() const;
+  [[nodiscard]] source::Adjustment adjustment() const {
+    return {.crop = crop, .stride = stride.value_or(1), .fill = fill};
+  }
 };
 
 // `flags` must outlive the parsing.
-void AddSourceFlags(FlagSet* set, SourceFlags* flags);
+// `format_flag` is --format, unless the command has another flag of that name.
+void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_flag = "--format");
 
 // Returns true if the suffix is that of a format with its own dimensions and type.
 bool HasSelfDescribingName(const std::string& path);
@@ -41,8 +53,13 @@ bool HasSelfDescribingName(const std::string& path);
 // UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 
-// Opens the volume as a raw file if --dims is given, else by its format. Errors as
-// source::OpenRawFile and source::OpenVolumeFile.
+// The path to open: that of a file of the DICOM series that --series chooses, else `path`. Errors
+// as source::FindDicomSeriesFile.
+absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path);
+
+// Opens the volume as a raw file if --dims is given, else by its format; the part of it that --crop
+// and --stride leave, with holes for --fill. Errors as source::OpenRawFile, source::OpenVolumeFile
+// and source::AdjustSource.
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
 
@@ -50,6 +67,9 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFla
 // that holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path);
+
+// One line a format that --format knows, and those that only names tell.
+std::string ListFormats();
 
 // Returns all flags as canonical text: part of the key of a cached dataset.
 std::string DescribeForKey(const SourceFlags& flags);

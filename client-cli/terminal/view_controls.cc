@@ -14,8 +14,6 @@
 namespace isoscope::cli {
 namespace {
 
-using view::NamedView;
-
 constexpr double kTurn = 5 * std::numbers::pi / 180;
 constexpr double kZoom = 1.15;
 constexpr double kPan = 0.05;  // of the height of the picture
@@ -23,13 +21,6 @@ constexpr int kLargeSteps = 10;
 // The eye stays between these multiples of the volume's radius.
 constexpr double kNearest = 1e-3;
 constexpr double kFarthest = 100;
-
-constexpr std::array<NamedView, 6> kWorldViews = {NamedView::kFront, NamedView::kBack,
-                                                  NamedView::kLeft,  NamedView::kRight,
-                                                  NamedView::kTop,   NamedView::kBottom};
-constexpr std::array<NamedView, 6> kPatientViews = {NamedView::kAnterior, NamedView::kPosterior,
-                                                    NamedView::kLeft,     NamedView::kRight,
-                                                    NamedView::kSuperior, NamedView::kInferior};
 
 }  // namespace
 
@@ -50,12 +41,18 @@ ViewControls::ViewControls(const ViewedVolume& volume, double isovalue)
       isovalue_(isovalue) {}
 
 void ViewControls::LookFrom(int view) {
-  const auto index = static_cast<std::size_t>(view);
-  const absl::StatusOr<view::Camera> camera =
-      view::MakeNamedCamera(volume_.patient_frame ? kPatientViews[index] : kWorldViews[index],
-                            volume_.bounds, volume_.patient_frame);
-  if (camera.ok()) {
-    camera_ = *camera;
+  int left = view;
+  for (const view::NamedViewRow& row : view::NamedViewTable()) {
+    const bool has_key = volume_.patient_frame ? row.has_patient() : row.has_world();
+    if (!has_key || left-- > 0) {
+      continue;
+    }
+    const absl::StatusOr<view::Camera> camera =
+        view::MakeNamedCamera(row.named_view, volume_.bounds, volume_.patient_frame);
+    if (camera.ok()) {
+      camera_ = *camera;
+    }
+    return;
   }
 }
 

@@ -82,6 +82,31 @@ export function histogramWords(dataset, selection) {
 }
 
 /**
+ * Whether each field of a dataset is served at the step that a selection means, so that a pick can have all values.
+ * @param {any} dataset @param {any} selection
+ */
+export function hasAllFields(dataset, selection) {
+  const choice = choiceOf(dataset, selection);
+  const steps = choice ? stepsOf(dataset, choice.field) : [];
+  const step = steps[indexOfStep(steps, selection)];
+  return choice !== null && (steps.length === 0 || (step !== undefined &&
+    dataset.fields.every((/** @type {any} */ field) => stepsOf(dataset, field).some(({ number }) => number === step.number))));
+}
+
+/**
+ * The values of all fields at a picked point, as names and texts with units.
+ * @param {any} point of the response @param {any} dataset @param {(value: number) => string} format
+ * @returns {{name: string, text: string}[]}
+ */
+export function valuesOf(point, dataset, format) {
+  return (point.fieldValues ?? []).map((/** @type {any} */ { field, component = '', unit = '', value = 0 }) => {
+    const { longName } = (dataset?.fields ?? []).find((/** @type {any} */ one) => one.name === field) ?? {};
+    const number = Number(value);  // a text if it is not finite
+    return { name: `${longName || field} ${component}`.trim(), text: Number.isNaN(number) ? 'no value' : `${format(number)} ${unit}`.trim() };
+  });
+}
+
+/**
  * Takes out of a state what needs fields or steps that the dataset does not have. Returns a sentence for each.
  * @param {FrameRequest} state @param {any} dataset @returns {string[]}
  */

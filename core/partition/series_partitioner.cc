@@ -434,6 +434,7 @@ absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& sourc
   // Again, now that nobody else writes.
   ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesManifest opened, OpenToAppend(directory));
   store::SeriesManifest before = opened;
+  ISOSCOPE_RETURN_IF_ERROR(RemovePartialManifests(directory, before.shard_count));
   ISOSCOPE_RETURN_IF_ERROR(Recover(directory, folder.get(), &before));
   store::SeriesManifest series = before;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<VolumeTask> tasks,
@@ -449,7 +450,7 @@ absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& sourc
   ISOSCOPE_RETURN_IF_ERROR(folder->RemoveOtherVolumes(KeysOf(tasks)));
   ISOSCOPE_RETURN_IF_ERROR(store::WriteSeriesManifest(folder->path(), series, -1));
   ISOSCOPE_RETURN_IF_ERROR(MoveIntoSeries(directory, *folder, before, series));
-  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(folder->path()));
+  ISOSCOPE_RETURN_IF_ERROR(folder->Clear());
   return series;
 }
 

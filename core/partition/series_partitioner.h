@@ -18,8 +18,9 @@ struct SeriesPartitionOptions {
   // refuses the greedy distribution. AppendToSeries takes `output_directory`, which exists,
   // compression and memory alone; the rest is as the series has it.
   PartitionOptions volume;
-  // Takes the scalar volumes that an interrupted run has finished, if neither their source nor the
-  // parameters have changed since.
+  // Takes the scalar volumes that an interrupted run has finished, if neither their source (files
+  // by name, size and time of change) nor the parameters have changed since. Reads them, and makes
+  // damaged ones again.
   bool resumes = false;
 };
 

@@ -5,7 +5,8 @@
 //   ├── lock                      held by the process that writes
 //   ├── volume/                   the scalar volume under way: a dataset of version 1
 //   ├── finished/field-000-component-0-step-00000
-//   │                             a file for each finished volume: what it was made from
+//   │                             a file for each finished volume: what it was made from, and the
+//   │                             checksum of its manifest
 //   ├── shard-00000-of-00002/field-000-component-0-step-00000/
 //   └── manifest.json             appending: all is finished, and what is left is to move it
 
@@ -22,6 +23,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/cancellation.h"
 #include "core/io/file_lock.h"
 #include "core/store/series_manifest.h"
 
@@ -39,7 +41,8 @@ class SeriesWorkFolder {
   SeriesWorkFolder(const SeriesWorkFolder&) = delete;
   SeriesWorkFolder& operator=(const SeriesWorkFolder&) = delete;
 
-  // Removes everything in it.
+  // Removes everything in it. A process that is killed meanwhile leaves nothing to go on with, or
+  // the manifest and all that it needs.
   absl::Status Clear();
   // Makes the folders of shards that are not there yet, and removes all but finished volumes.
   absl::Status Prepare(int shard_count);
@@ -49,12 +52,15 @@ class SeriesWorkFolder {
 
   // Where the partitioner writes the next volume.
   [[nodiscard]] std::string volume_path() const { return path_ + "/volume"; }
-  // Whether the volume was finished, from the same source with the same parameters.
-  [[nodiscard]] bool IsFinished(const store::ScalarVolumeKey& key,
-                                absl::string_view fingerprint) const;
+  // Whether the volume was finished, from the same source with the same parameters, and is whole:
+  // reads all of it. One that is damaged is logged. CANCELLED.
+  [[nodiscard]] absl::StatusOr<bool> IsFinished(const store::ScalarVolumeKey& key,
+                                                absl::string_view fingerprint,
+                                                const base::Cancellation& cancellation) const;
   // Takes the volume under way as finished.
   absl::Status Finish(const store::ScalarVolumeKey& key, absl::string_view fingerprint);
-  // Returns a finished volume as a series manifest describes it. DATA_LOSS if it is damaged.
+  // Returns a finished volume as a series manifest describes it. DATA_LOSS if its manifest is
+  // damaged.
   [[nodiscard]] absl::StatusOr<store::ScalarVolume> Describe(
       const store::ScalarVolumeKey& key) const;
 
@@ -70,12 +76,22 @@ class SeriesWorkFolder {
   [[nodiscard]] bool HoldsFinished() const;
   [[nodiscard]] std::set<std::string> EntriesToKeep() const;
   [[nodiscard]] std::string RecordPath(const store::ScalarVolumeKey& key) const;
+  [[nodiscard]] std::string VolumePath(const store::ScalarVolumeKey& key, int shard) const;
+  [[nodiscard]] absl::StatusOr<std::string> ReadManifest(const store::ScalarVolumeKey& key,
+                                                         int shard) const;
+  // OK if all files of the volume are what its manifest says. DATA_LOSS. CANCELLED.
+  [[nodiscard]] absl::Status Verify(const store::ScalarVolumeKey& key,
+                                    const base::Cancellation& cancellation) const;
 
   const std::string path_;
   std::unique_ptr<io::FileLock> lock_;
   int shard_count_ = 0;
   bool is_moved_ = false;
 };
+
+// Removes files of a series as "manifest.json.partial-4711", which processes left that were killed.
+// REQUIRES: the caller has taken the folder in which the series is appended to.
+absl::Status RemovePartialManifests(const std::string& directory, int shard_count);
 
 }  // namespace isoscope::partition
 

@@ -1,6 +1,7 @@
 // Each volume takes these steps, so that a process may end after any of them:
 //
-//   1. Its fingerprint is compared with the one of a finished volume in the folder: kept if equal.
+//   1. Its fingerprint is compared with the one of a finished volume in the folder: kept if equal,
+//      and if the volume is whole.
 //   2. Partition writes it as a dataset of version 1.
 //   3. The folder moves its shards to their places, and records the fingerprint.
 //
@@ -213,7 +214,9 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
                                 OpenTask(source, task));
       ISOSCOPE_RETURN_IF_ERROR(CheckFits(source, task, *volume, *series));
       const std::string fingerprint = FingerprintOf(source, task, *volume, options, *series);
-      if (!folder->IsFinished(task.key, fingerprint)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool is_finished,
+                                folder->IsFinished(task.key, fingerprint, cancellation));
+      if (!is_finished) {
         ISOSCOPE_RETURN_IF_ERROR(WriteVolume(volume.get(), fingerprint, task, volume_options,
                                              folder, *series, cancellation));
       }

@@ -23,18 +23,6 @@ std::array<float, 3> ToFloats(const math::Vec3d& v) {
   return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
 }
 
-RayTerm RayTermOf(const view::View& view) {
-  const view::ImagePlane& plane = view.image_plane();
-  if (!plane.is_perspective) {
-    return {.at = ToFloats(view.forward())};
-  }
-  const double width = view.viewport().width_px;
-  return {.at = ToFloats(view.forward() - view.right() * (plane.pixel_size * width / 2) +
-                         view.up() * plane.half_height),
-          .per_x = ToFloats(view.right() * plane.pixel_size),
-          .per_y = ToFloats(view.up() * -plane.pixel_size)};
-}
-
 LightTerm LightTermOf(const frame::Light& light, const view::View& view) {
   math::Vec3d direction = light.direction;
   if (light.space == frame::Light::Space::kView) {
@@ -80,7 +68,7 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
       unprojection_(view),
       first_x_(static_cast<float>(view.region().x) + 0.5F),
       first_y_(static_cast<float>(view.region().y) + 0.5F),
-      rays_(RayTermOf(view)),
+      rays_(view::ToFloats(view.image_plane().rays.direction)),
       has_sample_caps_(frame::OwnerSurfaceCount(spec) > spec.surfaces.size()) {
   ISOSCOPE_CHECK_LE(spec.surfaces.size(), frame::kMaxSurfaces);
   for (const frame::Light& light : spec.lights) {

@@ -89,7 +89,7 @@ class DeferredShader {
   const view::Unprojection unprojection_;
   const float first_x_;  // the centre of the picture's first pixel, in pixels of the whole
   const float first_y_;
-  const RayTerm rays_;
+  const view::LinearVec3f rays_;  // directions
   const bool has_sample_caps_;
   std::vector<LightTerm> lights_;
   MaterialTerms materials_;

@@ -161,7 +161,7 @@ HWY_INLINE Vec3 BaseOf(VU base, const Vec3& normal, VF is_by_normal) {
           channel(normal.z, ChannelOf<16>(base))};
 }
 
-HWY_INLINE Vec3 DirectionsToEye(const RayTerm& rays, VF x, VF y) {
+HWY_INLINE Vec3 DirectionsToEye(const view::LinearVec3f& rays, VF x, VF y) {
   const DF df;
   const auto axis = [&](std::size_t k) HWY_ATTR {
     return hn::Add(hn::Add(hn::Set(df, rays.at[k]), hn::Mul(hn::Set(df, rays.per_x[k]), x)),
@@ -171,7 +171,7 @@ HWY_INLINE Vec3 DirectionsToEye(const RayTerm& rays, VF x, VF y) {
   return Scale(ray, hn::Div(hn::Set(df, -1.0F), hn::Sqrt(Dot(ray, ray))));
 }
 
-void ComputeLight(const std::vector<LightTerm>& lights, const RayTerm& rays,
+void ComputeLight(const std::vector<LightTerm>& lights, const view::LinearVec3f& rays,
                   const MaterialTerms& materials, LightBatch* batch) {
   const DF df;
   const DI di;
@@ -233,7 +233,7 @@ HWY_EXPORT(ComputeLight);
 
 }  // namespace
 
-void ComputeLight(const std::vector<LightTerm>& lights, const RayTerm& rays,
+void ComputeLight(const std::vector<LightTerm>& lights, const view::LinearVec3f& rays,
                   const MaterialTerms& materials, LightBatch* batch) {
   HWY_DYNAMIC_DISPATCH(ComputeLight)(lights, rays, materials, batch);
 }

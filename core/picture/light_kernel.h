@@ -11,6 +11,7 @@
 
 #include "core/frame/frame_spec.h"
 #include "core/image/fragment.h"
+#include "core/view/view.h"
 
 namespace isoscope::picture {
 
@@ -21,14 +22,6 @@ inline constexpr std::size_t kPowerSteps = 1024;
 struct LightTerm {
   std::array<float, 3> direction{};
   std::array<float, 3> strength{};
-};
-
-// The direction of the ray through (x, y), the centre of a pixel in pixels of the whole viewport:
-// at + per_x * x + per_y * y, of no particular length.
-struct RayTerm {
-  std::array<float, 3> at{};
-  std::array<float, 3> per_x{};
-  std::array<float, 3> per_y{};
 };
 
 // The materials of all surfaces, by surface index.
@@ -63,7 +56,7 @@ struct LightBatch {
 };
 
 // Fills color for the first `count` fragments. Without lights there is the head light.
-void ComputeLight(const std::vector<LightTerm>& lights, const RayTerm& rays,
+void ComputeLight(const std::vector<LightTerm>& lights, const view::LinearVec3f& rays,
                   const MaterialTerms& materials, LightBatch* batch);
 
 }  // namespace isoscope::picture

@@ -16,13 +16,13 @@
 #include <cmath>
 
 #include "core/base/check.h"
-#include "core/base/coding.h"
 #include "core/extract/cell_inside.h"
 #include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/math/box.h"
 #include "core/render/pass_resources.h"
 #include "core/render/shade_kernel.h"
+#include "core/volume/cell_samples.h"
 #include "core/volume/field_gradient.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
@@ -37,40 +37,6 @@ constexpr double kEglMarginPx = 1.0 / 8;
 
 bool IsFloat(volume::ScalarType type) {
   return type == volume::ScalarType::kFloat32 || type == volume::ScalarType::kFloat64;
-}
-
-std::array<double, 8> SamplesOfCell(const volume::BlockSamples& samples,
-                                    const math::IndexBox& stored, const math::Index3& cell) {
-  const math::Index3 dims = stored.dims();
-  const math::Index3 local = cell - stored.begin;
-  std::array<double, 8> corners;
-  volume::VisitScalarType(samples.type, [&]<typename T>() {
-    for (std::size_t c = 0; c < 8; ++c) {
-      const auto i = static_cast<std::int64_t>(c);
-      const std::int64_t x = local.x + (i & 1);
-      const std::int64_t y = local.y + (i >> 1 & 1);
-      const std::int64_t z = local.z + (i >> 2);
-      const auto at = static_cast<std::size_t>(x + dims.x * (y + dims.y * z));
-      corners[c] = static_cast<double>(base::LoadLittleEndian<T>(samples.bytes + at * sizeof(T)));
-    }
-  });
-  return corners;
-}
-
-double Interpolated(const std::array<double, 8>& corners, const math::Index3& cell,
-                    const math::Vec3d& position) {
-  double sum = 0;
-  for (int c = 0; c < 8; ++c) {
-    double weight = 1;
-    for (int axis = 0; axis < 3; ++axis) {
-      const double along = std::clamp(position[axis] - static_cast<double>(cell[axis]), 0.0, 1.0);
-      weight *= (c >> axis & 1) != 0 ? along : 1 - along;
-    }
-    if (weight > 0) {
-      sum += weight * corners[static_cast<std::size_t>(c)];
-    }
-  }
-  return sum;
 }
 
 }  // namespace
@@ -152,10 +118,11 @@ std::optional<CapPainter::Filling> CapPainter::FillingAt(const volume::BlockSamp
                                                          const math::Vec3d& position) const {
   const math::Index3 cell = volume::CellAt(layout_, position);
   const std::array<double, 8> corners =
-      SamplesOfCell(samples, layout_.StoredSamplesOf(samples.block_id), cell);
+      volume::SamplesOfCell(samples, layout_.StoredSamplesOf(samples.block_id), cell);
   for (const Solid& solid : solids_) {
     if (extract::IsInsideCell(corners, cell, position, solid.isovalue)) {
-      return Filling{&solid, sample_color_ == nullptr ? 0 : Interpolated(corners, cell, position)};
+      return Filling{&solid,
+                     sample_color_ == nullptr ? 0 : volume::ValueInCell(corners, cell, position)};
     }
   }
   return std::nullopt;
@@ -203,8 +170,8 @@ double CapPainter::ShownValueAt(const Solid& solid, const volume::BlockSamples& 
   }
   const volume::BlockSamples& field = fields[solid.surface_index];
   const math::Index3 cell = volume::CellAt(layout_, position);
-  return Interpolated(SamplesOfCell(field, layout_.StoredSamplesOf(field.block_id), cell), cell,
-                      position);
+  return volume::ValueInCell(
+      volume::SamplesOfCell(field, layout_.StoredSamplesOf(field.block_id), cell), cell, position);
 }
 
 CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,

@@ -11,8 +11,8 @@
 // 4. A full buffer, and the last one, is flushed: fragments outside the open pixels are dropped,
 //    then those outside the clip region, and the caller gets the rest.
 //
-// Project does the arithmetic of TransformVertices, in the same order and in double, so both paths
-// snap a vertex to the same position. Neither can open a gap to the block next door.
+// Both paths snap a vertex to the same position (screen_vertices.h), so neither can open a gap to
+// the block next door.
 //
 // Clipping cuts a triangle by five planes: the near plane, then the four sides of the guard band.
 // Each plane adds at most one corner, so a clipped triangle has at most 8.
@@ -69,33 +69,6 @@ std::optional<std::span<const view::HalfSpace>> CutsOf(const view::Clipper& clip
   return side == Side::kCut ? clipper.half_spaces() : std::span<const view::HalfSpace>();
 }
 
-CpuRasterizer::ClipVertex CpuRasterizer::ToClip(const math::Vec3f& position) const {
-  const std::array<double, 16>& m = projection_.clip_from_index;
-  const double x = static_cast<double>(position.x);
-  const double y = static_cast<double>(position.y);
-  const double z = static_cast<double>(position.z);
-  return {m[0] * x + m[4] * y + m[8] * z + m[12], m[1] * x + m[5] * y + m[9] * z + m[13],
-          m[2] * x + m[6] * y + m[10] * z + m[14], m[3] * x + m[7] * y + m[11] * z + m[15]};
-}
-
-bool CpuRasterizer::Project(const ClipVertex& clip, ScreenVertex* screen) const {
-  if (!(clip.w > 0) || !(clip.z >= -clip.w)) {
-    return false;
-  }
-  const double inverse_w = 1.0 / clip.w;
-  const double x = (clip.x * inverse_w * 0.5 + 0.5) * projection_.width_px;
-  const double y = (0.5 - clip.y * inverse_w * 0.5) * projection_.height_px;
-  if (!(std::abs(x) <= projection_.guard_band_px && std::abs(y) <= projection_.guard_band_px)) {
-    return false;
-  }
-  screen->x =
-      static_cast<std::int32_t>(std::lrint(x * kSubpixels)) - projection_.origin_x * kSubpixels;
-  screen->y =
-      static_cast<std::int32_t>(std::lrint(y * kSubpixels)) - projection_.origin_y * kSubpixels;
-  screen->z = static_cast<float>(std::min(clip.z * inverse_w * 0.5 + 0.5, kMaxVertexDepth));
-  return true;
-}
-
 void CpuRasterizer::Fill(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
                          std::uint32_t triangle) {
   const view::PixelRect box{
@@ -150,7 +123,7 @@ std::size_t CpuRasterizer::CutPolygon(const ClipVertex& plane, ClipPolygon* poly
 
 void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle) {
   // A plane keeps the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band
-  // is a little smaller than the one that Project accepts, so that rounding can't push a clipped
+  // is a little smaller than the one that ToScreen accepts, so that rounding can't push a clipped
   // vertex out again.
   const double band_px = projection_.guard_band_px - 1;
   const double gx_low = 1 + 2 * band_px / projection_.width_px;
@@ -164,7 +137,7 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
   std::size_t count = 3;
   const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
   for (std::size_t corner = 0; corner < 3; ++corner) {
-    polygon[corner] = ToClip(mesh.positions[corners[corner]]);
+    polygon[corner] = ToClip(projection_, mesh.positions[corners[corner]]);
   }
   for (const ClipVertex& plane : planes) {
     count = CutPolygon(plane, &polygon, count);
@@ -177,9 +150,11 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
     ClipVertex vertex = polygon[i];
     // The vertex may lie in front of the near plane by a rounding error.
     vertex.z = std::max(vertex.z, -vertex.w);
-    if (!Project(vertex, &screen[i])) {
+    const std::optional<ScreenVertex> projected = ToScreen(projection_, vertex);
+    if (!projected) {
       return;  // the triangle degenerates into the eye
     }
+    screen[i] = *projected;
   }
   for (std::size_t i = 2; i < count; ++i) {
     Fill(screen[0], screen[i - 1], screen[i], triangle);
@@ -187,18 +162,18 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
 }
 
 void CpuRasterizer::FillClipped(const mesh::CompactMesh& mesh) {
-  clipped_vertices_.resize(mesh.positions.size());
-  needs_clipping_.resize(mesh.positions.size());
-  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-    needs_clipping_[i] = Project(ToClip(mesh.positions[i]), &clipped_vertices_[i]) ? 0 : 1;
+  clipped_vertices_.clear();
+  for (const math::Vec3f& position : mesh.positions) {
+    clipped_vertices_.push_back(ToScreen(projection_, ToClip(projection_, position)));
   }
   const auto triangle_count = static_cast<std::uint32_t>(mesh.triangle_count());
   for (std::uint32_t triangle = 0; triangle < triangle_count; ++triangle) {
-    const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
-    if ((needs_clipping_[corners[0]] | needs_clipping_[corners[1]] | needs_clipping_[corners[2]]) ==
-        0) {
-      Fill(clipped_vertices_[corners[0]], clipped_vertices_[corners[1]],
-           clipped_vertices_[corners[2]], triangle);
+    const auto [ia, ib, ic] = mesh.triangles[triangle];
+    const std::optional<ScreenVertex>& a = clipped_vertices_[ia];
+    const std::optional<ScreenVertex>& b = clipped_vertices_[ib];
+    const std::optional<ScreenVertex>& c = clipped_vertices_[ic];
+    if (a && b && c) {
+      Fill(*a, *b, *c, triangle);
     } else {
       ClipAndFill(mesh, triangle);
     }
@@ -206,24 +181,8 @@ void CpuRasterizer::FillClipped(const mesh::CompactMesh& mesh) {
 }
 
 void CpuRasterizer::FillFromVertices(const mesh::CompactMesh& mesh, std::uint32_t triangle) {
-  const auto vertex = [&](std::uint32_t i) {
-    return ScreenVertex{vertices_.x[i], vertices_.y[i], vertices_.z[i]};
-  };
   const auto [a, b, c] = mesh.triangles[triangle];
-  Fill(vertex(a), vertex(b), vertex(c), triangle);
-}
-
-void CpuRasterizer::DropClosed() {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < fragments_.count; ++i) {
-    const std::uint32_t pixel = fragments_.pixels[i];
-    fragments_.pixels[kept] = pixel;
-    fragments_.depths[kept] = fragments_.depths[i];
-    fragments_.triangles[kept] = fragments_.triangles[i];
-    kept +=
-        open_->Contains(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16)) ? 1U : 0U;
-  }
-  fragments_.count = kept;
+  Fill(vertices_[a], vertices_[b], vertices_[c], triangle);
 }
 
 void CpuRasterizer::MeasureDistances() {
@@ -263,25 +222,16 @@ bool CpuRasterizer::IsClipped(std::uint32_t triangle, std::uint32_t pixel) const
   return false;
 }
 
-void CpuRasterizer::DropClipped() {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < fragments_.count; ++i) {
-    const std::uint32_t pixel = fragments_.pixels[i];
-    const std::uint32_t triangle = fragments_.triangles[i];
-    fragments_.pixels[kept] = pixel;
-    fragments_.depths[kept] = fragments_.depths[i];
-    fragments_.triangles[kept] = triangle;
-    kept += IsClipped(triangle, pixel) ? 0U : 1U;
-  }
-  fragments_.count = kept;
-}
-
 void CpuRasterizer::Flush() {
   if (open_ != nullptr) {
-    DropClosed();
+    fragments_.Retain([this](std::uint32_t pixel, std::uint32_t /*triangle*/) {
+      return open_->Contains(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
+    });
   }
   if (!cut_by_.empty()) {
-    DropClipped();
+    fragments_.Retain([this](std::uint32_t pixel, std::uint32_t triangle) {
+      return !IsClipped(triangle, pixel);
+    });
   }
   if (fragments_.count > 0) {
     (*visit_)({.bounds = fragments_.bounds,

@@ -65,15 +65,9 @@ class CpuRasterizer {
                  ClipWeights clip_weights = ClipWeights::kAtPixel);
 
  private:
-  struct ClipVertex {
-    double x = 0, y = 0, z = 0, w = 0;
-  };
   // A triangle cut by five planes has at most 8 corners.
   using ClipPolygon = std::array<ClipVertex, 8>;
 
-  [[nodiscard]] ClipVertex ToClip(const math::Vec3f& position) const;
-  // Projects one vertex as TransformVertices does. False if it must be clipped first.
-  [[nodiscard]] bool Project(const ClipVertex& clip, ScreenVertex* screen) const;
   // Drops the part of a convex polygon where the plane's distance is negative. Returns the number
   // of corners left.
   static std::size_t CutPolygon(const ClipVertex& plane, ClipPolygon* polygon, std::size_t count);
@@ -83,9 +77,7 @@ class CpuRasterizer {
             std::uint32_t triangle);
   void FillFromVertices(const mesh::CompactMesh& mesh, std::uint32_t triangle);
   void Flush();
-  void DropClosed();
   void MeasureDistances();
-  void DropClipped();
   [[nodiscard]] bool IsClipped(std::uint32_t triangle, std::uint32_t pixel) const;
 
   // These belong to the mesh in work.
@@ -100,8 +92,7 @@ class CpuRasterizer {
   const absl::FunctionRef<void(const FragmentBatch&)>* visit_ = nullptr;
 
   ScreenVertices vertices_;
-  std::vector<ScreenVertex> clipped_vertices_;
-  std::vector<char> needs_clipping_;  // by vertex: in front of the near plane or far off screen
+  std::vector<std::optional<ScreenVertex>> clipped_vertices_;  // none: in need of clipping
   std::vector<std::uint32_t> larger_;
   std::vector<double> distances_;  // [half-space * vertices + vertex], if the mesh is cut
   FragmentBuffer fragments_;

@@ -303,7 +303,7 @@ class CpuRenderer final : public Renderer {
       });
     };
     if (options_.arena != nullptr) {
-      options_.arena->execute(prepare);
+      base::RunIn(options_.arena.get(), prepare);
     } else {
       prepare();
     }

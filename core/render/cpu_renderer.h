@@ -8,8 +8,7 @@
 #include <cstdint>
 #include <memory>
 
-#include <oneapi/tbb/task_arena.h>
-
+#include "core/base/task_arena.h"
 #include "core/render/renderer.h"
 
 namespace isoscope::render {
@@ -24,7 +23,7 @@ struct CpuRendererOptions {
   // Bounds images and buffers that no pass uses.
   std::size_t max_unused_bytes = std::size_t{256} << 20;
   // Shading computes in it. Null: in the arena of the caller.
-  std::shared_ptr<tbb::task_arena> arena = nullptr;
+  std::shared_ptr<base::TaskArena> arena = nullptr;
 };
 
 std::unique_ptr<Renderer> MakeCpuRenderer(const CpuRendererOptions& options);

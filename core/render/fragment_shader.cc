@@ -49,7 +49,7 @@ FragmentShader::FragmentShader(const view::View& view, const frame::FrameSpec& s
       sends_normals_(spec.sends_normals),
       sends_map_steps_(spec.sends_map_steps),
       map_scales_(MapScalesOf(spec)),
-      rays_(MakePixelRays(view)) {
+      rays_(view) {
   for (const frame::Surface& surface : spec.surfaces) {
     shade_tables_.push_back(resources->ShadeTableOf(surface.appearance));
   }

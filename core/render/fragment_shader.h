@@ -97,7 +97,7 @@ class FragmentShader {
   const bool sends_normals_;
   const bool sends_map_steps_;
   const std::vector<std::optional<MapScale>> map_scales_;  // by surface
-  const PixelRays rays_;
+  const ShadeRays rays_;
   std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
 };
 

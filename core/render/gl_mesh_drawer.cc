@@ -377,16 +377,10 @@ void GlMeshDrawer::SetView(const view::View& view, bool sends_normals) {
 }
 
 void GlMeshDrawer::SetRays(const view::View& view) {
-  // Half the sides of the image plane at distance 1. Orthographic rays are all parallel.
-  view::ImagePlane plane = view.image_plane();
-  if (!plane.is_perspective) {
-    plane = {};
-  }
-  SetVec3(program_->Uniform("ray_origin"),
-          view.forward() - view.right() * plane.half_width + view.up() * plane.half_height);
-  SetVec3(program_->Uniform("ray_x"),
-          view.right() * (2 * plane.half_width / view.viewport().width_px));
-  SetVec3(program_->Uniform("ray_y"), view.up() * -plane.pixel_size);
+  const view::LinearVec3d& direction = view.image_plane().rays.direction;
+  SetVec3(program_->Uniform("ray_origin"), direction.at);
+  SetVec3(program_->Uniform("ray_x"), direction.per_x);
+  SetVec3(program_->Uniform("ray_y"), direction.per_y);
 }
 
 void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {

@@ -6,8 +6,7 @@
 //
 // The steps for the triangles of a small block:
 //
-// 1. TransformVertices projects in double and snaps x and y to 1/256 pixel, ties to even. Two
-//    blocks that share a vertex get the same integers for it.
+// 1. TransformVertices (screen_vertices.h) snaps x and y to 1/256 pixel.
 // 2. PackVertices subtracts the block's origin, a pixel left of and above all of its vertices, and
 //    packs a vertex as x | y << 16. A block of at most 254 pixels a side fits: (254 + 1) * 256 is
 //    less than 2^16.
@@ -33,7 +32,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/render/raster_kernels.cc"
@@ -49,7 +47,7 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // All vectors of 32-bit lanes have one length, so that masks and indices fit each other.
-using DI = hn::CappedTag<std::int32_t, FragmentBuffer::kSlack>;
+using DI = hn::CappedTag<std::int32_t, kLaneSlack>;
 using DU = hn::RebindToUnsigned<DI>;
 using DF = hn::RebindToFloat<DI>;
 using VI = hn::Vec<DI>;
@@ -62,141 +60,93 @@ constexpr std::int32_t kTinyBoxPx = 8;
 constexpr std::size_t kTinyBoxPixels = std::size_t{kTinyBoxPx} * kTinyBoxPx;
 constexpr std::int32_t kHalfPixel = kSubpixels / 2;
 
-// 1.5 * 2^52: adding it leaves a number's nearest integer (ties to even) in the low bits.
-constexpr double kRoundingShift = 6755399441055744.0;
+// The sides u = b - a and v = c - a of a triangle in each lane, in 1/256 pixel.
+struct Sides {
+  VI ux, uy, vx, vy;
 
-ScreenBounds TransformVertices(const Projection& projection, std::span<const math::Vec3f> positions,
-                               ScreenVertices* vertices) {
-  const hn::CappedTag<double, 8> dd;
-  const hn::RebindToUnsigned<decltype(dd)> d64;
-  const hn::Rebind<float, decltype(dd)> df;
-  const hn::Rebind<std::uint32_t, decltype(dd)> du;
-  const hn::Rebind<std::int32_t, decltype(dd)> di;
-  using VD = hn::Vec<decltype(dd)>;
-  const std::size_t lanes = hn::Lanes(dd);
-
-  const std::array<double, 16>& m = projection.clip_from_index;
-  const VD one = hn::Set(dd, 1.0);
-  const VD half = hn::Set(dd, 0.5);
-  const VD width = hn::Set(dd, projection.width_px);
-  const VD height = hn::Set(dd, projection.height_px);
-  const VD band = hn::Set(dd, projection.guard_band_px);
-  const VD subpixels = hn::Set(dd, static_cast<double>(kSubpixels));
-  // The origin is a whole number of pixels, so that taking it off here does not change how a
-  // coordinate is rounded.
-  const VD shift_x =
-      hn::Set(dd, kRoundingShift - static_cast<double>(projection.origin_x * kSubpixels));
-  const VD shift_y =
-      hn::Set(dd, kRoundingShift - static_cast<double>(projection.origin_y * kSubpixels));
-  const VD max_depth = hn::Set(dd, kMaxVertexDepth);
-  auto all_valid = hn::FirstN(dd, lanes);
-  auto min_x = hn::Set(di, std::int32_t{1} << 30);
-  auto min_y = min_x;
-  auto max_x = hn::Neg(min_x);
-  auto max_y = max_x;
-
-  const auto transform = [&](const float* from, std::size_t to) HWY_ATTR {
-    // Positions become clip coordinates, in double.
-    hn::Vec<decltype(df)> fx;
-    hn::Vec<decltype(df)> fy;
-    hn::Vec<decltype(df)> fz;
-    hn::LoadInterleaved3(df, from, fx, fy, fz);
-    const VD px = hn::PromoteTo(dd, fx);
-    const VD py = hn::PromoteTo(dd, fy);
-    const VD pz = hn::PromoteTo(dd, fz);
-    const auto row = [&](std::size_t r) HWY_ATTR {
-      const VD xy = hn::Add(hn::Mul(hn::Set(dd, m[r]), px), hn::Mul(hn::Set(dd, m[4 + r]), py));
-      return hn::Add(hn::Add(xy, hn::Mul(hn::Set(dd, m[8 + r]), pz)), hn::Set(dd, m[12 + r]));
-    };
-    const VD clip_x = row(0);
-    const VD clip_y = row(1);
-    const VD clip_z = row(2);
-    const VD clip_w = row(3);
-    // Clip coordinates become pixels and window depth, row 0 at the top.
-    const VD inverse_w = hn::Div(one, clip_w);
-    const VD x = hn::Mul(hn::Add(hn::Mul(hn::Mul(clip_x, inverse_w), half), half), width);
-    const VD y = hn::Mul(hn::Sub(half, hn::Mul(hn::Mul(clip_y, inverse_w), half)), height);
-    const VD z = hn::Add(hn::Mul(hn::Mul(clip_z, inverse_w), half), half);
-    // One vertex that must be clipped makes the whole block take the path that clips.
-    const auto in_front = hn::And(hn::Gt(clip_w, hn::Zero(dd)), hn::Ge(clip_z, hn::Neg(clip_w)));
-    const auto in_band = hn::And(hn::Le(hn::Abs(x), band), hn::Le(hn::Abs(y), band));
-    all_valid = hn::And(all_valid, hn::And(in_front, in_band));
-    // The low 32 bits of the shifted number are v in 1/256 pixel, rounded.
-    const auto snap = [&](VD v, VD shift) HWY_ATTR {
-      const VD shifted = hn::Add(hn::Mul(v, subpixels), shift);
-      return hn::BitCast(di, hn::TruncateTo(du, hn::BitCast(d64, shifted)));
-    };
-    const auto xi = snap(x, shift_x);
-    const auto yi = snap(y, shift_y);
-    min_x = hn::Min(min_x, xi);
-    min_y = hn::Min(min_y, yi);
-    max_x = hn::Max(max_x, xi);
-    max_y = hn::Max(max_y, yi);
-    hn::StoreU(xi, di, vertices->x.data() + to);
-    hn::StoreU(yi, di, vertices->y.data() + to);
-    hn::StoreU(hn::DemoteTo(df, hn::Min(z, max_depth)), df, vertices->z.data() + to);
-  };
-
-  vertices->Resize(positions.size());
-  std::size_t i = 0;
-  for (; i + lanes <= positions.size(); i += lanes) {
-    transform(&positions[i].x, i);
-  }
-  if (i < positions.size()) {
-    // The last vertex fills the lanes that are left over.
-    std::array<math::Vec3f, 8> rest;
-    for (std::size_t k = 0; k < lanes; ++k) {
-      rest[k] = positions[std::min(i + k, positions.size() - 1)];
-    }
-    transform(&rest[0].x, i);
-  }
-  return {.is_valid = hn::AllTrue(dd, all_valid),
-          .min_x = hn::GetLane(hn::MinOfLanes(di, min_x)),
-          .min_y = hn::GetLane(hn::MinOfLanes(di, min_y)),
-          .max_x = hn::GetLane(hn::MaxOfLanes(di, max_x)),
-          .max_y = hn::GetLane(hn::MaxOfLanes(di, max_y))};
-}
+  HWY_INLINE VI Area() const { return hn::Sub(hn::Mul(ux, vy), hn::Mul(vx, uy)); }
+};
 
 // The depth over a triangle: the plane through its vertices, relative to vertex a. It depends on
 // the triangle alone, and all three fill functions compute it with the same arithmetic.
 struct DepthPlane {
-  VF a;
-  VF per_x;
-  VF per_y;
+  VF a, per_x, per_y;
   // A sliver has a steep plane. Its fragments are clamped to the depths of its vertices.
-  VF low;
-  VF high;
+  VF low, high;
+
+  HWY_INLINE DepthPlane(const Sides& sides, VF az, VF bz, VF cz, VF nearest) : a(az) {
+    const DF df;
+    const VF ux = hn::ConvertTo(df, sides.ux);
+    const VF uy = hn::ConvertTo(df, sides.uy);
+    const VF vx = hn::ConvertTo(df, sides.vx);
+    const VF vy = hn::ConvertTo(df, sides.vy);
+    const VF uz = hn::Sub(bz, az);
+    const VF vz = hn::Sub(cz, az);
+    const VF one = hn::Set(df, 1.0F);
+    const VF inverse_area = hn::Div(one, hn::ConvertTo(df, sides.Area()));
+    per_x = hn::Mul(hn::Sub(hn::Mul(uz, vy), hn::Mul(vz, uy)), inverse_area);
+    per_y = hn::Mul(hn::Sub(hn::Mul(vz, ux), hn::Mul(uz, vx)), inverse_area);
+    low = hn::Min(hn::Max(hn::Min(hn::Min(az, bz), cz), nearest), one);
+    high = hn::Min(hn::Max(hn::Max(hn::Max(az, bz), cz), nearest), one);
+  }
+  HWY_INLINE VF RowAt(VI y_from_a) const {
+    return hn::Add(a, hn::Mul(per_y, hn::ConvertTo(DF(), y_from_a)));
+  }
+  HWY_INLINE VU BitsAt(VF depth_of_row, VI x_from_a) const {
+    const DF df;
+    const VF depth = hn::Add(depth_of_row, hn::Mul(per_x, hn::ConvertTo(df, x_from_a)));
+    // Adding 0 turns -0 into +0, whose bits are the smallest.
+    return hn::BitCast(DU(), hn::Add(hn::Min(hn::Max(depth, low), high), hn::Zero(df)));
+  }
 };
 
-HWY_INLINE DepthPlane MakeDepthPlane(VI ux, VI uy, VI vx, VI vy, VF area, VF az, VF bz, VF cz,
-                                     VF nearest) {
-  const DF df;
-  const VF fux = hn::ConvertTo(df, ux);
-  const VF fuy = hn::ConvertTo(df, uy);
-  const VF fvx = hn::ConvertTo(df, vx);
-  const VF fvy = hn::ConvertTo(df, vy);
-  const VF uz = hn::Sub(bz, az);
-  const VF vz = hn::Sub(cz, az);
-  const VF one = hn::Set(df, 1.0F);
-  const VF inverse_area = hn::Div(one, area);
-  DepthPlane plane;
-  plane.a = az;
-  plane.per_x = hn::Mul(hn::Sub(hn::Mul(uz, fvy), hn::Mul(vz, fuy)), inverse_area);
-  plane.per_y = hn::Mul(hn::Sub(hn::Mul(vz, fux), hn::Mul(uz, fvx)), inverse_area);
-  plane.low = hn::Min(hn::Max(hn::Min(hn::Min(az, bz), cz), nearest), one);
-  plane.high = hn::Min(hn::Max(hn::Max(hn::Max(az, bz), cz), nearest), one);
-  return plane;
-}
-HWY_INLINE VF DepthOfRow(const DepthPlane& plane, VI y_from_a) {
-  return hn::Add(plane.a, hn::Mul(plane.per_y, hn::ConvertTo(DF(), y_from_a)));
-}
-HWY_INLINE VU DepthBits(const DepthPlane& plane, VF depth_of_row, VI x_from_a) {
-  const DF df;
-  const VF depth = hn::Add(depth_of_row, hn::Mul(plane.per_x, hn::ConvertTo(df, x_from_a)));
-  // Adding 0 turns -0 into +0, whose bits are the smallest.
-  const VF clamped = hn::Add(hn::Min(hn::Max(depth, plane.low), plane.high), hn::Zero(df));
-  return hn::BitCast(DU(), clamped);
-}
+// An edge function at the centre of a pixel: not negative inside. A centre on an edge belongs to
+// the triangle only if the edge is a top or a left one; other edges start 1 lower.
+struct Edge {
+  VI value, step_x, step_y;
+
+  // (dx, dy): the edge, clockwise. (x, y): the centre, from a point of the edge.
+  HWY_INLINE Edge(VI dx, VI dy, VI x, VI y, VI column_step)
+      : step_x(hn::Mul(hn::Neg(dy), column_step)), step_y(hn::ShiftLeft<kSubpixelBits>(dx)) {
+    // All bits are set if dy < 0, or if dy == 0 and dx > 0. Both are below 2^15, so nothing is
+    // lost.
+    const VI top_left = hn::ShiftRight<31>(hn::Sub(hn::ShiftLeft<16>(dy), dx));
+    value = hn::Add(hn::Sub(hn::Mul(dx, y), hn::Mul(dy, x)), hn::Not(top_left));
+  }
+};
+
+// The pixel that each lane has reached in the box of its triangle. REQUIRES: Area() is not
+// negative.
+struct Walk {
+  VI x, y;  // the pixel's centre, from vertex a
+  VI step_x;
+  Edge ab, bc, ca;
+
+  // columns: pixels that NextColumn goes on
+  HWY_INLINE Walk(const Sides& s, VI x_from_a, VI y_from_a, std::int32_t columns)
+      : x(x_from_a),
+        y(y_from_a),
+        step_x(hn::Set(DI(), columns * kSubpixels)),
+        ab(s.ux, s.uy, x, y, step_x),
+        bc(hn::Sub(s.vx, s.ux), hn::Sub(s.vy, s.uy), hn::Sub(x, s.ux), hn::Sub(y, s.uy), step_x),
+        ca(hn::Neg(s.vx), hn::Neg(s.vy), x, y, step_x) {}
+  HWY_INLINE MI Covered(MI in_box) const {
+    const VI any_sign = hn::Or(hn::Or(ab.value, bc.value), ca.value);
+    return hn::AndNot(hn::Lt(any_sign, hn::Zero(DI())), in_box);
+  }
+  HWY_INLINE void NextColumn() {
+    ab.value = hn::Add(ab.value, ab.step_x);
+    bc.value = hn::Add(bc.value, bc.step_x);
+    ca.value = hn::Add(ca.value, ca.step_x);
+    x = hn::Add(x, step_x);
+  }
+  HWY_INLINE void NextRow() {
+    ab.value = hn::Add(ab.value, ab.step_y);
+    bc.value = hn::Add(bc.value, bc.step_y);
+    ca.value = hn::Add(ca.value, ca.step_y);
+    y = hn::Add(y, hn::Set(DI(), kSubpixels));
+  }
+};
 
 // Moves the lanes of one mask to the front of several vectors.
 #if HWY_TARGET == HWY_AVX2
@@ -244,8 +194,8 @@ class Compressor {
 };
 #endif
 
-// Appends the fragments in the lanes of `mask`. Writes whole vectors, so that up to
-// FragmentBuffer::kSlack elements behind the last fragment are overwritten.
+// Appends the fragments in the lanes of `mask`. Writes whole vectors, so that up to kLaneSlack
+// elements behind the last fragment are overwritten.
 HWY_INLINE void Append(VU pixels, VU depths, VU triangles, hn::Mask<DU> mask,
                        FragmentBuffer* buffer) {
   const DU du;
@@ -257,169 +207,159 @@ HWY_INLINE void Append(VU pixels, VU depths, VU triangles, hn::Mask<DU> mask,
   buffer->count = at + compress.count();
 }
 
-// The triangles that SetUp keeps, one behind the other: their boxes have at least one pixel.
-struct Survivors {
-  static constexpr std::size_t kChunk = 512;
-  static constexpr std::size_t kSize = kChunk + FragmentBuffer::kSlack;
-  std::size_t count = 0;
-  alignas(64) std::array<std::uint32_t, kSize> triangle;
-  alignas(64) std::array<std::array<std::uint32_t, kSize>, 3> corner;
-  alignas(64) std::array<std::array<std::uint32_t, kSize>, 3> xy;  // packed
-  alignas(64) std::array<std::uint32_t, kSize> begin;              // packed: the box's first pixel
-  alignas(64) std::array<std::uint32_t, kSize> size;  // packed: the box's width and height
-};
-
-// Step 2. Packs the block's vertices as x | y << 16, in 1/256 pixel from the block's origin.
-HWY_INLINE void PackVertices(const TinyTriangleTask& task) {
-  const DI di;
-  const DU du;
-  ScreenVertices& v = *task.vertices;
-  const VI origin_x = hn::Set(di, task.origin_x * kSubpixels);
-  const VI origin_y = hn::Set(di, task.origin_y * kSubpixels);
-  for (std::size_t i = 0; i < v.count; i += hn::Lanes(di)) {
-    const VI x = hn::Sub(hn::LoadU(di, v.x.data() + i), origin_x);
-    const VI y = hn::Sub(hn::LoadU(di, v.y.data() + i), origin_y);
-    hn::StoreU(hn::BitCast(du, hn::Or(x, hn::ShiftLeft<16>(y))), du, v.packed.data() + i);
-  }
+// A pair of 16-bit numbers, x | y << 16, in each lane.
+HWY_INLINE VU Pack(VI x, VI y) { return hn::BitCast(DU(), hn::Or(x, hn::ShiftLeft<16>(y))); }
+HWY_INLINE VI UnpackX(VU packed) {
+  return hn::BitCast(DI(), hn::And(packed, hn::Set(DU(), 0xffffu)));
 }
-
+HWY_INLINE VI UnpackY(VU packed) { return hn::BitCast(DI(), hn::ShiftRight<16>(packed)); }
 // Packs x and y to be added to packed numbers. They may be negative, as long as x and y of the sum
 // are not.
 HWY_INLINE VU SetPacked(std::int32_t x, std::int32_t y) {
   return hn::Set(DU(), static_cast<std::uint32_t>(x) + (static_cast<std::uint32_t>(y) << 16));
 }
 
+// The triangles that SetUp keeps, one behind the other: their boxes have at least one pixel.
+struct Survivors {
+  static constexpr std::size_t kChunk = 512;
+  using Row = std::uint32_t[kChunk + kLaneSlack];
+  std::size_t count = 0;
+  alignas(64) Row index, corners[3], xy[3], begin, size;  // the fields of TriangleLanes
+};
+
+// A tiny triangle in each lane.
+struct TriangleLanes {
+  VU index;       // of the mesh's triangles
+  VU corners[3];  // indices of vertices
+  VU xy[3];       // packed: the vertices, from the block's origin
+  VU begin;       // packed: the box's first pixel
+  VU size;        // packed: the box's width and height
+
+  static HWY_INLINE TriangleLanes Load(const Survivors& from, std::size_t at) {
+    const auto load = [at](const Survivors::Row& row)
+                          HWY_ATTR { return hn::LoadU(DU(), row + at); };
+    return {load(from.index),
+            {load(from.corners[0]), load(from.corners[1]), load(from.corners[2])},
+            {load(from.xy[0]), load(from.xy[1]), load(from.xy[2])},
+            load(from.begin),
+            load(from.size)};
+  }
+  // Stores the lanes of a mask as survivors from `at` on, and overwrites up to kLaneSlack elements
+  // behind them. Returns where they end.
+  HWY_INLINE std::size_t Store(hn::Mask<DU> mask, std::size_t at, Survivors* to) const {
+    const Compressor compress(mask);
+    const auto store = [&](VU v, Survivors::Row* row)
+                           HWY_ATTR { hn::StoreU(compress(v), DU(), *row + at); };
+    store(index, &to->index);
+    for (std::size_t k = 0; k < 3; ++k) {
+      store(corners[k], &to->corners[k]);
+      store(xy[k], &to->xy[k]);
+    }
+    store(begin, &to->begin);
+    store(size, &to->size);
+    return at + compress.count();
+  }
+};
+
+// Step 2. Packs the block's vertices, in 1/256 pixel from the block's origin.
+HWY_INLINE void PackVertices(const TinyTriangleTask& task) {
+  const DI di;
+  ScreenVertices& v = *task.vertices;
+  const VI origin_x = hn::Set(di, task.origin_x * kSubpixels);
+  const VI origin_y = hn::Set(di, task.origin_y * kSubpixels);
+  for (std::size_t i = 0; i < v.count; i += hn::Lanes(di)) {
+    const VI x = hn::Sub(hn::LoadU(di, v.x.data() + i), origin_x);
+    const VI y = hn::Sub(hn::LoadU(di, v.y.data() + i), origin_y);
+    hn::StoreU(Pack(x, y), DU(), v.packed.data() + i);
+  }
+}
+
+// Loads the vertex indices of triangle `first` and of those behind it. Triangles without area fill
+// the lanes that are left over.
+HWY_INLINE void LoadCorners(const mesh::TriangleVertices& triangles, std::size_t first,
+                            VU (&corners)[3]) {
+  const DU du;
+  auto& [a, b, c] = corners;
+  if (first + hn::Lanes(du) > triangles.size()) [[unlikely]] {
+    std::array<std::array<std::uint32_t, 3>, kLaneSlack> rest{};
+    for (std::size_t i = first; i < triangles.size(); ++i) {
+      rest[i - first] = triangles[i];
+    }
+    hn::LoadInterleaved3(du, rest[0].data(), a, b, c);
+  } else if (triangles.small() != nullptr) [[likely]] {
+    const hn::Rebind<std::uint16_t, DU> d16;
+    hn::Vec<decltype(d16)> a16, b16, c16;
+    hn::LoadInterleaved3(d16, triangles.small() + 3 * first, a16, b16, c16);
+    a = hn::PromoteTo(du, a16);
+    b = hn::PromoteTo(du, b16);
+    c = hn::PromoteTo(du, c16);
+  } else {
+    hn::LoadInterleaved3(du, triangles.large() + 3 * first, a, b, c);
+  }
+}
+
+// A triangle's box along one axis, in pixels from the block's origin.
+struct BoxSide {
+  VI begin;
+  VI size;    // not positive: no pixel
+  VI extent;  // of the triangle, in 1/256 pixel
+
+  // a, b, c: coordinates of the vertices. The box is cut to [rect_begin, rect_end).
+  HWY_INLINE BoxSide(VI a, VI b, VI c, std::int32_t rect_begin, std::int32_t rect_end) {
+    const DI di;
+    const VI low = hn::Min(hn::Min(a, b), c);
+    const VI high = hn::Max(hn::Max(a, b), c);
+    const auto first_from = [di](VI v, std::int32_t rounding) HWY_ATTR {
+      return hn::ShiftRight<kSubpixelBits>(hn::Add(v, hn::Set(di, rounding)));
+    };
+    begin = hn::Max(first_from(low, kHalfPixel - 1), hn::Set(di, rect_begin));
+    size = hn::Sub(hn::Min(first_from(high, kHalfPixel), hn::Set(di, rect_end)), begin);
+    extent = hn::Sub(high, low);
+  }
+};
+
 // Step 3. Finds which of the triangles [first, first + Survivors::kChunk) may cover a pixel.
 HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors* survivors,
                       std::vector<std::uint32_t>* larger) {
   const DI di;
   const DU du;
-  const std::size_t lanes = hn::Lanes(du);
-  const std::size_t triangle_count = task.triangles.size();
-  const std::size_t end = std::min(first + Survivors::kChunk, triangle_count);
+  const std::size_t end = std::min(first + Survivors::kChunk, task.triangles.size());
   const std::uint32_t* packed = task.vertices->packed.data();
-
-  const VI before = hn::Set(di, kHalfPixel - 1);
-  const VI after = hn::Set(di, kHalfPixel);
-  const VI rect_begin_x = hn::Set(di, task.rect.begin_x - task.origin_x);
-  const VI rect_begin_y = hn::Set(di, task.rect.begin_y - task.origin_y);
-  const VI rect_end_x = hn::Set(di, task.rect.end_x - task.origin_x);
-  const VI rect_end_y = hn::Set(di, task.rect.end_y - task.origin_y);
-  const VI box_limit = hn::Set(di, kTinyBoxPx + 1);
-  const VI extent_limit = hn::Set(di, kSmallTrianglePx * kSubpixels + 1);
-  const VU low_half = hn::Set(du, 0xffffu);
-  const VU zero = hn::Zero(du);
-
   std::size_t count = 0;
-  for (std::size_t t = first; t < end; t += lanes) {
-    // Load the vertex indices of one triangle into each lane.
-    VU a;
-    VU b;
-    VU c;
-    if (t + lanes <= triangle_count) [[likely]] {
-      if (task.triangles.small() != nullptr) [[likely]] {
-        const hn::Rebind<std::uint16_t, DU> d16;
-        hn::Vec<decltype(d16)> a16;
-        hn::Vec<decltype(d16)> b16;
-        hn::Vec<decltype(d16)> c16;
-        hn::LoadInterleaved3(d16, task.triangles.small() + 3 * t, a16, b16, c16);
-        a = hn::PromoteTo(du, a16);
-        b = hn::PromoteTo(du, b16);
-        c = hn::PromoteTo(du, c16);
-      } else {
-        hn::LoadInterleaved3(du, task.triangles.large() + 3 * t, a, b, c);
-      }
-    } else {
-      // Triangles without area fill the lanes that are left over.
-      std::array<std::uint32_t, 3 * FragmentBuffer::kSlack> rest{};
-      for (std::size_t i = t; i < triangle_count; ++i) {
-        const std::array<std::uint32_t, 3> corners = task.triangles[i];
-        std::copy(corners.begin(), corners.end(),
-                  rest.begin() + static_cast<std::ptrdiff_t>(3 * (i - t)));
-      }
-      hn::LoadInterleaved3(du, rest.data(), a, b, c);
+  TriangleLanes triangle;
+  for (std::size_t t = first; t < end; t += hn::Lanes(du)) {
+    triangle.index = hn::Iota(du, static_cast<std::uint32_t>(t));
+    LoadCorners(task.triangles, t, triangle.corners);
+    for (std::size_t k = 0; k < 3; ++k) {
+      triangle.xy[k] = hn::GatherIndex(du, packed, hn::BitCast(di, triangle.corners[k]));
     }
-    // Fetch the packed vertices and take x and y apart.
-    const VU pa = hn::GatherIndex(du, packed, hn::BitCast(di, a));
-    const VU pb = hn::GatherIndex(du, packed, hn::BitCast(di, b));
-    const VU pc = hn::GatherIndex(du, packed, hn::BitCast(di, c));
-    const VI ax = hn::BitCast(di, hn::And(pa, low_half));
-    const VI bx = hn::BitCast(di, hn::And(pb, low_half));
-    const VI cx = hn::BitCast(di, hn::And(pc, low_half));
-    const VI ay = hn::BitCast(di, hn::ShiftRight<16>(pa));
-    const VI by = hn::BitCast(di, hn::ShiftRight<16>(pb));
-    const VI cy = hn::BitCast(di, hn::ShiftRight<16>(pc));
-    // Find the box: first pixel inclusive, last pixel exclusive, cut to the block's rectangle.
-    const VI low_x = hn::Min(hn::Min(ax, bx), cx);
-    const VI low_y = hn::Min(hn::Min(ay, by), cy);
-    const VI high_x = hn::Max(hn::Max(ax, bx), cx);
-    const VI high_y = hn::Max(hn::Max(ay, by), cy);
-    const VI begin_x = hn::Max(hn::ShiftRight<kSubpixelBits>(hn::Add(low_x, before)), rect_begin_x);
-    const VI begin_y = hn::Max(hn::ShiftRight<kSubpixelBits>(hn::Add(low_y, before)), rect_begin_y);
-    const VI end_x = hn::Min(hn::ShiftRight<kSubpixelBits>(hn::Add(high_x, after)), rect_end_x);
-    const VI end_y = hn::Min(hn::ShiftRight<kSubpixelBits>(hn::Add(high_y, after)), rect_end_y);
-    const auto has_pixels = hn::And(hn::Lt(begin_x, end_x), hn::Lt(begin_y, end_y));
-    // Width and height mean something only in lanes of has_pixels.
-    const VI width = hn::Sub(end_x, begin_x);
-    const VI height = hn::Sub(end_y, begin_y);
-    const auto is_tiny =
-        hn::And(hn::Lt(hn::Max(width, height), box_limit),
-                hn::Lt(hn::Max(hn::Sub(high_x, low_x), hn::Sub(high_y, low_y)), extent_limit));
-    const VU begin = hn::BitCast(du, hn::Or(begin_x, hn::ShiftLeft<16>(begin_y)));
-    const VU size = hn::BitCast(du, hn::Or(width, hn::ShiftLeft<16>(height)));
-    const auto survives = hn::RebindMask(du, hn::And(has_pixels, is_tiny));
+    const auto& [a, b, c] = triangle.xy;
+    const BoxSide x(UnpackX(a), UnpackX(b), UnpackX(c), task.rect.begin_x - task.origin_x,
+                    task.rect.end_x - task.origin_x);
+    const BoxSide y(UnpackY(a), UnpackY(b), UnpackY(c), task.rect.begin_y - task.origin_y,
+                    task.rect.end_y - task.origin_y);
+    triangle.begin = Pack(x.begin, y.begin);
+    triangle.size = Pack(x.size, y.size);
+    const MI has_pixels = hn::Gt(hn::Min(x.size, y.size), hn::Zero(di));
+    const MI is_tiny = hn::And(
+        hn::Lt(hn::Max(x.size, y.size), hn::Set(di, kTinyBoxPx + 1)),
+        hn::Lt(hn::Max(x.extent, y.extent), hn::Set(di, kSmallTrianglePx * kSubpixels + 1)));
     // Hand larger triangles to the caller, who fills them one at a time.
     const MI is_larger = hn::AndNot(is_tiny, has_pixels);
     if (!hn::AllFalse(di, is_larger)) [[unlikely]] {
-      std::array<std::uint8_t, 8> bits{};
-      hn::StoreMaskBits(di, is_larger, bits.data());
-      std::uint64_t rest = 0;
-      std::memcpy(&rest, bits.data(), sizeof(rest));
-      for (; rest != 0; rest &= rest - 1) {
-        larger->push_back(static_cast<std::uint32_t>(t) +
-                          static_cast<std::uint32_t>(std::countr_zero(rest)));
-      }
+      const Compressor compress(hn::RebindMask(du, is_larger));
+      const std::size_t at = larger->size();
+      larger->resize(at + kLaneSlack);
+      hn::StoreU(compress(triangle.index), du, larger->data() + at);
+      larger->resize(at + compress.count());
     }
-    // Append the survivors.
-    const Compressor compress(survives);
-    const VU triangle = hn::Iota(du, static_cast<std::uint32_t>(t));
-    hn::StoreU(compress(triangle), du, survivors->triangle.data() + count);
-    hn::StoreU(compress(a), du, survivors->corner[0].data() + count);
-    hn::StoreU(compress(b), du, survivors->corner[1].data() + count);
-    hn::StoreU(compress(c), du, survivors->corner[2].data() + count);
-    hn::StoreU(compress(pa), du, survivors->xy[0].data() + count);
-    hn::StoreU(compress(pb), du, survivors->xy[1].data() + count);
-    hn::StoreU(compress(pc), du, survivors->xy[2].data() + count);
-    hn::StoreU(compress(begin), du, survivors->begin.data() + count);
-    hn::StoreU(compress(size), du, survivors->size.data() + count);
-    count += compress.count();
+    count = triangle.Store(hn::RebindMask(du, hn::And(has_pixels, is_tiny)), count, survivors);
   }
   // Boxes without pixels fill the lanes that FillSurvivors reads past the last survivor.
-  for (auto& corner : survivors->corner) {
-    hn::StoreU(zero, du, corner.data() + count);
-  }
-  for (auto& xy : survivors->xy) {
-    hn::StoreU(zero, du, xy.data() + count);
-  }
-  hn::StoreU(zero, du, survivors->size.data() + count);
+  const VU zero = hn::Zero(du);
+  const TriangleLanes none{zero, {zero, zero, zero}, {zero, zero, zero}, zero, zero};
+  none.Store(hn::FirstN(du, hn::Lanes(du)), count, survivors);
   survivors->count = count;
-}
-
-// An edge function at the first pixel of a box: not negative inside. A pixel centre on an edge
-// belongs to the triangle only if the edge is a top or a left one; other edges start 1 lower.
-struct Edge {
-  VI value;
-  VI step_x;
-  VI step_y;
-};
-HWY_INLINE Edge MakeEdge(VI from_x, VI from_y, VI to_x, VI to_y, VI x, VI y) {
-  const VI dx = hn::Sub(to_x, from_x);
-  const VI dy = hn::Sub(to_y, from_y);
-  const VI at = hn::Sub(hn::Mul(dx, hn::Sub(y, from_y)), hn::Mul(dy, hn::Sub(x, from_x)));
-  // All bits are set if dy < 0, or if dy == 0 and dx > 0. Both are below 2^15, so nothing is lost.
-  const VI top_left = hn::ShiftRight<31>(hn::Sub(hn::ShiftLeft<16>(dy), dx));
-  return {hn::Add(at, hn::Not(top_left)), hn::ShiftLeft<kSubpixelBits>(hn::Neg(dy)),
-          hn::ShiftLeft<kSubpixelBits>(dx)};
 }
 
 // Step 4. Appends the fragments of the survivors to `buffer`.
@@ -428,100 +368,66 @@ HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& sur
   const DI di;
   const DU du;
   const DF df;
-  const std::size_t lanes = hn::Lanes(di);
-  const VU low_half = hn::Set(du, 0xffffu);
   const VI zero = hn::Zero(di);
-  const VI one_pixel = hn::Set(di, kSubpixels);
-  const VU next_pixel = hn::Set(du, 1u);
-  const VU next_row = hn::Set(du, 1u << 16);
-  const VU origin = SetPacked(task.origin_x, task.origin_y);
-  const VF nearest = hn::Set(df, task.nearest_depth);
-  const float* depths = task.vertices->z.data();
-  const auto low = [&](VU v) HWY_ATTR { return hn::BitCast(di, hn::And(v, low_half)); };
-  const auto high = [&](VU v) HWY_ATTR { return hn::BitCast(di, hn::ShiftRight<16>(v)); };
-
-  for (std::size_t i = 0; i < survivors.count; i += lanes) {
-    // Load one triangle into each lane: vertex a, and the sides u = b - a and v = c - a.
-    const VU pa = hn::LoadU(du, survivors.xy[0].data() + i);
-    const VU pb = hn::LoadU(du, survivors.xy[1].data() + i);
-    const VU pc = hn::LoadU(du, survivors.xy[2].data() + i);
-    const VI ax = low(pa);
-    const VI ay = high(pa);
-    VI ux = hn::Sub(low(pb), ax);
-    VI uy = hn::Sub(high(pb), ay);
-    VI vx = hn::Sub(low(pc), ax);
-    VI vy = hn::Sub(high(pc), ay);
-    const VI signed_area = hn::Sub(hn::Mul(ux, vy), hn::Mul(vx, uy));
-    const VF az =
-        hn::GatherIndex(df, depths, hn::BitCast(di, hn::LoadU(du, survivors.corner[0].data() + i)));
-    const VF bz =
-        hn::GatherIndex(df, depths, hn::BitCast(di, hn::LoadU(du, survivors.corner[1].data() + i)));
-    const VF cz =
-        hn::GatherIndex(df, depths, hn::BitCast(di, hn::LoadU(du, survivors.corner[2].data() + i)));
+  const VI half_pixel = hn::Set(di, kHalfPixel);
+  for (std::size_t i = 0; i < survivors.count; i += hn::Lanes(di)) {
+    const TriangleLanes triangle = TriangleLanes::Load(survivors, i);
+    const auto& [a, b, c] = triangle.xy;
+    const VI ax = UnpackX(a);
+    const VI ay = UnpackY(a);
+    Sides sides{hn::Sub(UnpackX(b), ax), hn::Sub(UnpackY(b), ay), hn::Sub(UnpackX(c), ax),
+                hn::Sub(UnpackY(c), ay)};
+    const VI area = sides.Area();
+    const auto depth_of = [&](std::size_t k) HWY_ATTR {
+      return hn::GatherIndex(df, task.vertices->z.data(), hn::BitCast(di, triangle.corners[k]));
+    };
     // Make the depth plane. It is the same, bit by bit, whichever of b and c comes first.
-    const DepthPlane plane =
-        MakeDepthPlane(ux, uy, vx, vy, hn::ConvertTo(df, signed_area), az, bz, cz, nearest);
+    const DepthPlane plane(sides, depth_of(0), depth_of(1), depth_of(2),
+                           hn::Set(df, task.nearest_depth));
     // Exchange b and c of a clockwise triangle, so that all edge functions are positive inside.
-    const MI is_clockwise = hn::Lt(signed_area, zero);
-    const VI bx = hn::Add(ax, hn::IfThenElse(is_clockwise, vx, ux));
-    const VI by = hn::Add(ay, hn::IfThenElse(is_clockwise, vy, uy));
-    const VI cx = hn::Add(ax, hn::IfThenElse(is_clockwise, ux, vx));
-    const VI cy = hn::Add(ay, hn::IfThenElse(is_clockwise, uy, vy));
-
-    // Evaluate the edge functions at the centre of each box's first pixel. A triangle without area
-    // gets a box of width 0.
-    const VU begin = hn::LoadU(du, survivors.begin.data() + i);
-    const VU size = hn::LoadU(du, survivors.size.data() + i);
-    const VI x = hn::Add(hn::ShiftLeft<kSubpixelBits>(low(begin)), hn::Set(di, kHalfPixel));
-    const VI y = hn::Add(hn::ShiftLeft<kSubpixelBits>(high(begin)), hn::Set(di, kHalfPixel));
-    Edge ab = MakeEdge(ax, ay, bx, by, x, y);
-    Edge bc = MakeEdge(bx, by, cx, cy, x, y);
-    Edge ca = MakeEdge(cx, cy, ax, ay, x, y);
-    const VU triangle = hn::LoadU(du, survivors.triangle.data() + i);
-    const VI width = hn::IfThenZeroElse(hn::Eq(signed_area, zero), low(size));
-    const VI height = high(size);
-    VU row_pixel = hn::Add(begin, origin);
-    VI y_from_a = hn::Sub(y, ay);
-    const VI first_x_from_a = hn::Sub(x, ax);
+    const MI is_clockwise = hn::Lt(area, zero);
+    sides = {hn::IfThenElse(is_clockwise, sides.vx, sides.ux),
+             hn::IfThenElse(is_clockwise, sides.vy, sides.uy),
+             hn::IfThenElse(is_clockwise, sides.ux, sides.vx),
+             hn::IfThenElse(is_clockwise, sides.uy, sides.vy)};
+    // Begin at the centre of each box's first pixel. A triangle without area gets a box of width 0.
+    const auto center = [half_pixel](VI pixel) HWY_ATTR {
+      return hn::Add(hn::ShiftLeft<kSubpixelBits>(pixel), half_pixel);
+    };
+    Walk row(sides, hn::Sub(center(UnpackX(triangle.begin)), ax),
+             hn::Sub(center(UnpackY(triangle.begin)), ay), 1);
+    VU row_pixel = hn::Add(triangle.begin, SetPacked(task.origin_x, task.origin_y));
+    const VI width = hn::IfThenZeroElse(hn::Eq(area, zero), UnpackX(triangle.size));
+    const VI height = UnpackY(triangle.size);
     // Make room for every pixel of every box.
-    if (buffer->count + kTinyBoxPixels * lanes > FragmentBuffer::kCapacity) [[unlikely]] {
+    if (buffer->count + kTinyBoxPixels * hn::Lanes(di) > FragmentBuffer::kCapacity) [[unlikely]] {
       flush();
       buffer->Extend(task.rect);
     }
     // Walk the rows and columns of all boxes in step, and append the covered pixels.
-    for (std::int32_t row = 0; row < kTinyBoxPx; ++row) {
-      const MI in_rows = hn::Lt(hn::Set(di, row), height);
+    for (std::int32_t y = 0; y < kTinyBoxPx; ++y) {
+      const MI in_rows = hn::Lt(hn::Set(di, y), height);
       if (hn::AllFalse(di, in_rows)) {
         break;
       }
-      const VF depth_of_row = DepthOfRow(plane, y_from_a);
-      VI value_ab = ab.value;
-      VI value_bc = bc.value;
-      VI value_ca = ca.value;
-      VI x_from_a = first_x_from_a;
+      const VF depth_of_row = plane.RowAt(row.y);
+      Walk at = row;
       VU pixel = row_pixel;
-      for (std::int32_t column = 0; column < kTinyBoxPx; ++column) {
-        const MI in_box = hn::And(in_rows, hn::Lt(hn::Set(di, column), width));
+      for (std::int32_t x = 0; x < kTinyBoxPx; ++x) {
+        const MI in_box = hn::And(in_rows, hn::Lt(hn::Set(di, x), width));
         if (hn::AllFalse(di, in_box)) {
           break;
         }
-        const MI covered =
-            hn::AndNot(hn::Lt(hn::Or(hn::Or(value_ab, value_bc), value_ca), zero), in_box);
+        const MI covered = at.Covered(in_box);
         if (!hn::AllFalse(di, covered)) {
-          Append(pixel, DepthBits(plane, depth_of_row, x_from_a), triangle,
+          Append(pixel, plane.BitsAt(depth_of_row, at.x), triangle.index,
                  hn::RebindMask(du, covered), buffer);
         }
-        value_ab = hn::Add(value_ab, ab.step_x);
-        value_bc = hn::Add(value_bc, bc.step_x);
-        value_ca = hn::Add(value_ca, ca.step_x);
-        x_from_a = hn::Add(x_from_a, one_pixel);
-        pixel = hn::Add(pixel, next_pixel);
+        at.NextColumn();
+        pixel = hn::Add(pixel, hn::Set(du, 1u));
       }
-      ab.value = hn::Add(ab.value, ab.step_y);
-      bc.value = hn::Add(bc.value, bc.step_y);
-      ca.value = hn::Add(ca.value, ca.step_y);
-      y_from_a = hn::Add(y_from_a, one_pixel);
-      row_pixel = hn::Add(row_pixel, next_row);
+      row.NextRow();
+      row_pixel = hn::Add(row_pixel, hn::Set(du, 1u << 16));
     }
   }
 }
@@ -547,63 +453,34 @@ void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
   const auto lanes = static_cast<std::int32_t>(hn::Lanes(di));
   const auto& [a, b, c] = triangle.v;
   const view::PixelRect& box = triangle.box;
-  const VI x = hn::Set(di, box.begin_x * kSubpixels + kHalfPixel);
-  const VI y = hn::Set(di, box.begin_y * kSubpixels + kHalfPixel);
-  const VI ax = hn::Set(di, a.x);
-  const VI ay = hn::Set(di, a.y);
-  const VI bx = hn::Set(di, b.x);
-  const VI by = hn::Set(di, b.y);
-  const VI cx = hn::Set(di, c.x);
-  const VI cy = hn::Set(di, c.y);
+  const Sides sides{hn::Set(di, b.x - a.x), hn::Set(di, b.y - a.y), hn::Set(di, c.x - a.x),
+                    hn::Set(di, c.y - a.y)};
+  const DepthPlane plane(sides, hn::Set(df, a.z), hn::Set(df, b.z), hn::Set(df, c.z),
+                         hn::Set(df, nearest_depth));
   // Each lane starts at its own column and steps by as many pixels as there are lanes.
   const VI column = hn::Iota(di, 0);
-  const auto start = [&](Edge edge) HWY_ATTR {
-    edge.value = hn::Add(edge.value, hn::Mul(edge.step_x, column));
-    edge.step_x = hn::Mul(edge.step_x, hn::Set(di, lanes));
-    return edge;
-  };
-  Edge ab = start(MakeEdge(ax, ay, bx, by, x, y));
-  Edge bc = start(MakeEdge(bx, by, cx, cy, x, y));
-  Edge ca = start(MakeEdge(cx, cy, ax, ay, x, y));
-  const std::int32_t area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
-  const DepthPlane plane =
-      MakeDepthPlane(hn::Sub(bx, ax), hn::Sub(by, ay), hn::Sub(cx, ax), hn::Sub(cy, ay),
-                     hn::Set(df, static_cast<float>(area)), hn::Set(df, a.z), hn::Set(df, b.z),
-                     hn::Set(df, c.z), hn::Set(df, nearest_depth));
-  const VU triangle_index = hn::Set(du, triangle.index);
-  const VI first_x_from_a = hn::Add(hn::Sub(x, ax), hn::ShiftLeft<kSubpixelBits>(column));
-  const VI lane_step = hn::Set(di, lanes * kSubpixels);
-  VI y_from_a = hn::Sub(y, ay);
+  const VI first_x = hn::Set(di, box.begin_x * kSubpixels + kHalfPixel - a.x);
+  Walk row(sides, hn::Add(first_x, hn::ShiftLeft<kSubpixelBits>(column)),
+           hn::Set(di, box.begin_y * kSubpixels + kHalfPixel - a.y), lanes);
   buffer->Extend(box);
   for (std::int32_t py = box.begin_y; py < box.end_y; ++py) {
-    const VF depth_of_row = DepthOfRow(plane, y_from_a);
-    VI value_ab = ab.value;
-    VI value_bc = bc.value;
-    VI value_ca = ca.value;
-    VI x_from_a = first_x_from_a;
+    const VF depth_of_row = plane.RowAt(row.y);
+    Walk at = row;
     for (std::int32_t px = box.begin_x; px < box.end_x; px += lanes) {
-      const MI in_box = hn::Lt(column, hn::Set(di, box.end_x - px));
-      const MI covered =
-          hn::AndNot(hn::Lt(hn::Or(hn::Or(value_ab, value_bc), value_ca), hn::Zero(di)), in_box);
+      const MI covered = at.Covered(hn::Lt(column, hn::Set(di, box.end_x - px)));
       if (!hn::AllFalse(di, covered)) {
         if (buffer->count + static_cast<std::size_t>(lanes) > FragmentBuffer::kCapacity)
             [[unlikely]] {
           flush();
           buffer->Extend(box);
         }
-        const VU pixel = hn::Add(SetPacked(px, py), hn::BitCast(du, column));
-        Append(pixel, DepthBits(plane, depth_of_row, x_from_a), triangle_index,
+        Append(hn::Add(SetPacked(px, py), hn::BitCast(du, column)),
+               plane.BitsAt(depth_of_row, at.x), hn::Set(du, triangle.index),
                hn::RebindMask(du, covered), buffer);
       }
-      value_ab = hn::Add(value_ab, ab.step_x);
-      value_bc = hn::Add(value_bc, bc.step_x);
-      value_ca = hn::Add(value_ca, ca.step_x);
-      x_from_a = hn::Add(x_from_a, lane_step);
+      at.NextColumn();
     }
-    ab.value = hn::Add(ab.value, ab.step_y);
-    bc.value = hn::Add(bc.value, bc.step_y);
-    ca.value = hn::Add(ca.value, ca.step_y);
-    y_from_a = hn::Add(y_from_a, hn::Set(di, kSubpixels));
+    row.NextRow();
   }
 }
 
@@ -618,7 +495,6 @@ HWY_AFTER_NAMESPACE();
 namespace isoscope::render {
 namespace {
 
-HWY_EXPORT(TransformVertices);
 HWY_EXPORT(FillTinyTriangles);
 HWY_EXPORT(FillSmallTriangle);
 HWY_EXPORT(Target);
@@ -627,20 +503,11 @@ HWY_EXPORT(Target);
 // bits, and pixel by pixel.
 void FillLargeTriangle(const ScreenTriangle& triangle, float nearest_depth, FragmentBuffer* buffer,
                        absl::FunctionRef<void()> flush) {
-  constexpr std::int32_t kHalfPixel = kSubpixels / 2;
+  struct Edge {
+    std::int64_t value, step_x, step_y;
+  };
   const auto& [a, b, c] = triangle.v;
   const view::PixelRect& box = triangle.box;
-  const std::int64_t x = std::int64_t{box.begin_x} * kSubpixels + kHalfPixel;
-  const std::int64_t y = std::int64_t{box.begin_y} * kSubpixels + kHalfPixel;
-  const auto edge = [x, y](const ScreenVertex& from, const ScreenVertex& to) {
-    const std::int64_t dx = to.x - from.x;
-    const std::int64_t dy = to.y - from.y;
-    const bool is_top_left = dy < 0 || (dy == 0 && dx > 0);
-    return dx * (y - from.y) - dy * (x - from.x) - (is_top_left ? 0 : 1);
-  };
-  std::int64_t row_ab = edge(a, b);
-  std::int64_t row_bc = edge(b, c);
-  std::int64_t row_ca = edge(c, a);
   const std::int64_t ux = b.x - a.x;
   const std::int64_t uy = b.y - a.y;
   const std::int64_t vx = c.x - a.x;
@@ -654,21 +521,26 @@ void FillLargeTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
       (vz * static_cast<float>(ux) - uz * static_cast<float>(vx)) * inverse_area;
   const float low = std::min(std::max(std::min({a.z, b.z, c.z}), nearest_depth), 1.0F);
   const float high = std::min(std::max(std::max({a.z, b.z, c.z}), nearest_depth), 1.0F);
+  const auto edge = [](std::int64_t dx, std::int64_t dy, std::int64_t x, std::int64_t y) {
+    const bool is_top_left = dy < 0 || (dy == 0 && dx > 0);
+    return Edge{dx * y - dy * x - (is_top_left ? 0 : 1), -dy * kSubpixels, dx * kSubpixels};
+  };
+  const std::int64_t first_x = std::int64_t{box.begin_x} * kSubpixels + kSubpixels / 2 - a.x;
+  std::int64_t y = std::int64_t{box.begin_y} * kSubpixels + kSubpixels / 2 - a.y;
+  std::array row{edge(ux, uy, first_x, y), edge(vx - ux, vy - uy, first_x - ux, y - uy),
+                 edge(-vx, -vy, first_x, y)};
   buffer->Extend(box);
-  for (std::int32_t py = box.begin_y; py < box.end_y; ++py) {
-    std::int64_t ab = row_ab;
-    std::int64_t bc = row_bc;
-    std::int64_t ca = row_ca;
-    const float depth_of_row =
-        a.z + depth_per_y * static_cast<float>(py * kSubpixels + kHalfPixel - a.y);
-    for (std::int32_t px = box.begin_x; px < box.end_x; ++px) {
-      if ((ab | bc | ca) >= 0) {
+  for (std::int32_t py = box.begin_y; py < box.end_y; ++py, y += kSubpixels) {
+    const float depth_of_row = a.z + depth_per_y * static_cast<float>(y);
+    std::int64_t x = first_x;
+    std::array at = row;
+    for (std::int32_t px = box.begin_x; px < box.end_x; ++px, x += kSubpixels) {
+      if ((at[0].value | at[1].value | at[2].value) >= 0) {
         if (buffer->count == FragmentBuffer::kCapacity) [[unlikely]] {
           flush();
           buffer->Extend(box);
         }
-        const float plane =
-            depth_of_row + depth_per_x * static_cast<float>(px * kSubpixels + kHalfPixel - a.x);
+        const float plane = depth_of_row + depth_per_x * static_cast<float>(x);
         const float depth = std::min(std::max(plane, low), high) + 0.0F;
         buffer->pixels[buffer->count] =
             static_cast<std::uint32_t>(px) | static_cast<std::uint32_t>(py) << 16;
@@ -676,28 +548,17 @@ void FillLargeTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
         buffer->triangles[buffer->count] = triangle.index;
         ++buffer->count;
       }
-      ab -= uy * kSubpixels;
-      bc -= std::int64_t{c.y - b.y} * kSubpixels;
-      ca += vy * kSubpixels;
+      for (Edge& edge_at : at) {
+        edge_at.value += edge_at.step_x;
+      }
     }
-    row_ab += ux * kSubpixels;
-    row_bc += std::int64_t{c.x - b.x} * kSubpixels;
-    row_ca -= vx * kSubpixels;
+    for (Edge& edge_at : row) {
+      edge_at.value += edge_at.step_y;
+    }
   }
 }
 
 }  // namespace
-
-void ScreenVertices::Resize(std::size_t vertex_count) {
-  count = vertex_count;
-  const std::size_t padded = vertex_count + FragmentBuffer::kSlack;
-  if (x.size() < padded) {
-    y.resize(padded);
-    z.resize(padded);
-    packed.resize(padded);
-    x.resize(padded);  // the last: if memory runs out before, the next call resizes all
-  }
-}
 
 void FragmentBuffer::Extend(const view::PixelRect& rect) {
   if (bounds.empty()) {
@@ -706,11 +567,6 @@ void FragmentBuffer::Extend(const view::PixelRect& rect) {
   }
   bounds = {std::min(bounds.begin_x, rect.begin_x), std::min(bounds.begin_y, rect.begin_y),
             std::max(bounds.end_x, rect.end_x), std::max(bounds.end_y, rect.end_y)};
-}
-
-ScreenBounds TransformVertices(const Projection& projection, std::span<const math::Vec3f> positions,
-                               ScreenVertices* vertices) {
-  return HWY_DYNAMIC_DISPATCH(TransformVertices)(projection, positions, vertices);
 }
 
 const char* RasterInstructionSet() {

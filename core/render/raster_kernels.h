@@ -8,64 +8,24 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <span>
 #include <vector>
 
 #include "absl/functional/function_ref.h"
 
-#include "core/math/vec.h"
 #include "core/mesh/compact_mesh.h"
+#include "core/render/screen_vertices.h"
 #include "core/view/view.h"
 
 namespace isoscope::render {
 
-inline constexpr int kSubpixelBits = 8;
-inline constexpr std::int32_t kSubpixels = 1 << kSubpixelBits;
-// Vertices further out than this are clipped first, so that products of coordinate differences fit
-// 64 bits with room: (2 * 2^15 px * 2^8)^2 = 2^48.
-inline constexpr double kGuardBandPx = 32768;
-// The same for viewports above view::kMaxViewportPx: (2 * 2^17 px * 2^8)^2 = 2^52.
-inline constexpr double kWideGuardBandPx = 131072;
 // Triangles no larger than this are filled with 32-bit edge functions: (2^6 px * 2^8)^2 * 2 < 2^31.
 inline constexpr std::int32_t kSmallTrianglePx = 60;
-// The largest depth of a vertex. Depths behind the far plane all show as 1, but must stay finite.
-inline constexpr double kMaxVertexDepth = 4;
 
 // The first pixel whose centre is at or right of `x` (1/256 pixels).
 constexpr std::int32_t FirstPixelFrom(std::int32_t x) {
   return (x + kSubpixels / 2 - 1) >> kSubpixelBits;
 }
 
-// Takes index space to the screen.
-struct Projection {
-  std::array<double, 16> clip_from_index{};
-  double width_px = 0;  // of the whole viewport
-  double height_px = 0;
-  // Screen coordinates count from this pixel of the whole viewport, which is the first of the
-  // picture.
-  std::int32_t origin_x = 0;
-  std::int32_t origin_y = 0;
-  double guard_band_px = kGuardBandPx;  // on both sides of the whole's first pixel
-};
-
-// The vertices of a mesh on the screen: x and y in 1/256 pixel from the picture's top left, window
-// depth z.
-// The vectors only grow, and are at least FragmentBuffer::kSlack elements longer than `count`.
-struct ScreenVertices {
-  std::size_t count = 0;
-  std::vector<std::int32_t> x;
-  std::vector<std::int32_t> y;
-  std::vector<float> z;
-  std::vector<std::uint32_t> packed;  // scratch of FillTinyTriangles
-
-  void Resize(std::size_t vertex_count);
-};
-
-struct ScreenVertex {
-  std::int32_t x = 0;
-  std::int32_t y = 0;
-  float z = 0;
-};
 // A triangle with a positive area, and the pixels that lie in both its box and the footprint.
 struct ScreenTriangle {
   std::array<ScreenVertex, 3> v;
@@ -77,17 +37,31 @@ struct ScreenTriangle {
 class FragmentBuffer {
  public:
   static constexpr std::size_t kCapacity = 4096;
-  // The most elements that one vector operation writes.
-  static constexpr std::size_t kSlack = 16;
 
   FragmentBuffer()
-      : pixels(kCapacity + kSlack), depths(kCapacity + kSlack), triangles(kCapacity + kSlack) {}
+      : pixels(kCapacity + kLaneSlack),
+        depths(kCapacity + kLaneSlack),
+        triangles(kCapacity + kLaneSlack) {}
   void Reset() {
     count = 0;
     bounds = {};
   }
   // Widens `bounds`. REQUIRES: `rect` is not empty.
   void Extend(const view::PixelRect& rect);
+  // Drops the fragments for which keeps(pixel, triangle) is false.
+  template <typename Keeps>
+  void Retain(const Keeps& keeps) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::uint32_t pixel = pixels[i];
+      const std::uint32_t triangle = triangles[i];
+      pixels[kept] = pixel;
+      depths[kept] = depths[i];
+      triangles[kept] = triangle;
+      kept += keeps(pixel, triangle) ? 1U : 0U;
+    }
+    count = kept;
+  }
 
   std::size_t count = 0;
   view::PixelRect bounds;             // around all fragments
@@ -95,18 +69,6 @@ class FragmentBuffer {
   std::vector<std::uint32_t> depths;  // IEEE bits, in [0, 1]
   std::vector<std::uint32_t> triangles;
 };
-
-// The bounds of a block's vertices, in 1/256 pixel. Valid only if every vertex lies behind the near
-// plane, as seen from the eye, and in the guard band.
-struct ScreenBounds {
-  bool is_valid = false;
-  std::int32_t min_x = 0, min_y = 0, max_x = 0, max_y = 0;
-};
-
-// Fills x, y and z. The result for a vertex depends on its position and the projection alone, so
-// blocks agree on the vertices that they share. REQUIRES: positions is not empty.
-ScreenBounds TransformVertices(const Projection& projection, std::span<const math::Vec3f> positions,
-                               ScreenVertices* vertices);
 
 // The triangles of one block of at most kMaxTinyExtentPx pixels a side.
 struct TinyTriangleTask {

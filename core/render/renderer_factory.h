@@ -7,8 +7,8 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
+#include "core/base/task_arena.h"
 #include "core/render/renderer.h"
 #include "core/render/renderer_kind.h"
 
@@ -24,7 +24,7 @@ struct RendererOptions {
   std::size_t max_kept_mesh_bytes = std::size_t{256} << 20;
   std::size_t max_unused_bytes = std::size_t{256} << 20;
   // The CPU back end shades in it. Null: in the arena of the caller.
-  std::shared_ptr<tbb::task_arena> arena = nullptr;
+  std::shared_ptr<base::TaskArena> arena = nullptr;
 };
 
 // FAILED_PRECONDITION if EGL can't start. The message names the platforms and devices that were

@@ -1,7 +1,7 @@
 // The shade of a pixel whose triangle is known, one pixel in each lane:
 //
 // 1. Set up the ray through the pixel's centre. Origin and direction are linear over the picture
-//    (PixelRays), so they cost two multiplications a component.
+//    (ShadeRays), so they cost two multiplications a component.
 // 2. Find where the ray meets the plane of the triangle a, b, c, as weights of b and c. With p =
 //    direction x (c - a), q = (origin - a) x (b - a) and determinant = (b - a) . p, they are wb =
 //    (origin - a) . p / determinant and wc = direction . q / determinant. The pixel lies in the
@@ -62,7 +62,7 @@ HWY_INLINE Vec3 Cross(const Vec3& a, const Vec3& b) {
 HWY_INLINE VF SumOfMagnitudes(const Vec3& a) {
   return hn::Add(hn::Add(hn::Abs(a.x), hn::Abs(a.y)), hn::Abs(a.z));
 }
-HWY_INLINE Vec3 At(const LinearVec3& f, VF x, VF y) {
+HWY_INLINE Vec3 At(const view::LinearVec3f& f, VF x, VF y) {
   const DF df;
   const auto axis = [&](std::size_t i) HWY_ATTR {
     return hn::Add(hn::Add(hn::Set(df, f.at[i]), hn::Mul(hn::Set(df, f.per_x[i]), x)),
@@ -93,7 +93,7 @@ HWY_INLINE void MixLevels(VF wb, VF wc, std::size_t i, ShadeBatch* batch) {
              batch->mixed_level.data() + i);
 }
 
-void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
+void ComputeShadeSteps(const ShadeRays& rays, ShadeBatch* batch) {
   const DF df;
   const DU du;
   const VF zero = hn::Zero(df);
@@ -173,48 +173,22 @@ namespace {
 
 HWY_EXPORT(ComputeShadeSteps);
 
-std::array<float, 3> ToFloats(const math::Vec3d& v) {
-  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
-}
-
-LinearVec3 MakeLinear(const math::Vec3d& at, const math::Vec3d& per_x, const math::Vec3d& per_y) {
-  return {.at = ToFloats(at), .per_x = ToFloats(per_x), .per_y = ToFloats(per_y)};
-}
-
 }  // namespace
 
-PixelRays MakePixelRays(const view::View& view) {
-  const view::ImagePlane& plane = view.image_plane();
-  const math::Vec3d at = view.up() * plane.half_height - view.right() * plane.half_width;
-  const math::Vec3d per_x = view.right() * (2 * plane.half_width / view.viewport().width_px);
-  const math::Vec3d per_y = view.up() * -plane.pixel_size;
-
-  math::Vec3d direction = view.forward();
-  math::Vec3d direction_x;
-  math::Vec3d direction_y;
-  math::Vec3d origin = view.camera().eye + view.forward() * view.near_distance();
-  math::Vec3d origin_x = per_x;
-  math::Vec3d origin_y = per_y;
-  if (plane.is_perspective) {
-    direction = direction + at;
-    direction_x = per_x;
-    direction_y = per_y;
-    origin = origin + at * view.near_distance();
-    origin_x = per_x * view.near_distance();
-    origin_y = per_y * view.near_distance();
-  } else {
-    origin = origin + at;
-  }
-  const math::Mat4d& m = view.index_from_world();
-  const auto turned = [&m](const math::Vec3d& v) { return math::TransformVector(m, v); };
-  return {
-      .index_origin =
-          MakeLinear(math::TransformPoint(m, origin), turned(origin_x), turned(origin_y)),
-      .index_direction = MakeLinear(turned(direction), turned(direction_x), turned(direction_y)),
-      .world_direction = MakeLinear(direction, direction_x, direction_y)};
+ShadeRays::ShadeRays(const view::View& view) {
+  view::PixelRays rays = view.image_plane().rays;
+  world_direction = view::ToFloats(rays.direction);
+  // Go on to the near plane.
+  const double near_distance = view.near_distance();
+  rays.origin = {rays.origin.at + rays.direction.at * near_distance,
+                 rays.origin.per_x + rays.direction.per_x * near_distance,
+                 rays.origin.per_y + rays.direction.per_y * near_distance};
+  rays = rays.TransformedBy(view.index_from_world());
+  index_origin = view::ToFloats(rays.origin);
+  index_direction = view::ToFloats(rays.direction);
 }
 
-void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
+void ComputeShadeSteps(const ShadeRays& rays, ShadeBatch* batch) {
   HWY_DYNAMIC_DISPATCH(ComputeShadeSteps)(rays, batch);
 }
 

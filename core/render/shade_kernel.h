@@ -15,20 +15,14 @@ namespace isoscope::render {
 // Colour is a function of |n . v| alone. With this many steps, neighbours differ by one level.
 inline constexpr std::size_t kShadeSteps = 4096;
 
-// A vector that is linear over the picture: at + per_x * x + per_y * y at position (x, y).
-struct LinearVec3 {
-  std::array<float, 3> at{};
-  std::array<float, 3> per_x{};
-  std::array<float, 3> per_y{};
-};
+// The rays through the pixels, from the near plane on.
+struct ShadeRays {
+  explicit ShadeRays(const view::View& view);
 
-// The rays through the pixels, from the near plane on. Directions have no particular length.
-struct PixelRays {
-  LinearVec3 index_origin;
-  LinearVec3 index_direction;
-  LinearVec3 world_direction;
+  view::LinearVec3f index_origin;
+  view::LinearVec3f index_direction;
+  view::LinearVec3f world_direction;
 };
-PixelRays MakePixelRays(const view::View& view);
 
 // Pixels to shade, each with its triangle.
 // NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): lanes begin at cache lines.
@@ -61,7 +55,7 @@ struct ShadeBatch {
 };
 
 // Fills step, inexact_count and inexact for the first `count` pixels.
-void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch);
+void ComputeShadeSteps(const ShadeRays& rays, ShadeBatch* batch);
 
 }  // namespace isoscope::render
 

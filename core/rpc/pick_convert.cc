@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 
@@ -86,6 +87,7 @@ absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceReques
   spec.request.clear_ambient_occlusion();
   spec.request.clear_silhouette();
   spec.frame.effects = {};
+  spec.with_field_values = proto.with_field_values();
   return spec;
 }
 
@@ -125,6 +127,29 @@ absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProt
   return block_ids;
 }
 
+absl::Status CheckPointValuesQuery(const isoscope::internal::v1::GetGradientsRequest& proto) {
+  const isoscope::internal::v1::PointValuesQuery& query = proto.values();
+  if (query.dataset_ids().empty() || query.dataset_ids_size() > kMaxPickedVolumes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("values.dataset_ids has ", query.dataset_ids_size(),
+                     " elements: must have 1 to ", kMaxPickedVolumes));
+  }
+  for (const auto& [name, size] : {std::pair("values.isovalues", query.isovalues_size()),
+                                   {"values.on_caps", query.on_caps_size()},
+                                   {"block_ids", proto.block_ids_size()}}) {
+    if (size != proto.points_size()) {
+      return absl::InvalidArgumentError(absl::StrCat(name, " has ", size,
+                                                     " elements: must have one for each of the ",
+                                                     proto.points_size(), " points"));
+    }
+  }
+  for (int i = 0; i < query.isovalues_size(); ++i) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckFinite(query.isovalues(i), absl::StrCat("values.isovalues[", i, "]")));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
                           std::vector<std::optional<math::Vec3d>>* gradients) {
   for (int i = 0; i < proto.gradients_size(); ++i) {
@@ -150,6 +175,23 @@ absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& 
                                                      ": the agent was not asked for it"));
     }
     (*shards)[static_cast<std::size_t>(shard.point_index())] = shard.shard_index();
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AddPointValues(const isoscope::internal::v1::GetGradientsResponse& proto,
+                            std::size_t volume_count, std::vector<std::vector<double>>* values) {
+  for (int i = 0; i < proto.values_size(); ++i) {
+    const isoscope::internal::v1::PointValues& of_point = proto.values(i);
+    const std::string path = absl::StrCat("values[", i, "]");
+    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, of_point.point_index(), values->size()));
+    if (static_cast<std::size_t>(of_point.values_size()) != volume_count) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".values has ", of_point.values_size(),
+                                                     " elements: must have one for each of the ",
+                                                     volume_count, " volumes"));
+    }
+    (*values)[static_cast<std::size_t>(of_point.point_index())] = {of_point.values().begin(),
+                                                                   of_point.values().end()};
   }
   return absl::OkStatus();
 }

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_RPC_PICK_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_PICK_CONVERT_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -33,6 +34,7 @@ struct PickSpec {
   isoscope::v1::RenderIsosurfaceRequest request;
   frame::FrameSpec frame;             // the same, converted; has a region
   std::vector<PixelPosition> pixels;  // 1 to kMaxPickedPixels, all in the region
+  bool with_field_values = false;
 };
 
 // Checks everything that does not depend on the dataset, also for unknown fields. INVALID_ARGUMENT
@@ -50,6 +52,12 @@ absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
 absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProto(
     const isoscope::internal::v1::GetGradientsRequest& proto, std::int64_t block_count);
 
+// INVALID_ARGUMENT if the values that a request asks for are of no or too many volumes, if not all
+// of isovalues, caps and block_ids are as many as points, or if an isovalue is not finite.
+// REQUIRES: it asks for values.
+absl::Status CheckPointValuesQuery(const isoscope::internal::v1::GetGradientsRequest& proto);
+inline constexpr int kMaxPickedVolumes = 1000;
+
 // Assigns the gradients of one agent's answer to their points. INVALID_ARGUMENT if a point is none
 // of the request's, or a gradient is not finite.
 //
@@ -64,6 +72,13 @@ absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& pr
 // shards: one for each point
 absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& proto,
                             const std::vector<int>& asked, std::vector<std::optional<int>>* shards);
+
+// Assigns the values of one agent's answer to their points. INVALID_ARGUMENT if a point is none of
+// the request's, or if not each volume has a value.
+//
+// values: by point, by volume; a point that nobody answered has none
+absl::Status AddPointValues(const isoscope::internal::v1::GetGradientsResponse& proto,
+                            std::size_t volume_count, std::vector<std::vector<double>>* values);
 
 }  // namespace isoscope::rpc
 

@@ -4,7 +4,7 @@
 //
 // Numbers are checked with InRange or CheckFinite, which refuse NaN, and directions with
 // CheckLength. A range of colours that the request leaves out is filled in later by
-// ResolveColorRanges, because it depends on the dataset.
+// ResolveGradientRanges, because it depends on the dataset.
 
 #include "core/rpc/surface_convert.h"
 
@@ -13,7 +13,6 @@
 #include <cstddef>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
 #include "core/rpc/enum_table.h"
@@ -178,49 +177,6 @@ absl::StatusOr<frame::ColorRange> GradientRangeOf(const v1::Dataset& dataset,
   // A field that is constant has no surface; its map still needs a range.
   const double max = dataset.max_gradient_magnitude();
   return frame::ColorRange{.min = 0, .max = max > 0 ? max : 1};
-}
-
-template <typename Named>
-const Named* FindByName(const google::protobuf::RepeatedPtrField<Named>& all,
-                        absl::string_view name) {
-  const auto found =
-      std::find_if(all.begin(), all.end(), [&](const Named& each) { return each.name() == name; });
-  return found == all.end() ? nullptr : &*found;
-}
-
-// INVALID_ARGUMENT "PATH is "NAME": WHOSE has A, B, C".
-template <typename Named>
-absl::Status NotAmong(const google::protobuf::RepeatedPtrField<Named>& all, absl::string_view path,
-                      absl::string_view name, absl::string_view whose) {
-  return absl::InvalidArgumentError(absl::StrCat(
-      path, " is \"", name, "\": ", whose, " has ",
-      all.empty() ? "no fields" : absl::StrJoin(all, ", ", [](std::string* out, const Named& each) {
-        absl::StrAppend(out, "\"", each.name(), "\"");
-      })));
-}
-
-// The range of the map of a surface that shows another field.
-absl::StatusOr<frame::ColorRange> FieldRangeOf(const v1::Dataset& dataset,
-                                               const frame::ColorBy& color_by,
-                                               const std::string& path) {
-  const v1::Field* const field = FindByName(dataset.fields(), color_by.field);
-  if (field == nullptr) {
-    return NotAmong(dataset.fields(), absl::StrCat(path, ".field"), color_by.field,
-                    absl::StrCat("dataset '", dataset.name(), "'"));
-  }
-  // The last one is the only one, or the magnitude.
-  const v1::FieldComponent* const component =
-      color_by.component.empty() && !field->components().empty()
-          ? &*field->components().rbegin()
-          : FindByName(field->components(), color_by.component);
-  if (component == nullptr) {
-    return NotAmong(field->components(), absl::StrCat(path, ".component"), color_by.component,
-                    absl::StrCat("field \"", field->name(), "\""));
-  }
-  if (!component->has_value_range()) {  // all are NaN
-    return frame::ColorRange();
-  }
-  return frame::ColorRangeOfSamples(component->value_range().min(), component->value_range().max());
 }
 
 // The surface of a request that lists none.
@@ -388,17 +344,22 @@ v1::Light ToProto(const frame::Light& light) {
   return proto;
 }
 
-absl::Status ResolveColorRanges(const v1::Dataset& dataset, v1::RenderIsosurfaceRequest* request,
-                                frame::FrameSpec* spec) {
+v1::ColorRange ColorRangeOf(const v1::FieldComponent& component) {
+  const v1::ValueRange& values = component.value_range();
+  return RangeToProto(component.has_value_range()
+                          ? frame::ColorRangeOfSamples(values.min(), values.max())
+                          : frame::ColorRange());
+}
+
+absl::Status ResolveGradientRanges(const v1::Dataset& dataset, v1::RenderIsosurfaceRequest* request,
+                                   frame::FrameSpec* spec) {
   for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
     frame::Surface& surface = spec->surfaces[i];
-    if (!surface.shows_values() || surface.color_by->range.has_value()) {
+    if (!surface.shows_values() || surface.shows_field() || surface.color_by->range.has_value()) {
       continue;
     }
-    const std::string path = absl::StrCat("surfaces[", i, "].color_by");
     ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by->range,
-                              surface.shows_field() ? FieldRangeOf(dataset, *surface.color_by, path)
-                                                    : GradientRangeOf(dataset, path));
+                              GradientRangeOf(dataset, absl::StrCat("surfaces[", i, "].color_by")));
     *request->mutable_surfaces(static_cast<int>(i))->mutable_color_by() =
         ToProto(*surface.color_by);
   }

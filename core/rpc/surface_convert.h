@@ -38,12 +38,14 @@ isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
 isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps);
 isoscope::v1::Light ToProto(const frame::Light& light);
 
-// Gives the maps of surfaces that show values of vertices a range, where the request has none: of
-// the gradient's magnitude, 0 to the dataset's bound; of another field, that of its component over
-// all steps. INVALID_ARGUMENT if the dataset has no such bound, field or component.
-absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
-                                isoscope::v1::RenderIsosurfaceRequest* request,
-                                frame::FrameSpec* spec);
+// Returns the range of a map over the samples of a component at all steps; 0 to 1 if all are NaN.
+isoscope::v1::ColorRange ColorRangeOf(const isoscope::v1::FieldComponent& component);
+
+// Gives the maps of surfaces that show the gradient's magnitude a range, where the request has
+// none: 0 to the dataset's bound. INVALID_ARGUMENT if the dataset has no such bound.
+absl::Status ResolveGradientRanges(const isoscope::v1::Dataset& dataset,
+                                   isoscope::v1::RenderIsosurfaceRequest* request,
+                                   frame::FrameSpec* spec);
 
 }  // namespace isoscope::rpc
 

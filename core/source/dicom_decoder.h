@@ -4,7 +4,9 @@
 #define ISOSCOPE_CORE_SOURCE_DICOM_DECODER_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -30,12 +32,34 @@ struct DicomHeader {
   bool has_pixels = false;  // whether ReadSlice decoded them
 };
 
+// A frame of a file of many. Numbers are finite where they are set, and nothing else is checked.
+struct DicomFrame {
+  std::optional<math::Vec3d> position;  // of the first pixel, LPS
+  std::optional<math::Vec3d> along_row;
+  std::optional<math::Vec3d> along_column;
+  std::optional<math::Vec3d> spacing;  // x, y; z is the distance of frames, or 0
+  double slope = 1;
+  double intercept = 0;
+  std::optional<double> temporal_position;
+  std::optional<double> echo_time;     // ms
+  std::optional<double> trigger_time;  // ms
+};
+
+struct DicomFrames {
+  std::int64_t width = 0;
+  std::int64_t height = 0;
+  std::int64_t components = 0;
+  std::optional<volume::ScalarType> stored_type{};  // not set: one that we do not have
+  std::string series{};
+  std::vector<DicomFrame> frames{};  // in the order of the file
+};
+
 // Debian's GDCM ends the process it runs in by assertions on many damaged files. Here that process
 // is a child, which the next file replaces. No status quotes a word of the libraries: they quote
 // fields of the patient. Thread-compatible.
 class DicomDecoder {
  public:
-  // `slice_bytes`: those of the pixels that ReadSlice reads; 0 for headers alone.
+  // `slice_bytes`: those of the pixels that ReadSlice and ReadFrame read; 0 for headers alone.
   explicit DicomDecoder(std::int64_t slice_bytes = 0);
 
   // Starts the process early (decoder_process.h). RESOURCE_EXHAUSTED: there can be none.
@@ -49,6 +73,12 @@ class DicomDecoder {
   // it is. `is_counted`: DicomScan has counted them; else a file with too few that are not
   // compressed can't be decoded. Errors: as ReadHeader.
   absl::StatusOr<DicomHeader> ReadSlice(const std::string& path, bool is_counted, char* out);
+
+  // The frames of a file, at most 65 536, without their pixels. Errors: as ReadHeader.
+  absl::StatusOr<DicomFrames> ReadFrames(const std::string& path);
+  // Decodes the pixels of a frame as they are stored, before slope and intercept, into `out`:
+  // `slice_bytes`. Reads no other frame, as far as the encoding allows it. Errors: as ReadHeader.
+  absl::Status ReadFrame(const std::string& path, std::int64_t frame, char* out);
 
  private:
   absl::StatusOr<DicomHeader> Read(const std::string& path, bool is_counted, char* out);

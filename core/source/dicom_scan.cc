@@ -31,15 +31,20 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <map>
 #include <memory>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/string_view.h"
 
 #include "core/base/coding.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "gdcmMediaStorage.h"
@@ -66,6 +71,23 @@ constexpr char kExplicitSyntaxes[] = "1.2.840.10008.1.2.";  // their beginning
 constexpr char kDeflated[] = "1.2.840.10008.1.2.1.99";
 constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
 
+// Texts that are kept.
+constexpr std::uint32_t kAcquisitionTime = 0x00080032;
+constexpr std::uint32_t kContentTime = 0x00080033;
+constexpr std::uint32_t kDescription = 0x0008103e;
+constexpr std::uint32_t kEchoTime = 0x00180081;
+constexpr std::uint32_t kTriggerTime = 0x00181060;
+constexpr std::uint32_t kSeriesNumber = 0x00200011;
+constexpr std::uint32_t kAcquisitionNumber = 0x00200012;
+constexpr std::uint32_t kInstanceNumber = 0x00200013;
+constexpr std::uint32_t kTemporalPosition = 0x00200100;
+constexpr std::uint32_t kTemporalResolution = 0x00200110;
+constexpr std::uint32_t kFrames = 0x00280008;
+constexpr std::array<std::uint32_t, 11> kTexts{
+    kAcquisitionTime, kContentTime,       kDescription,    kEchoTime,         kTriggerTime,
+    kSeriesNumber,    kAcquisitionNumber, kInstanceNumber, kTemporalPosition, kTemporalResolution,
+    kFrames};
+
 struct Element {
   std::uint32_t tag = 0;
   std::uint32_t length = 0;
@@ -86,11 +108,57 @@ bool IsBrokenNumber(const Element& element) {
          (element.is_no_short || (element.length != 2 && element.length != 0));
 }
 
+// "093015.25": seconds of the day.
+std::optional<double> SecondsOf(const std::string& text) {
+  double seconds = 0;
+  int hours = 0;
+  int minutes = 0;
+  if (text.size() < 6 || !absl::SimpleAtoi(text.substr(0, 2), &hours) ||
+      !absl::SimpleAtoi(text.substr(2, 2), &minutes) ||
+      !absl::SimpleAtod(text.substr(4), &seconds)) {
+    return std::nullopt;
+  }
+  return 3600.0 * hours + 60.0 * minutes + seconds;
+}
+
 class Scanner {
  public:
   explicit Scanner(const io::RandomAccessFile* file) : file_(*file) {}
 
   absl::StatusOr<DicomScan> Scan() {
+    ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, ScanElements());
+    const auto number = [this](std::uint32_t tag) -> std::optional<double> {
+      const auto text = texts_.find(tag);
+      double value = 0;
+      return text != texts_.end() && absl::SimpleAtod(text->second, &value) && std::isfinite(value)
+                 ? std::optional<double>(value)
+                 : std::nullopt;
+    };
+    const auto seconds = [this](std::uint32_t tag) {
+      const auto text = texts_.find(tag);
+      return text == texts_.end() ? std::nullopt : SecondsOf(text->second);
+    };
+    constexpr double kMaxNumber = 0x1p31;
+    scan.series_number = static_cast<std::int64_t>(
+        std::clamp(number(kSeriesNumber).value_or(0), -kMaxNumber, kMaxNumber));
+    scan.frames =
+        static_cast<std::int64_t>(std::clamp(number(kFrames).value_or(1), 1.0, kMaxNumber));
+    scan.description = base::Printable(texts_[kDescription]);
+    scan.width = columns_;
+    scan.height = rows_;
+    scan.moment = {.temporal_position = number(kTemporalPosition),
+                   .echo_time = number(kEchoTime),
+                   .trigger_time = number(kTriggerTime),
+                   .acquisition_number = number(kAcquisitionNumber),
+                   .acquisition_time = seconds(kAcquisitionTime),
+                   .content_time = seconds(kContentTime),
+                   .instance_number = number(kInstanceNumber),
+                   .temporal_resolution = number(kTemporalResolution)};
+    return scan;
+  }
+
+ private:
+  absl::StatusOr<DicomScan> ScanElements() {
     ISOSCOPE_ASSIGN_OR_RETURN(const bool has_meta, ReadMeta());
     if (!has_meta) {
       return scan_;
@@ -111,7 +179,6 @@ class Scanner {
     return scan_;
   }
 
- private:
   enum class End { kOfPixels, kOfFile, kWithinElement };
 
   [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
@@ -201,6 +268,20 @@ class Scanner {
     return uid.substr(0, uid.find_first_not_of("0123456789."));
   }
 
+  // Keeps the value of one of kTexts, without the spaces and zeros at its ends. Of several texts
+  // the first.
+  absl::Status KeepText(const Element& element) {
+    constexpr std::uint32_t kMaxTextBytes = 64;
+    if (std::find(kTexts.begin(), kTexts.end(), element.tag) == kTexts.end()) {
+      return absl::OkStatus();
+    }
+    std::string text(std::min(element.length, kMaxTextBytes), '\0');
+    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, text.size(), text.data()));
+    text = text.substr(0, std::min(text.find('\0'), text.find('\\')));
+    texts_[element.tag] = std::string(absl::StripAsciiWhitespace(text));
+    return absl::OkStatus();
+  }
+
   // Keeps the value of an element that counts the pixels.
   absl::Status KeepNumber(const Element& element) {
     std::uint16_t* const number = element.tag == kRows             ? &rows_
@@ -223,8 +304,14 @@ class Scanner {
   bool CountPixels(std::uint32_t length) {
     scan_.is_counted = samples_of_pixel_ == 1 &&
                        (scan_.transfer_syntax == kImplicit || scan_.transfer_syntax == kExplicit);
+    double frames = 1;
+    const auto text = texts_.find(kFrames);
+    if (text != texts_.end() && (!absl::SimpleAtod(text->second, &frames) || !(frames >= 1))) {
+      frames = 1;
+    }
     return !scan_.is_counted ||
-           std::uint64_t{rows_} * columns_ * bits_ <= std::uint64_t{length} * 8;
+           static_cast<double>(std::uint64_t{rows_} * columns_ * bits_) * frames <=
+               static_cast<double>(length) * 8;
   }
 
   absl::StatusOr<End> Walk() {
@@ -271,6 +358,7 @@ class Scanner {
       }
       if (depth == 0) {
         ISOSCOPE_RETURN_IF_ERROR(KeepNumber(element));
+        ISOSCOPE_RETURN_IF_ERROR(KeepText(element));
       }
       if (depth == 0 && element.tag == kSeries) {
         ISOSCOPE_ASSIGN_OR_RETURN(scan_.series, ReadUid(element.length));
@@ -290,6 +378,7 @@ class Scanner {
   std::uint16_t columns_ = 0;
   std::uint16_t bits_ = 0;
   std::uint16_t samples_of_pixel_ = 1;
+  std::map<std::uint32_t, std::string> texts_;  // by tag
   DicomScan scan_;
 };
 

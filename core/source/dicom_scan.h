@@ -3,6 +3,8 @@
 #ifndef ISOSCOPE_CORE_SOURCE_DICOM_SCAN_H_
 #define ISOSCOPE_CORE_SOURCE_DICOM_SCAN_H_
 
+#include <cstdint>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -15,17 +17,36 @@ enum class DicomContent {
   kCut       // an image that ends before its pixels do, or bytes that are no DICOM file
 };
 
+// What can tell images at one place apart. Not set: the file does not say.
+struct DicomMoment {
+  std::optional<double> temporal_position{};
+  std::optional<double> echo_time{};     // ms
+  std::optional<double> trigger_time{};  // ms
+  std::optional<double> acquisition_number{};
+  std::optional<double> acquisition_time{};  // seconds of the day
+  std::optional<double> content_time{};      // seconds of the day
+  std::optional<double> instance_number{};
+  std::optional<double> temporal_resolution{};  // ms; tells none apart
+};
+
 struct DicomScan {
   DicomContent content = DicomContent::kCut;
   // UIDs of the series and of the pixels' encoding; "" if the file ends before, or has none.
   std::string series;
   std::string transfer_syntax;
+  // Of the series, for people who choose one; 0 and "" if the file does not say.
+  std::int64_t series_number = 0;
+  std::string description;
+  std::int64_t width = 0;  // samples
+  std::int64_t height = 0;
+  std::int64_t frames = 1;
+  DicomMoment moment;
   // Whether an image has as many pixels as its rows and columns say; else they were not counted.
   bool is_counted = false;
 };
 
-// Scans the file element by element, without its pixels. Keeps no field of the patient. Errors:
-// those of reading.
+// Scans the file element by element, without its pixels. Keeps no field of the patient but the
+// description of the series, without control characters. Errors: those of reading.
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path);
 
 }  // namespace isoscope::source

@@ -1,6 +1,7 @@
-// A series is a folder of files, one slice each, whose names do not give their order. A file has
-// the position of its first pixel (0020,0032), the directions of rows and columns (0020,0037), the
-// distance of pixels (0028,0030), and the series (0020,000e). Opening a series takes four steps:
+// A series is a folder of files, one slice each or a frame for each slice, whose names do not give
+// their order. A file has the position of its first pixel (0020,0032), the directions of rows and
+// columns (0020,0037), the distance of pixels (0028,0030), and the series (0020,000e). Opening a
+// series takes four steps:
 //
 //   1. Every file with the DICOM mark is scanned (dicom_scan.h). Files that are no images are left
 //      out, with one line in the log.
@@ -14,6 +15,8 @@
 //
 //   position (0020,0032)  10\20\30   10\20\31.5   10\20\33       normal (0, 0, 1)
 //   along the normal      30         31.5         33             distance 1.5
+//
+// Several slices at each place are steps (dicom_steps.h): each of them must make such a volume.
 //
 // The pixels are decoded a slice at a time, when its rows are asked for; GDCM applies slope and
 // intercept (0028,1053 and 1052).
@@ -30,6 +33,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <map>
 #include <system_error>
 #include <utility>
@@ -40,25 +44,20 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/log.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_decoder.h"
 #include "core/source/dicom_scan.h"
+#include "core/source/dicom_steps.h"
+#include "core/source/rescale.h"
+#include "core/source/series_format.h"
 #include "core/source/slice_source.h"
 
 namespace isoscope::source {
 namespace {
 
-struct Slice {
-  std::string path;
-  std::int64_t width = 0;
-  std::int64_t height = 0;
-  volume::ScalarType type = volume::ScalarType::kUint8;
-  math::Vec3d origin;
-  math::Vec3d spacing;
-  math::Mat3d direction;
-  double position = 0;  // along the normal
-};
+using Slice = DicomSlice;
 
 bool IsNear(const math::Vec3d& a, const math::Vec3d& b, double tolerance) {
   return math::Length(a - b) <= tolerance;
@@ -87,17 +86,62 @@ absl::Status NotDecodable(absl::StatusCode code, const absl::Status& error, cons
                 error.message().empty() ? "" : "; the process that decodes: ", error.message()));
 }
 
+// The slices of a file of many frames.
+absl::StatusOr<std::vector<Slice>> ReadFrameSlices(const std::string& path, const DicomScan& scan,
+                                                   DicomDecoder* decoder) {
+  const absl::StatusOr<DicomFrames> read = decoder->ReadFrames(path);
+  if (!read.ok()) {
+    return NotDecodable(absl::StatusCode::kInvalidArgument, read.status(), path, scan);
+  }
+  if (read->components != 1 || !read->stored_type.has_value()) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d frames of %d components a sample%s; expected greyscale integers of "
+                        "8, 16 or 32 bits",
+                        path, read->frames.size(), read->components,
+                        read->components > 1 ? " (colour images)" : ""));
+  }
+  const bool is_rescaled =
+      std::any_of(read->frames.begin(), read->frames.end(),
+                  [](const DicomFrame& frame) { return frame.slope != 1 || frame.intercept != 0; });
+  std::vector<Slice> slices;
+  for (const DicomFrame& frame : read->frames) {
+    const auto number = static_cast<std::int64_t>(slices.size());
+    if (!frame.position || !frame.along_row || !frame.along_column || !frame.spacing) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: frame %d of %d has no %s: not a volume, or without the distance of its frames", path,
+          number, read->frames.size(),
+          !frame.spacing                            ? "pixel spacing"
+          : !frame.along_row || !frame.along_column ? "orientation"
+                                                    : "position"));
+    }
+    Slice slice;
+    slice.path = path;
+    slice.frame = number;
+    slice.width = read->width;
+    slice.height = read->height;
+    slice.stored_type = *read->stored_type;
+    slice.is_rescaled = is_rescaled;
+    slice.rescaling = {.slope = frame.slope, .intercept = frame.intercept};
+    slice.type = is_rescaled ? RescaledType(slice.stored_type) : slice.stored_type;
+    slice.origin = *frame.position;
+    slice.spacing = {frame.spacing->x, frame.spacing->y, 1};
+    slice.direction.columns = {*frame.along_row, *frame.along_column,
+                               math::Cross(*frame.along_row, *frame.along_column)};
+    slice.position = math::Dot(slice.origin, slice.direction.columns[2]);
+    slice.moment = {.temporal_position = frame.temporal_position,
+                    .echo_time = frame.echo_time,
+                    .trigger_time = frame.trigger_time,
+                    .instance_number = static_cast<double>(number)};
+    slices.push_back(std::move(slice));
+  }
+  return slices;
+}
+
 absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& scan,
                                       DicomDecoder* decoder) {
   const absl::StatusOr<DicomHeader> header = decoder->ReadHeader(path);
   if (!header.ok()) {
     return NotDecodable(absl::StatusCode::kInvalidArgument, header.status(), path, scan);
-  }
-  if (header->frames > 1) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: %d frames in one file; expected one slice a file: split it (gdcmimg --split), or "
-        "convert it (dcm2niix)",
-        path, header->frames));
   }
   if (header->components != 1) {
     return absl::InvalidArgumentError(
@@ -113,6 +157,7 @@ absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& 
   slice.spacing = header->spacing;
   slice.direction = header->direction;
   slice.position = math::Dot(slice.origin, slice.direction.columns[2]);
+  slice.moment = scan.moment;
   return slice;
 }
 
@@ -203,6 +248,9 @@ class DicomReader final : public SliceReader {
     if (scan.content != DicomContent::kImage) {
       return CutError(slice.path);
     }
+    if (slice.frame >= 0) {
+      return ReadFrame(slice, scan, out);
+    }
     const absl::StatusOr<DicomHeader> header = decoder_.ReadSlice(slice.path, scan.is_counted, out);
     if (!header.ok()) {
       return NotDecodable(absl::StatusCode::kDataLoss, header.status(), slice.path, scan);
@@ -217,12 +265,63 @@ class DicomReader final : public SliceReader {
   }
 
  private:
+  // As they are decoded.
   static std::int64_t SliceBytes(const Slice& slice) {
-    return slice.width * slice.height * static_cast<std::int64_t>(volume::SizeOf(slice.type));
+    return slice.width * slice.height *
+           static_cast<std::int64_t>(
+               volume::SizeOf(slice.frame >= 0 ? slice.stored_type : slice.type));
+  }
+
+  absl::Status ReadFrame(const Slice& slice, const DicomScan& scan, char* out) {
+    const auto count = static_cast<std::size_t>(slice.width * slice.height);
+    char* const stored =
+        out + count * (volume::SizeOf(slice.type) - volume::SizeOf(slice.stored_type));
+    const absl::Status decoded = decoder_.ReadFrame(slice.path, slice.frame, stored);
+    if (!decoded.ok()) {
+      return NotDecodable(absl::StatusCode::kDataLoss, decoded, slice.path, scan);
+    }
+    if (slice.is_rescaled) {
+      Rescale(slice.stored_type, count, slice.rescaling.slope, slice.rescaling.intercept, stored,
+              out);
+    }
+    return absl::OkStatus();
   }
 
   const std::vector<Slice> slices_;
   DicomDecoder decoder_;
+};
+
+// The steps of one series.
+class DicomSeries final : public VolumeSeries {
+ public:
+  DicomSeries(std::string path, const std::string& field, DicomSteps steps)
+      : path_(std::move(path)), fields_{{.name = field}}, steps_(std::move(steps)) {}
+
+  [[nodiscard]] const std::string& name() const override { return path_; }
+  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return steps_.times; }
+  [[nodiscard]] const std::string& time_unit() const override { return steps_.time_unit; }
+  [[nodiscard]] const std::string& length_unit() const override { return length_unit_; }
+
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int /*field*/, int /*component*/,
+                                                     int step) override {
+    std::vector<Slice> slices = steps_.steps[static_cast<std::size_t>(step)];
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, StackSlices(&slices, path_));
+    const absl::Status valid = volume::Validate(geometry);
+    if (!valid.ok()) {
+      return absl::Status(valid.code(), absl::StrCat(path_, ": ", valid.message()));
+    }
+    const volume::ScalarType type = slices.front().type;
+    auto reader = std::make_unique<DicomReader>(std::move(slices));
+    ISOSCOPE_RETURN_IF_ERROR(reader->Start());  // while this process is small
+    return MakeSliceSource(geometry, type, path_, std::move(reader), volume::PatientFrame());
+  }
+
+ private:
+  const std::string path_;
+  const std::vector<SourceField> fields_;
+  const DicomSteps steps_;
+  const std::string length_unit_ = "mm";
 };
 
 // The files of a folder that carry the DICOM mark.
@@ -258,18 +357,42 @@ absl::StatusOr<Folder> ScanFolder(const std::string& path, DicomDecoder* decoder
   return folder;
 }
 
+std::vector<DicomSeriesEntry> EntriesOf(const Folder& folder) {
+  std::vector<DicomSeriesEntry> entries;
+  for (const auto& [uid, files] : folder.series) {
+    const DicomScan& first = folder.scans.at(files.front());
+    DicomSeriesEntry entry{.uid = uid,
+                           .number = first.series_number,
+                           .description = first.description,
+                           .width = first.width,
+                           .height = first.height,
+                           .images = 0,
+                           .first_file = files.front()};
+    for (const std::string& file : files) {
+      entry.images += folder.scans.at(file).frames;
+    }
+    entries.push_back(std::move(entry));
+  }
+  std::stable_sort(
+      entries.begin(), entries.end(),
+      [](const DicomSeriesEntry& a, const DicomSeriesEntry& b) { return a.number < b.number; });
+  return entries;
+}
+
+std::string ListedSeries(const std::vector<DicomSeriesEntry>& entries) {
+  return absl::StrJoin(entries, "; ", [](std::string* out, const DicomSeriesEntry& entry) {
+    absl::StrAppend(out, DescribeDicomSeries(entry));
+  });
+}
+
 // The one series of a folder.
 absl::StatusOr<std::string> ChooseSeries(const Folder& folder, const std::string& path) {
   if (folder.series.size() == 1) {
     return folder.series.begin()->first;
   }
-  std::vector<std::string> lines;
-  for (const auto& [uid, files] : folder.series) {
-    lines.push_back(absl::StrFormat("%d slices, for example %s", files.size(), files.front()));
-  }
   return absl::InvalidArgumentError(
-      absl::StrFormat("%s: %d series; give a file of the one that is meant: %s", path,
-                      folder.series.size(), absl::StrJoin(lines, "; ")));
+      absl::StrFormat("%s: %d series; choose one by --series N, or give a file of it: %s", path,
+                      folder.series.size(), ListedSeries(EntriesOf(folder))));
 }
 
 // The series that a file belongs to.
@@ -314,6 +437,11 @@ absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
     if (scan.content == DicomContent::kCut) {
       return CutError(file);
     }
+    if (scan.frames > 1) {
+      ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Slice> frames, ReadFrameSlices(file, scan, &decoder));
+      std::move(frames.begin(), frames.end(), std::back_inserter(slices));
+      continue;
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(Slice slice, ReadSliceHeader(file, scan, &decoder));
     slices.push_back(std::move(slice));
   }
@@ -355,17 +483,58 @@ std::string DicomFolder(const std::string& path) {
   return io::IsDirectory(path) ? path : slash == std::string::npos ? "." : path.substr(0, slash);
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Slice> slices, FindSeries(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, StackSlices(&slices, path));
-  const absl::Status valid = volume::Validate(geometry);
-  if (!valid.ok()) {
-    return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
+std::string DescribeDicomSeries(const DicomSeriesEntry& entry) {
+  return absl::StrFormat(
+      "%d%s, %d %s of %d x %d", entry.number,
+      entry.description.empty() ? "" : absl::StrCat(" \"", entry.description, "\""), entry.images,
+      entry.images == 1 ? "image" : "images", entry.width, entry.height);
+}
+
+absl::StatusOr<std::vector<DicomSeriesEntry>> ListDicomSeries(const std::string& folder) {
+  DicomDecoder decoder;
+  ISOSCOPE_ASSIGN_OR_RETURN(const Folder found, ScanFolder(folder, &decoder));
+  if (found.series.empty()) {
+    return absl::NotFoundError(absl::StrCat(folder, ": a folder without a DICOM image"));
   }
-  const volume::ScalarType type = slices.front().type;
-  auto reader = std::make_unique<DicomReader>(std::move(slices));
-  ISOSCOPE_RETURN_IF_ERROR(reader->Start());  // while this process is small
-  return MakeSliceSource(geometry, type, path, std::move(reader), volume::PatientFrame());  // LPS
+  return EntriesOf(found);
+}
+
+absl::StatusOr<std::string> FindDicomSeriesFile(const std::string& path,
+                                                const std::string& choice) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<DicomSeriesEntry> entries,
+                            ListDicomSeries(DicomFolder(path)));
+  std::vector<DicomSeriesEntry> chosen;
+  std::copy_if(entries.begin(), entries.end(), std::back_inserter(chosen),
+               [&](const DicomSeriesEntry& entry) {
+                 return entry.uid == choice || absl::StrCat(entry.number) == choice;
+               });
+  if (chosen.size() == 1) {
+    return chosen.front().first_file;
+  }
+  return absl::InvalidArgumentError(
+      chosen.empty()
+          ? absl::StrFormat("%s: no series %s; it holds %s", path, base::Printable(choice),
+                            ListedSeries(entries))
+          : absl::StrFormat(
+                "%s: %d series of number %s; choose one by its UID: %s", path, chosen.size(),
+                choice,
+                absl::StrJoin(chosen, "; ", [](std::string* out, const DicomSeriesEntry& entry) {
+                  absl::StrAppend(out, entry.uid, ": ", DescribeDicomSeries(entry));
+                })));
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& path,
+                                                             const std::string& field) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Slice> slices, FindSeries(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(DicomSteps steps, SplitDicomSteps(std::move(slices), path));
+  ISOSCOPE_RETURN_IF_ERROR(StackSlices(&steps.steps.front(), path).status());
+  return std::make_unique<DicomSeries>(path, field, std::move(steps));
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
+                            OpenDicomSteps(path, "volume"));
+  return OpenOnlyVolume(*series, path, false);
 }
 
 }  // namespace isoscope::source

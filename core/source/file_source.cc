@@ -1,12 +1,12 @@
 // Reading rows takes up to four steps:
 //
-// 1. StoredBytes::Read finds the file of the first byte, opens it, and reads or inflates up to the
+// 1. StoredBytes::Read finds the file of the first byte, opens it, and reads or decodes up to the
 //    end of that file; then it goes on with the next file.
 // 2. Big-endian samples are swapped in place.
 // 3. With a slope or an intercept, samples are widened: the stored ones are read into the tail of
-//    the output, and rescaled from front to back (Rescale).
+//    the output, and rescaled from front to back (rescale.h).
 //
-// A compressed file can only be read forwards. Reading before its position starts it over, so such
+// An encoded file can only be read forwards. Reading before its position starts it over, so such
 // a source is not seekable. CheckFiles compares sizes at the start, where files show them.
 
 #include "core/source/file_source.h"
@@ -15,52 +15,28 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <type_traits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
-#include "core/base/coding.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/source/byte_order.h"
-#include "core/source/inflate_reader.h"
+#include "core/source/decoded_stream.h"
+#include "core/source/rescale.h"
 
 namespace isoscope::source {
 namespace {
 
-// Memory of an InflateReader with its scratch space.
-constexpr std::int64_t kInflaterBytes = 512 * base::kKiB;
 // Of tuples, read at once to pick one component; more only if a single tuple is larger.
 constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
 
 bool IsRescaled(const SampleLocation& location) {
-  return location.slope != 1 || location.intercept != 0;
-}
-
-// Returns float32 if it holds every stored value, as in ITK; else float64, where ITK would round.
-volume::ScalarType RescaledType(volume::ScalarType stored) {
-  switch (stored) {
-    case volume::ScalarType::kUint32:
-    case volume::ScalarType::kInt32:
-    case volume::ScalarType::kFloat64:
-      return volume::ScalarType::kFloat64;
-    default:
-      return volume::ScalarType::kFloat32;
-  }
-}
-
-// `in` may be the tail of `out`: every sample is read before it is overwritten.
-template <typename Out, typename In>
-void Rescale(std::size_t count, double slope, double intercept, const char* in, char* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto stored = static_cast<double>(base::LoadLittleEndian<In>(in + i * sizeof(In)));
-    base::StoreLittleEndian(static_cast<Out>(stored * slope + intercept), out + i * sizeof(Out));
-  }
+  return location.is_always_rescaled || location.slope != 1 || location.intercept != 0;
 }
 
 // The samples' bytes as they are stored, in one or several files. Holds one of them open.
@@ -82,8 +58,8 @@ class StoredBytes {
       ISOSCOPE_RETURN_IF_ERROR(Open(static_cast<std::size_t>(begin / bytes_per_file_)));
       const std::int64_t within = begin % bytes_per_file_;
       const std::size_t take = std::min(size, static_cast<std::size_t>(bytes_per_file_ - within));
-      ISOSCOPE_RETURN_IF_ERROR(location_.is_compressed
-                                   ? Inflate(within, take, out)
+      ISOSCOPE_RETURN_IF_ERROR(location_.is_encoded()
+                                   ? Decode(within, take, out)
                                    : file_->ReadAt(offset() + within, take, out));
       begin += static_cast<std::int64_t>(take);
       size -= take;
@@ -97,7 +73,7 @@ class StoredBytes {
     if (file_ != nullptr && index == open_index_) {
       return absl::OkStatus();
     }
-    inflater_ = nullptr;  // released before its file
+    stream_ = nullptr;  // released before its file
     file_ = nullptr;
     ISOSCOPE_ASSIGN_OR_RETURN(file_, io::OpenRandomAccessFile(location_.files[index]));
     open_index_ = index;
@@ -111,28 +87,33 @@ class StoredBytes {
   }
 
   // Decodes `size` bytes from `begin` of the open file's samples.
-  absl::Status Inflate(std::int64_t begin, std::size_t size, char* out) {
-    if (inflater_ == nullptr) {
-      inflater_ = std::make_unique<InflateReader>(file_.get(), location_.offset);
+  absl::Status Decode(std::int64_t begin, std::size_t size, char* out) {
+    if (stream_ == nullptr) {
+      stream_ = MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
+                                  location_.offset);
     }
     const std::int64_t position = location_.decoded_skip + begin;
-    if (position < inflater_->position()) {
-      inflater_->Rewind();
+    if (position < stream_->position()) {
+      stream_->Rewind();
     }
-    ISOSCOPE_RETURN_IF_ERROR(inflater_->Skip(position - inflater_->position()).status());
+    ISOSCOPE_RETURN_IF_ERROR(stream_->Skip(position - stream_->position()).status());
     std::size_t got = 0;
-    if (inflater_->position() == position) {
-      ISOSCOPE_ASSIGN_OR_RETURN(got, inflater_->Read(size, out));
+    if (stream_->position() == position) {
+      ISOSCOPE_ASSIGN_OR_RETURN(got, stream_->Read(size, out));
     }
     if (got < size) {
       return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: the header promises %d bytes of samples, the compressed data (%d bytes of file) "
-          "ends after %d: the file is cut; copy it again",
-          file_->path(), bytes_per_file_, file_->size_bytes(),
-          std::max<std::int64_t>(inflater_->position() - location_.decoded_skip, 0)));
+          "%s: the header promises %d bytes of samples, the %s (%d bytes of file) ends after %d: "
+          "the file is cut; copy it again",
+          file_->path(), bytes_per_file_,
+          location_.encoding == SampleEncoding::kText || location_.encoding == SampleEncoding::kHex
+              ? "text"
+              : "compressed data",
+          file_->size_bytes(),
+          std::max<std::int64_t>(stream_->position() - location_.decoded_skip, 0)));
     }
     if (begin + static_cast<std::int64_t>(size) == bytes_per_file_) {
-      return inflater_->VerifyEnd();
+      return stream_->VerifyEnd();
     }
     return absl::OkStatus();
   }
@@ -141,7 +122,7 @@ class StoredBytes {
   std::int64_t bytes_per_file_;
   std::size_t open_index_ = 0;
   std::unique_ptr<io::RandomAccessFile> file_;
-  std::unique_ptr<InflateReader> inflater_;
+  std::unique_ptr<DecodedStream> stream_;
 };
 
 absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
@@ -149,7 +130,7 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
   std::size_t first_longer = 0;
   for (std::size_t i = location_.files.size(); i-- > 0;) {  // the first one stays open
     ISOSCOPE_RETURN_IF_ERROR(Open(i));
-    if (location_.is_compressed) {
+    if (location_.is_encoded()) {
       continue;  // its size does not tell the length
     }
     const std::int64_t file_size = file_->size_bytes();
@@ -199,9 +180,9 @@ class FileSource final : public VolumeSource {
   }
   [[nodiscard]] const std::string& name() const override { return name_; }
 
-  [[nodiscard]] bool is_seekable() const override { return !location().is_compressed; }
+  [[nodiscard]] bool is_seekable() const override { return !location().is_encoded(); }
   [[nodiscard]] std::int64_t memory_bytes() const override {
-    return (location().is_compressed ? kInflaterBytes : 0) +
+    return DecodedStreamBytes(location().encoding) +
            (location().components > 1 ? std::max(kStoredTupleBytes, tuple_bytes()) : 0);
   }
 
@@ -221,7 +202,7 @@ class FileSource final : public VolumeSource {
       SwapBytes(stored_size, count, stored);
     }
     if (IsRescaled(location())) {
-      RescaleSamples(count, stored, out);
+      Rescale(location().stored_type, count, location().slope, location().intercept, stored, out);
     }
     return absl::OkStatus();
   }
@@ -251,16 +232,6 @@ class FileSource final : public VolumeSource {
       count -= tuples;
     }
     return absl::OkStatus();
-  }
-
-  void RescaleSamples(std::size_t count, const char* stored, char* out) const {
-    volume::VisitScalarType(location().stored_type, [&]<typename In>() {
-      if (type_ == volume::ScalarType::kFloat32) {
-        Rescale<float, In>(count, location().slope, location().intercept, stored, out);
-      } else {
-        Rescale<double, In>(count, location().slope, location().intercept, stored, out);
-      }
-    });
   }
 
   const volume::GridGeometry geometry_;

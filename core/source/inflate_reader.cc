@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -88,21 +87,6 @@ absl::StatusOr<std::size_t> InflateReader::Read(std::size_t size, char* out) {
     }
   }
   return done;
-}
-
-absl::StatusOr<std::int64_t> InflateReader::Skip(std::int64_t size) {
-  std::vector<char> scratch(64 * base::kKiB);
-  std::int64_t skipped = 0;
-  while (skipped < size) {
-    const auto want = static_cast<std::size_t>(
-        std::min(size - skipped, static_cast<std::int64_t>(scratch.size())));
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t got, Read(want, scratch.data()));
-    skipped += static_cast<std::int64_t>(got);
-    if (got < want) {
-      break;
-    }
-  }
-  return skipped;
 }
 
 absl::Status InflateReader::VerifyEnd() {

@@ -12,35 +12,26 @@
 #include "absl/status/statusor.h"
 
 #include "core/io/file.h"
+#include "core/source/decoded_stream.h"
 
 namespace isoscope::source {
 
 // Thread-compatible. Holds about 300 KiB.
-class InflateReader {
+class InflateReader final : public DecodedStream {
  public:
   // The stream starts at `offset` of `file`, which must outlive the reader.
   InflateReader(const io::RandomAccessFile* file, std::int64_t offset);
-  ~InflateReader();
+  ~InflateReader() override;
   InflateReader(const InflateReader&) = delete;
   InflateReader& operator=(const InflateReader&) = delete;
 
-  // Decodes the next `size` bytes into `out` and returns how many there were: fewer only at the end
-  // of the stream, or where the file is cut. Concatenated gzip members are one stream.
-  // DATA_LOSS: damaged, as far as the format can tell.
-  absl::StatusOr<std::size_t> Read(std::size_t size, char* out);
-  // Decodes and drops.
-  absl::StatusOr<std::int64_t> Skip(std::int64_t size);
-
-  // Reads on to the end of the current member, whose checksum lies there. INVALID_ARGUMENT if the
-  // file ends before; DATA_LOSS if the checksum is wrong. Gives up silently, with OK, after
-  // 1 MiB of decoded bytes.
-  absl::Status VerifyEnd();
-
-  // Starts over.
-  void Rewind();
-
-  // Decoded bytes so far.
-  [[nodiscard]] std::int64_t position() const { return position_; }
+  // Concatenated gzip members are one stream.
+  absl::StatusOr<std::size_t> Read(std::size_t size, char* out) override;
+  // Reads on to the end of the current member. Gives up silently, with OK, after 1 MiB of decoded
+  // bytes.
+  absl::Status VerifyEnd() override;
+  void Rewind() override;
+  [[nodiscard]] std::int64_t position() const override { return position_; }
 
  private:
   class Stream;

@@ -106,14 +106,16 @@ absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, ImageLayout layo
   if (layout.dims.size() < 3 || extra_samples != 1) {
     return absl::InvalidArgumentError(absl::StrCat(
         path, ": ", layout.dims.size(), "-dimensional, ", absl::StrJoin(layout.dims, " x "),
-        " samples; expected one three-dimensional volume: extract one (time step, "
-        "channel) into a file of its own"));
+        " samples; expected one three-dimensional volume: make a dataset of all, `isoscope "
+        "partition ",
+        path, " --output DIR`, or extract one (time step, channel)"));
   }
   if (layout.components != 1) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": ", layout.components,
-                     " components a sample (a colour or vector volume); expected 1: extract one "
-                     "component into a file of its own"));
+                     " components a sample (a colour or vector volume); expected 1: make a dataset "
+                     "of all, `isoscope partition ",
+                     path, " --output DIR`, or extract one component"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
                             ScalarTypeOf(io.GetComponentType(), path));
@@ -158,7 +160,9 @@ absl::StatusOr<Result> ReadHeader(
   try {
     const itk::ImageIOBase::Pointer io = MakeImageIo(format);
     io->SetFileName(path);
-    if (!io->CanReadFile(path.c_str())) {
+    // ITK looks at the ending of the names of the other two, whose content our readers have
+    // checked.
+    if (format == FileFormat::kNifti && !io->CanReadFile(path.c_str())) {
       return absl::InvalidArgumentError(
           absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
     }

@@ -6,6 +6,7 @@
 //   ElementType = MET_SHORT
 //   BinaryDataByteOrderMSB = True       big-endian
 //   CompressedData = True               a zlib stream
+//   BinaryData = False                  numbers as text
 //   HeaderSize = 12                     bytes before the samples; -1: at the end of the file
 //   ElementDataFile = quarter.%d 1 93 1
 //
@@ -152,20 +153,25 @@ absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path) {
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(location.files, FindDataFiles(header, path));
   }
-  if (!header.fields.Get("binarydata").empty() && !header.IsTrue("binarydata")) {
+  const bool is_text = !header.fields.Get("binarydata").empty() && !header.IsTrue("binarydata");
+  const bool is_compressed = header.IsTrue("compresseddata");
+  if (is_text && is_compressed) {
     return absl::InvalidArgumentError(
         absl::StrCat(path,
-                     ": BinaryData = False: samples as text are not supported; write the "
-                     "volume with binary data"));
+                     ": BinaryData = False with CompressedData = True; expected text or compressed "
+                     "bytes: write the volume with binary data"));
   }
-  location.is_compressed = header.IsTrue("compresseddata");
+  location.encoding = is_text         ? SampleEncoding::kText
+                      : is_compressed ? SampleEncoding::kDeflate
+                                      : SampleEncoding::kRaw;
   location.is_big_endian =
-      header.IsTrue("binarydatabyteordermsb") || header.IsTrue("elementbyteordermsb");
+      !is_text && (header.IsTrue("binarydatabyteordermsb") || header.IsTrue("elementbyteordermsb"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t header_size,
                             header.fields.GetInteger("headersize", 0));
-  if (header_size < -1 || (header_size == -1 && location.is_compressed)) {
+  if (header_size < -1 || (header_size == -1 && location.is_encoded())) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: HeaderSize = %d: expected 0 or more, or -1 without compression", path, header_size));
+        "%s: HeaderSize = %d: expected 0 or more, or -1 with bytes that are not compressed", path,
+        header_size));
   }
   if (header_size == -1) {
     location.at_file_end = true;

@@ -35,6 +35,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/math/elementary.h"
 #include "core/source/file_start.h"
 #include "core/source/located_series.h"
 
@@ -159,7 +160,7 @@ absl::StatusOr<math::Mat3d> CellDirections(const MrcHeader& header) {
   if (angles == std::array<double, 3>{90, 90, 90}) {
     return math::Mat3d{};
   }
-  const auto cosine = [](double degrees) { return std::cos(degrees * std::numbers::pi / 180); };
+  const auto cosine = [](double degrees) { return math::Cos(degrees * std::numbers::pi / 180); };
   const double a = cosine(angles[0]);
   const double b = cosine(angles[1]);
   const double c = cosine(angles[2]);
@@ -256,15 +257,17 @@ absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& 
     located.times.push_back(static_cast<double>(i));
   }
   const std::int64_t start = static_cast<std::int64_t>(kMrcHeaderBytes) + header->Integer(24);
-  located.fields.push_back({.field = {.name = field},
-                            .location = SampleLocation{.files = {path},
-                                                       .offset = head.is_gzip ? 0 : start,
-                                                       .is_compressed = head.is_gzip,
-                                                       .decoded_skip = head.is_gzip ? start : 0,
-                                                       .is_big_endian = header->is_big_endian(),
-                                                       .stored_type = type.scalar,
-                                                       .volume_count = volumes},
-                            .wide = type.wide});
+  located.fields.push_back(
+      {.field = {.name = field},
+       .location = SampleLocation{.files = {path},
+                                  .offset = head.is_gzip ? 0 : start,
+                                  .encoding = head.is_gzip ? SampleEncoding::kDeflate
+                                                           : SampleEncoding::kRaw,
+                                  .decoded_skip = head.is_gzip ? start : 0,
+                                  .is_big_endian = header->is_big_endian(),
+                                  .stored_type = type.scalar,
+                                  .volume_count = volumes},
+       .wide = type.wide});
   return located;
 }
 

@@ -5,8 +5,11 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
+
+#include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
 
@@ -23,6 +26,13 @@ struct NiftiLayout {
 // Errors as LocateNiftiSamples. INVALID_ARGUMENT also: sizes below 1; more axes than five of more
 // than one sample.
 absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path);
+
+// For both versions of NIfTI. INVALID_ARGUMENT: a type that no volume has.
+absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path);
+// "a.img" or "a.img.gz" beside "a.hdr". NOT_FOUND if neither exists.
+absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& header_path);
+// "s", "ms", "us", or "" for other units, which are no times.
+const char* NiftiTimeUnit(std::uint8_t units);
 
 }  // namespace isoscope::source
 

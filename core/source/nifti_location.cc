@@ -10,6 +10,7 @@
 //   byte 108  float   vox_offset: bytes before the samples, 352 in most files .nii
 //   byte 112  float   slope, intercept; a slope of 0 means that none is set
 //   byte 123  uint8   units, of space in bits 0 to 2, of time in bits 3 to 5
+//   byte 252  int16   qform_code; above 0 the quaternion behind it holds
 //   byte 254  int16   sform_code; above 0 the affine transform at byte 280 holds
 //   byte 280  float   [3][4], rows of that transform
 //   byte 344  char[4] "n+1" or "ni1"
@@ -30,6 +31,7 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/affine_grid.h"
 #include "core/source/data_files.h"
 #include "core/source/inflate_reader.h"
 #include "core/source/nifti_layout.h"
@@ -95,9 +97,7 @@ absl::StatusOr<NiftiHeader> ReadNiftiHeader(const std::string& path) {
     header.is_big_endian = false;
     if (first != std::int32_t{kNiftiHeaderBytes}) {
       return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: the header starts with %d, expected 348: not a NIfTI-1 file (NIfTI-2 is not "
-          "supported)",
-          path, first));
+          "%s: the header starts with %d, expected 348: not a NIfTI file", path, first));
     }
   }
   if (header.magic() != "n+1" && header.magic() != "ni1") {
@@ -107,8 +107,9 @@ absl::StatusOr<NiftiHeader> ReadNiftiHeader(const std::string& path) {
   return header;
 }
 
-absl::StatusOr<volume::ScalarType> StoredType(const NiftiHeader& header, const std::string& path) {
-  const auto code = header.Load<std::int16_t>(70);
+}  // namespace
+
+absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path) {
   const auto* row = std::find_if(kNiftiTypes.begin(), kNiftiTypes.end(),
                                  [&](const NiftiType& known) { return known.code == code; });
   if (row == kNiftiTypes.end()) {
@@ -119,6 +120,19 @@ absl::StatusOr<volume::ScalarType> StoredType(const NiftiHeader& header, const s
         path, code));
   }
   return row->type;
+}
+
+namespace {
+
+// ITK takes the qform in place of a sheared sform. Without one it refuses the file.
+absl::Status CheckShear(const NiftiHeader& header, const std::string& path) {
+  AffineRows rows;
+  for (std::size_t i = 0; i < 12; ++i) {
+    rows[i / 4][i % 4] = static_cast<double>(header.Load<float>(280 + 4 * i));
+  }
+  const std::optional<Shear> shear = FindShear(rows);
+  return shear.has_value() && header.Load<std::int16_t>(252) <= 0 ? ShearError(*shear, path)
+                                                                  : absl::OkStatus();
 }
 
 // ITK ends the process where the transform is not finite, or overflows as it is inverted.
@@ -136,11 +150,12 @@ absl::Status CheckTransform(const NiftiHeader& header, const std::string& path) 
           path, element, offset));
     }
   }
-  return absl::OkStatus();
+  return CheckShear(header, path);
 }
 
-// "a.img" or "a.img.gz" beside "a.hdr".
-absl::StatusOr<std::vector<std::string>> ImageOfPair(const std::string& header_path) {
+}  // namespace
+
+absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& header_path) {
   const std::size_t slash = header_path.rfind('/');
   const std::string name = header_path.substr(slash == std::string::npos ? 0 : slash + 1);
   const std::string image = absl::StrCat(name.substr(0, name.rfind('.')), ".img");
@@ -149,7 +164,6 @@ absl::StatusOr<std::vector<std::string>> ImageOfPair(const std::string& header_p
   return packed.ok() ? packed : plain;
 }
 
-// Seconds, milliseconds, microseconds; others are no times.
 const char* NiftiTimeUnit(std::uint8_t units) {
   switch (units & 0x38) {
     case 8:
@@ -162,8 +176,6 @@ const char* NiftiTimeUnit(std::uint8_t units) {
       return "";
   }
 }
-
-}  // namespace
 
 absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NiftiHeader header, ReadNiftiHeader(path));
@@ -208,7 +220,8 @@ absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NiftiHeader header, ReadNiftiHeader(path));
   SampleLocation location;
   location.is_big_endian = header.is_big_endian;
-  ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, StoredType(header, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type,
+                            NiftiSampleType(header.Load<std::int16_t>(70), path));
   ISOSCOPE_RETURN_IF_ERROR(CheckTransform(header, path));
   const auto vox_offset = static_cast<double>(header.Load<float>(108));
   if (!(vox_offset >= 0 && vox_offset < 0x1p53)) {
@@ -220,10 +233,11 @@ absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path) {
     location.files = {path};
     skip = std::max(skip, std::int64_t{kNiftiHeaderBytes});
   } else {
-    ISOSCOPE_ASSIGN_OR_RETURN(location.files, ImageOfPair(path));
+    ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
   }
-  location.is_compressed = IsGzipName(location.files.front());
-  (location.is_compressed ? location.decoded_skip : location.offset) = skip;
+  location.encoding =
+      IsGzipName(location.files.front()) ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
+  (location.is_encoded() ? location.decoded_skip : location.offset) = skip;
   const auto slope = static_cast<double>(header.Load<float>(112));
   const auto intercept = static_cast<double>(header.Load<float>(116));
   if (std::isfinite(slope) && std::isfinite(intercept) && slope != 0) {

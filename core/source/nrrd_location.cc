@@ -6,7 +6,7 @@
 //   dimension: 3
 //   sizes: 64 64 93                fastest first
 //   endian: big
-//   encoding: gzip                 or raw, here
+//   encoding: gzip                 or raw, bzip2, ascii (numbers), hex
 //   byte skip: 12                  bytes (decoded ones, if compressed) before the samples
 //   data file: quarter.%d 1 93 1   see below
 //
@@ -20,6 +20,8 @@
 // file holds as many slices of the last axis. Encoding and skips are those of every file. Source:
 // http://teem.sourceforge.net/nrrd/format.html, sections 4 and 5.
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <utility>
 
@@ -38,6 +40,20 @@
 
 namespace isoscope::source {
 namespace {
+
+struct Encoding {
+  const char* name;
+  SampleEncoding encoding;
+};
+constexpr std::array<Encoding, 9> kEncodings{{{"raw", SampleEncoding::kRaw},
+                                              {"gzip", SampleEncoding::kDeflate},
+                                              {"gz", SampleEncoding::kDeflate},
+                                              {"bzip2", SampleEncoding::kBzip2},
+                                              {"bz2", SampleEncoding::kBzip2},
+                                              {"ascii", SampleEncoding::kText},
+                                              {"text", SampleEncoding::kText},
+                                              {"txt", SampleEncoding::kText},
+                                              {"hex", SampleEncoding::kHex}}};
 
 struct NrrdHeader {
   HeaderFields fields;
@@ -117,28 +133,33 @@ absl::StatusOr<std::vector<std::string>> FindDataFiles(const NrrdHeader& header,
 absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
                          SampleLocation* location) {
   const std::string encoding = absl::AsciiStrToLower(header.fields.Get("encoding"));
-  location->is_compressed = encoding == "gzip" || encoding == "gz";
-  if (!location->is_compressed && encoding != "raw") {
+  const auto* known = std::find_if(kEncodings.begin(), kEncodings.end(),
+                                   [&](const Encoding& e) { return encoding == e.name; });
+  if (known == kEncodings.end()) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: NRRD encoding \"%s\"; expected raw or gzip: convert it (unu save -e gzip)", path,
-        encoding));
+        "%s: NRRD encoding \"%s\"; expected raw, gzip, bzip2, ascii or hex: convert it (unu save "
+        "-e gzip)",
+        path, encoding));
   }
+  location->encoding = known->encoding;
+  const bool is_text = location->encoding == SampleEncoding::kText;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t line_skip,
                             header.GetInteger("line skip", "lineskip"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t byte_skip,
                             header.GetInteger("byte skip", "byteskip"));
-  if (line_skip != 0 || byte_skip < -1 || (byte_skip == -1 && location->is_compressed)) {
+  if (line_skip != 0 || byte_skip < -1 || (byte_skip == -1 && location->is_encoded()) ||
+      (byte_skip > 0 && is_text)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: line skip %d, byte skip %d with encoding %s: expected no line skip, and a byte skip "
-        "of 0 or more (-1 only with encoding raw)",
+        "of 0 or more (-1 only with encoding raw, 0 with ascii)",
         path, line_skip, byte_skip, encoding));
   }
   if (byte_skip == -1) {
     location->at_file_end = true;
   } else {
-    (location->is_compressed ? location->decoded_skip : location->offset) += byte_skip;
+    (location->is_encoded() ? location->decoded_skip : location->offset) += byte_skip;
   }
-  location->is_big_endian = absl::EqualsIgnoreCase(header.fields.Get("endian"), "big");
+  location->is_big_endian = !is_text && absl::EqualsIgnoreCase(header.fields.Get("endian"), "big");
   return absl::OkStatus();
 }
 

@@ -1,6 +1,62 @@
 #include "core/source/sample_location.h"
 
+#include <array>
+
+#include "absl/strings/match.h"
+
+#include "core/io/file.h"
+#include "core/source/file_start.h"
+
 namespace isoscope::source {
+
+std::optional<FileFormat> SampleFormatOf(const std::string& path) {
+  struct SampleEnding {
+    const char* text;
+    FileFormat format;
+  };
+  constexpr std::array<SampleEnding, 9> kEndings{{{".nii", FileFormat::kNifti},
+                                                  {".nii.gz", FileFormat::kNifti},
+                                                  {".hdr", FileFormat::kNifti},
+                                                  {".img", FileFormat::kNifti},
+                                                  {".img.gz", FileFormat::kNifti},
+                                                  {".nrrd", FileFormat::kNrrd},
+                                                  {".nhdr", FileFormat::kNrrd},
+                                                  {".mha", FileFormat::kMetaImage},
+                                                  {".mhd", FileFormat::kMetaImage}}};
+  for (const SampleEnding& ending : kEndings) {
+    if (absl::EndsWithIgnoreCase(path, ending.text)) {
+      return ending.format;
+    }
+  }
+  constexpr std::size_t kHeadBytes = 64;
+  const auto head = ReadFileStart(path, kHeadBytes);
+  if (!head.ok() || head->is_gzip) {
+    return std::nullopt;
+  }
+  if (absl::StartsWith(head->bytes, "NRRD000")) {
+    return FileFormat::kNrrd;
+  }
+  if (absl::StartsWith(head->bytes, "ObjectType") || absl::StartsWith(head->bytes, "NDims")) {
+    return FileFormat::kMetaImage;
+  }
+  return std::nullopt;
+}
+
+std::optional<FileFormat> SampleFormatFromName(const std::string& name) {
+  struct Name {
+    const char* text;
+    FileFormat format;
+  };
+  constexpr std::array<Name, 3> kNames{{{"nifti", FileFormat::kNifti},
+                                        {"nrrd", FileFormat::kNrrd},
+                                        {"metaimage", FileFormat::kMetaImage}}};
+  for (const Name& known : kNames) {
+    if (absl::EqualsIgnoreCase(name, known.text)) {
+      return known.format;
+    }
+  }
+  return std::nullopt;
+}
 
 absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::string& path) {
   switch (format) {

@@ -6,11 +6,13 @@
 #define ISOSCOPE_CORE_SOURCE_SAMPLE_LOCATION_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 
+#include "core/source/decoded_stream.h"
 #include "core/source/itk_header.h"
 #include "core/volume/scalar_type.h"
 
@@ -21,23 +23,27 @@ struct SampleLocation {
   // sample is a tuple of components. A single file may be the header file.
   std::vector<std::string> files;
   // The members below hold for each file.
-  std::int64_t offset = 0;        // bytes before the samples or the compressed stream
-  bool has_more_behind = false;   // other bytes may follow: no warning of a longer file
-  bool at_file_end = false;       // the samples are the last bytes of the file; offset is ignored
-  bool is_compressed = false;     // a gzip or zlib stream
-  std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if compressed
+  std::int64_t offset = 0;       // bytes before the samples or the encoded stream
+  bool has_more_behind = false;  // other bytes may follow: no warning of a longer file
+  bool at_file_end = false;      // the samples are the last bytes of the file; offset is ignored
+  SampleEncoding encoding = SampleEncoding::kRaw;
+  std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if encoded
 
   bool is_big_endian = false;
   volume::ScalarType stored_type = volume::ScalarType::kUint8;  // NRRD, MetaImage: ITK tells
-  // Samples are slope * stored + intercept, in double, unless slope is 1 and intercept 0.
+  // Samples are slope * stored + intercept, in double, unless slope is 1 and intercept 0. Then they
+  // keep their type, unless other volumes of the file do not.
   double slope = 1;
   double intercept = 0;
+  bool is_always_rescaled = false;
 
   std::int64_t volume_count = 1;
   std::int64_t components = 1;  // of a tuple
   // The ones that are read:
   std::int64_t volume = 0;
   std::int64_t component = 0;
+
+  [[nodiscard]] bool is_encoded() const { return encoding != SampleEncoding::kRaw; }
 };
 
 // Reads the header of `path`. INVALID_ARGUMENT: not such a header; an encoding that is not
@@ -47,6 +53,13 @@ absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::strin
 absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
+
+// The format of a file whose header ITK reads: by the ending of the name (NIfTI: .nii .hdr .img,
+// each also .gz but .hdr; NRRD: .nrrd .nhdr; MetaImage: .mha .mhd), else by the first bytes of an
+// existing file (NRRD, MetaImage). Not set for others.
+std::optional<FileFormat> SampleFormatOf(const std::string& path);
+// "nifti", "nrrd", "metaimage", in any case; not set for other names.
+std::optional<FileFormat> SampleFormatFromName(const std::string& name);
 
 // The header file of a NIfTI pair: "a.hdr" for "a.img" and "a.img.gz"; else `path` itself.
 std::string NiftiHeaderPath(const std::string& path);

@@ -1,17 +1,13 @@
 #include "core/source/sample_series.h"
 
-#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/source/file_source.h"
 #include "core/source/nifti_layout.h"
 #include "core/source/nrrd_layout.h"
 #include "core/source/wide_source.h"
@@ -19,77 +15,13 @@
 namespace isoscope::source {
 namespace {
 
-constexpr std::int64_t kMaxFileSteps = 100'000;
-
-// What the header says, whatever the format.
-struct FileLayout {
-  volume::GridGeometry geometry{};
-  std::optional<volume::PatientFrame> patient_frame{};
-  SampleLocation location{};  // with the number of volumes and components of a tuple
-  std::optional<WideType> wide{};
-  std::int64_t steps = 1;
-  std::int64_t components = 1;
-  double interval = 1;
-  std::string time_unit{};
-  std::string length_unit{};
-  std::string sample_unit{};
-};
-
-class SampleSeries final : public VolumeSeries {
- public:
-  SampleSeries(std::string path, const std::string& field, FileLayout layout)
-      : path_(std::move(path)), layout_(std::move(layout)) {
-    SourceField only{.name = field, .unit = layout_.sample_unit};
-    if (layout_.components > 1) {
-      only.components.clear();
-      for (std::int64_t i = 0; i < layout_.components; ++i) {
-        only.components.push_back(layout_.components == 3 ? std::string(1, "xyz"[i])
-                                                          : absl::StrCat(i));
-      }
-    }
-    fields_ = {std::move(only)};
-    for (std::int64_t i = 0; layout_.steps > 1 && i < layout_.steps; ++i) {
-      times_.push_back(static_cast<double>(i) * layout_.interval);
-    }
-  }
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return layout_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return layout_.length_unit; }
-
-  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    ISOSCOPE_CHECK(field == 0);
-    SampleLocation location = layout_.location;
-    if (location.components > 1) {  // tuples of components, or of steps
-      location.component = layout_.components > 1 ? component : step;
-    } else {
-      location.volume = component * layout_.steps + step;
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        std::unique_ptr<VolumeSource> source,
-        MakeFileSource(layout_.geometry, location, path_, layout_.patient_frame));
-    if (layout_.wide.has_value()) {
-      return MakeWideSource(std::move(source), *layout_.wide);
-    }
-    return source;
-  }
-
- private:
-  const std::string path_;
-  const FileLayout layout_;
-  std::vector<SourceField> fields_;
-  std::vector<double> times_;
-};
-
 absl::StatusOr<std::optional<FileLayout>> NiftiFileLayout(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NiftiLayout nifti, ReadNiftiLayout(path));
   if (nifti.steps == 1 && nifti.components == 1) {
     return std::nullopt;
   }
-  FileLayout layout{.steps = nifti.steps,
-                    .components = nifti.components,
+  FileLayout layout{.components = nifti.components,
+                    .steps = nifti.steps,
                     .interval = nifti.interval,
                     .time_unit = nifti.time_unit,
                     .length_unit = nifti.length_unit};
@@ -134,6 +66,12 @@ absl::StatusOr<std::optional<FileLayout>> NrrdFileLayout(const std::string& path
   location.components = layout.location.components;
   location.stored_type = type.has_value() ? type->scalar : volume::ScalarType::kUint8;
   layout.wide = type.has_value() ? type->wide : std::nullopt;
+  if (layout.wide.has_value() && location.encoding == SampleEncoding::kText) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: 64-bit integers as text; expected encoding raw, gzip, bzip2 or hex: "
+                        "convert it (unu save -e gzip)",
+                        path));
+  }
   layout.location = std::move(location);
   return layout;
 }
@@ -173,11 +111,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSampleSeries(FileFormat format
   if (!layout.has_value()) {
     return nullptr;
   }
-  if (layout->steps > kMaxFileSteps) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: %d steps of time; expected at most %d",
-                                                      path, layout->steps, kMaxFileSteps));
-  }
-  return std::make_unique<SampleSeries>(path, field, *std::move(layout));
+  return MakeLayoutSeries(path, field, *std::move(layout));
 }
 
 }  // namespace isoscope::source

@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/file_layout.h"
 #include "core/source/itk_header.h"
 #include "core/source/sample_location.h"
 #include "core/source/volume_series.h"

@@ -4,16 +4,21 @@
 #include <cstddef>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/cube_series.h"
+#include "core/source/file_layout.h"
 #include "core/source/file_start.h"
+#include "core/source/layout_formats.h"
 #include "core/source/legacy_vtk_series.h"
+#include "core/source/minc_source.h"
 #include "core/source/mrc_series.h"
 #include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
@@ -89,6 +94,29 @@ int ComponentNumber(const std::vector<std::string>& components, absl::string_vie
                                                                                          : -1;
 }
 
+// A format whose header file says all.
+template <bool (*is_content)(absl::string_view),
+          absl::StatusOr<FileLayout> (*read)(const std::string&)>
+SeriesFormat LayoutRow(absl::string_view name, std::vector<std::string> endings) {
+  return {.name = name,
+          .endings = std::move(endings),
+          .is_content = is_content,
+          .open = [](const std::string& file, const std::string& field,
+                     const std::string& /*part*/) -> absl::StatusOr<std::unique_ptr<VolumeSeries>> {
+            ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, read(LayoutHeaderPath(file)));
+            return MakeLayoutSeries(file, field, std::move(layout));
+          },
+          .find_files = [](const std::string& file) -> absl::StatusOr<std::vector<std::string>> {
+            std::vector<std::string> files = {LayoutHeaderPath(file)};
+            ISOSCOPE_ASSIGN_OR_RETURN(const FileLayout layout, read(files.front()));
+            const std::vector<std::string>& others = layout.location.files;
+            if (others.front() != files.front()) {
+              files.insert(files.end(), others.begin(), others.end());
+            }
+            return files;
+          }};
+}
+
 }  // namespace
 
 const std::vector<SeriesFormat>& SeriesFormats() {
@@ -98,6 +126,17 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .is_content = IsMrcHeader,
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenMrcSeries(file, field); }},
+      {.name = "MINC",
+       .endings = {".mnc"},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenMincSeries(file, field); }},
+      // These three share their endings; ITK reads NIfTI-1 where the name has one of them.
+      LayoutRow<IsNifti1Header, ReadNiftiHeaderLayout>(kNifti1Name, {}),
+      LayoutRow<IsNifti2Header, ReadNiftiHeaderLayout>("NIfTI-2", {}),
+      LayoutRow<IsAnalyzeHeader, ReadAnalyzeLayout>("Analyze", {}),
+      LayoutRow<IsMghHeader, ReadMghLayout>("MGH", {".mgh", ".mgz", ".mgh.gz"}),
+      LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
+      LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,
@@ -124,9 +163,26 @@ const std::vector<SeriesFormat>& SeriesFormats() {
 }
 
 std::string ListedSeriesFormats() {
-  return absl::StrJoin(SeriesFormats(), ", ", [](std::string* out, const SeriesFormat& format) {
-    absl::StrAppend(out, format.name, " (", absl::StrJoin(format.endings, " "), ")");
-  });
+  std::vector<std::string> texts;
+  for (const SeriesFormat& format : SeriesFormats()) {
+    if (!format.endings.empty()) {
+      texts.push_back(absl::StrCat(format.name, " (", absl::StrJoin(format.endings, " "), ")"));
+    }
+  }
+  return absl::StrJoin(texts, ", ");
+}
+
+std::string FormatNameOf(const SeriesFormat& format) {
+  return absl::StrReplaceAll(absl::AsciiStrToLower(format.name), {{" ", "-"}});
+}
+
+const SeriesFormat* FindSeriesFormat(absl::string_view name) {
+  for (const SeriesFormat& format : SeriesFormats()) {
+    if (FormatNameOf(format) == name) {
+      return &format;
+    }
+  }
+  return nullptr;
 }
 
 std::optional<SeriesFile> FindSeriesFileByName(const std::string& path) {
@@ -150,6 +206,11 @@ std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path) {
     }
   }
   return std::nullopt;
+}
+
+std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path) {
+  std::optional<SeriesFile> file = FindSeriesFileByContent(header_path);
+  return file.has_value() && file->format->name != kNifti1Name ? file : std::nullopt;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
@@ -192,27 +253,30 @@ bool IsOneVolume(const VolumeSeries& series) {
          series.step_count() == 1;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries* series,
-                                                             const std::string& file) {
-  if (IsOneVolume(*series)) {
-    return series->Open(0, 0, 0);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& series,
+                                                             const std::string& file,
+                                                             bool has_parts) {
+  const std::vector<SourceField>& fields = series.fields();
+  if (!IsOneVolume(series)) {
+    const SourceField& first = fields[0];
+    const std::string steps =
+        series.step_count() > 1 ? absl::StrFormat(" at %d steps", series.step_count()) : "";
+    const std::string choice =
+        absl::StrCat(file, ":", first.name,
+                     first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`", file,
+        ListedFields(fields), steps,
+        steps.empty() && has_parts ? absl::StrCat("choose one, as in ", choice, ", or ") : "",
+        file));
   }
-  const SourceField& first = series->fields()[0];
-  const std::string steps =
-      series->step_count() > 1 ? absl::StrFormat(" at %d steps", series->step_count()) : "";
-  const std::string choice =
-      absl::StrCat(file, ":", first.name,
-                   first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
-  return absl::InvalidArgumentError(absl::StrFormat(
-      "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`", file,
-      ListedFields(series->fields()), steps,
-      steps.empty() ? absl::StrCat("choose one, as in ", choice, ", or ") : "", file));
+  return series.Open(0, 0, 0);
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
                             OpenSeriesFile(file, FieldNameOf(file.file)));
-  return OpenOnlyVolume(series.get(), file.file);
+  return OpenOnlyVolume(*series, file.file, true);
 }
 
 }  // namespace isoscope::source

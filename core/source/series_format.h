@@ -19,7 +19,7 @@ namespace isoscope::source {
 
 struct SeriesFormat {
   absl::string_view name;            // "MRC"
-  std::vector<std::string> endings;  // in lower case: ".mrc"
+  std::vector<std::string> endings;  // in lower case: ".mrc"; none: content alone decides
   bool has_field_names = false;      // else the only field has the name of the file
   // True if the first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are
   // of this format. Null: only the name tells.
@@ -29,9 +29,18 @@ struct SeriesFormat {
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open)(const std::string& file,
                                                         const std::string& field,
                                                         const std::string& part) = nullptr;
+  // The files of the volumes, the header first. Null: `file` alone.
+  absl::StatusOr<std::vector<std::string>> (*find_files)(const std::string& file) = nullptr;
 };
 
+// The row of NIfTI-1, for files whose names do not say so.
+inline constexpr absl::string_view kNifti1Name = "NIfTI-1";
+
 const std::vector<SeriesFormat>& SeriesFormats();
+// The name for --format: "legacy-vtk" of "legacy VTK".
+std::string FormatNameOf(const SeriesFormat& format);
+// The one of that name; null if there is none.
+const SeriesFormat* FindSeriesFormat(absl::string_view name);
 // "MRC (.mrc .map), ...", for messages and help.
 std::string ListedSeriesFormats();
 
@@ -52,6 +61,9 @@ std::optional<SeriesFile> FindSeriesFileByName(const std::string& path);
 // read.
 std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
 
+// That of a header with the ending of NIfTI that is not one of NIfTI-1.
+std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path);
+
 // Opens the file, or its part as a series of one field. `field` is the name of a field that the
 // file does not name. NOT_FOUND: no such file; no such field or component (lists those there are).
 // Otherwise errors of the format.
@@ -63,11 +75,14 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeS
                                                          const std::string& part);
 // True if the series has one field of one component, and one step.
 bool IsOneVolume(const VolumeSeries& series);
-// Opens the only volume of a series of `file`, or of the file or its part. INVALID_ARGUMENT: there
-// are several (lists the fields and steps, and the commands to choose).
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries* series,
-                                                             const std::string& file);
+// Opens the only volume of the file or its part. INVALID_ARGUMENT: there are several (lists the
+// fields and steps, and the commands to choose).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file);
+// The same of a series that is open. `file` is for messages; `has_parts`: a path can name a field
+// of it.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& series,
+                                                             const std::string& file,
+                                                             bool has_parts);
 
 }  // namespace isoscope::source
 

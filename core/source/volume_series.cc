@@ -54,36 +54,32 @@ class SingleSeries final : public VolumeSeries {
   std::unique_ptr<VolumeSource> volume_;  // until it is asked for
 };
 
-// The format of a file whose samples we stream; not set for others, and where there is no file.
-std::optional<FileFormat> SampleFormatOf(const std::string& path) {
-  struct SampleEnding {
-    const char* text;
-    FileFormat format;
-  };
-  constexpr std::array<SampleEnding, 9> kSampleEndings{{{".nii", FileFormat::kNifti},
-                                                        {".nii.gz", FileFormat::kNifti},
-                                                        {".hdr", FileFormat::kNifti},
-                                                        {".img", FileFormat::kNifti},
-                                                        {".img.gz", FileFormat::kNifti},
-                                                        {".nrrd", FileFormat::kNrrd},
-                                                        {".nhdr", FileFormat::kNrrd},
-                                                        {".mha", FileFormat::kMetaImage},
-                                                        {".mhd", FileFormat::kMetaImage}}};
-  if (!io::PathExists(path) || io::IsDirectory(path) || IsDicomFile(path)) {
-    return std::nullopt;
-  }
-  for (const SampleEnding& ending : kSampleEndings) {
-    if (absl::EndsWithIgnoreCase(path, ending.text)) {
-      return ending.format;
-    }
-  }
-  return std::nullopt;
-}
-
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path));
   std::string field = FieldNameOf(volume->name());
   return std::make_unique<SingleSeries>(path, std::move(field), std::move(volume));
+}
+
+// Whatever the name and the content say.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesAs(const std::string& path,
+                                                           const std::string& format) {
+  if (const SeriesFormat* const own = FindSeriesFormat(format); own != nullptr) {
+    return OpenSeriesFile({.format = own, .file = path, .part = ""}, FieldNameOf(path));
+  }
+  if (format == "dicom") {
+    return OpenDicomSteps(path, FieldNameOf(path));
+  }
+  const std::optional<FileFormat> sample_format = SampleFormatFromName(format);
+  if (sample_format.has_value()) {
+    const std::string header = sample_format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                              OpenSampleSeries(*sample_format, header, path, FieldNameOf(path)));
+    if (series != nullptr) {
+      return series;
+    }
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path, format));
+  return std::make_unique<SingleSeries>(path, FieldNameOf(path), std::move(volume));
 }
 
 }  // namespace
@@ -113,6 +109,9 @@ std::string FieldNameOf(absl::string_view path) {
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
+  if (!options.format.empty()) {
+    return OpenSeriesAs(path, options.format);
+  }
   Hdf5Path hdf5;
   if (SplitHdf5Path(path, &hdf5)) {
     if (options.axes.empty() && !absl::StartsWith(hdf5.dataset, "/")) {
@@ -141,8 +140,18 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   if (file.has_value()) {
     return OpenSeriesFile(*file, FieldNameOf(file->file));
   }
-  const std::optional<FileFormat> format = SampleFormatOf(path);
+  if (NamesDicomSeries(path)) {
+    return OpenDicomSteps(path, FieldNameOf(path));
+  }
+  const bool is_sample_file = io::PathExists(path) && !io::IsDirectory(path);
+  const std::optional<FileFormat> format = is_sample_file ? SampleFormatOf(path) : std::nullopt;
   const std::string header = format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
+  if (format == FileFormat::kNifti && io::PathExists(header)) {
+    file = FindNiftiSibling(header);
+    if (file.has_value()) {
+      return OpenSeriesFile(*file, FieldNameOf(path));
+    }
+  }
   if (format.has_value() && io::PathExists(header)) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
                               OpenSampleSeries(*format, header, path, FieldNameOf(path)));

@@ -52,6 +52,8 @@ struct SeriesOptions {
   // The meaning of the axes of an array, slowest first, of the letters T C Z Y X: "TCZYX". Empty:
   // as the file says.
   std::string axes;
+  // A name of ListFormats (volume_source.h); empty: as name and content say.
+  std::string format{};
 };
 
 // Opens all that the path names. A path that names one array, component or step of a file gives a

@@ -7,7 +7,7 @@
 //   .tif, .tiff                   TIFF pages
 //   .mrc and the like             the formats of series_format.h
 //   .dcm, or the DICOM mark       the series of that file
-//   the endings in kSuffixes      NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
+//   .nii, .nrrd, .mha, ...        NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
 //   any other name                the formats of series_format.h, by content
 //
 // OpenVolumeFile then opens the source, and FilesOfVolume lists its files.
@@ -17,7 +17,6 @@
 #include <glob.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <optional>
 #include <system_error>
@@ -27,12 +26,14 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_source.h"
 #include "core/source/file_source.h"
+#include "core/source/file_start.h"
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
@@ -47,20 +48,6 @@
 namespace isoscope::source {
 namespace {
 
-struct Suffix {
-  const char* text;
-  FileFormat format;
-};
-constexpr std::array<Suffix, 9> kSuffixes{{{".nii", FileFormat::kNifti},
-                                           {".nii.gz", FileFormat::kNifti},
-                                           {".hdr", FileFormat::kNifti},
-                                           {".img", FileFormat::kNifti},
-                                           {".img.gz", FileFormat::kNifti},
-                                           {".nrrd", FileFormat::kNrrd},
-                                           {".nhdr", FileFormat::kNrrd},
-                                           {".mha", FileFormat::kMetaImage},
-                                           {".mhd", FileFormat::kMetaImage}}};
-
 absl::Status CheckIsFile(const std::string& path) {
   if (!io::PathExists(path)) {
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
@@ -73,6 +60,18 @@ absl::Status CheckIsFile(const std::string& path) {
 
 bool IsTiffName(const std::string& path) {
   return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
+}
+
+// By its first bytes; BigTIFF, too. Names of other formats are not looked into.
+bool IsTiffFile(const std::string& path) {
+  if (path.find('.', path.rfind('/') + 1) != std::string::npos) {
+    return false;
+  }
+  constexpr std::size_t kMarkBytes = 4;
+  const auto head = ReadFileStart(path, kMarkBytes);
+  return head.ok() &&
+         (head->bytes == std::string("II*\0", 4) || head->bytes == std::string("MM\0*", 4) ||
+          head->bytes == std::string("II+\0", 4) || head->bytes == std::string("MM\0+", 4));
 }
 
 // The TIFF files in a folder, "slice9" before "slice10".
@@ -135,11 +134,13 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
 }
 
-absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
-  const auto* suffix = std::find_if(kSuffixes.begin(), kSuffixes.end(), [&](const Suffix& known) {
-    return absl::EndsWithIgnoreCase(path, known.text);
-  });
-  if (suffix == kSuffixes.end()) {
+// `format`: the one that it has, or not set if that is to be found out.
+absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
+                                           std::optional<FileFormat> format) {
+  if (!format.has_value()) {
+    format = SampleFormatOf(path);
+  }
+  if (!format.has_value()) {
     if (std::optional<SeriesFile> series = FindSeriesFileByContent(path); series.has_value()) {
       return FoundSeries(*std::move(series));
     }
@@ -155,7 +156,7 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
         "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
   }
   std::string header_path = path;
-  if (suffix->format == FileFormat::kNifti) {
+  if (format == FileFormat::kNifti) {
     header_path = NiftiHeaderPath(path);
     if (!io::PathExists(header_path)) {
       return absl::NotFoundError(
@@ -163,17 +164,48 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
                           "--dims and --type",
                           path, header_path));
     }
+    if (std::optional<SeriesFile> series = FindNiftiSibling(header_path); series.has_value()) {
+      return FoundSeries(*std::move(series));
+    }
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(suffix->format, header_path));
+  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(*format, header_path));
   std::vector<std::string> files{header_path};
   if (location.files.front() != header_path) {
     files.insert(files.end(), location.files.begin(), location.files.end());
   }
-  return FoundVolume{
-      .files = std::move(files), .format = suffix->format, .location = std::move(location)};
+  return FoundVolume{.files = std::move(files), .format = *format, .location = std::move(location)};
 }
 
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
+// Whatever the name and the content say.
+absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::string& format) {
+  ISOSCOPE_RETURN_IF_ERROR(format == "dicom" && io::IsDirectory(path) ? absl::OkStatus()
+                                                                      : CheckIsFile(path));
+  if (const SeriesFormat* const own = FindSeriesFormat(format); own != nullptr) {
+    return FoundSeries({.format = own, .file = path, .part = ""});
+  }
+  if (const auto sample_format = SampleFormatFromName(format); sample_format.has_value()) {
+    return FindSampleFile(path, sample_format);
+  }
+  if (format == "tiff") {
+    return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
+  }
+  if (format == "dicom") {
+    return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
+  }
+  std::vector<std::string> names;
+  for (const FormatName& known : FormatNames()) {
+    if (known.is_forceable) {
+      names.push_back(known.name);
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrFormat("--format %s: expected one of %s", format, absl::StrJoin(names, ", ")));
+}
+
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format) {
+  if (!format.empty()) {
+    return FindVolumeAs(path, format);
+  }
   Hdf5Path hdf5;
   if (!io::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = FilesLike(path)};
@@ -199,13 +231,13 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
     return FoundSeries(*std::move(series));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
-  if (IsTiffName(path)) {
+  if (IsTiffName(path) || IsTiffFile(path)) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
   }
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
   }
-  return FindSampleFile(path);
+  return FindSampleFile(path, std::nullopt);
 }
 
 // The meshes of a VTKHDF or openPMD file, unless the path names a dataset of it; null if it has
@@ -236,14 +268,15 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
+                                                             const std::string& format) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format));
   switch (found.kind) {
     case SourceKind::kTiff:
       return OpenTiffStack(found.files, path);
     case SourceKind::kHdf5: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
-      return meshes != nullptr ? OpenOnlyVolume(meshes.get(), found.files.front())
+      return meshes != nullptr ? OpenOnlyVolume(*meshes, found.files.front(), true)
                                : OpenHdf5Dataset(path);
     }
     case SourceKind::kDicom:
@@ -255,7 +288,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
       ISOSCOPE_CHECK(SplitVtkImagePath(path, &pvti));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
                                 OpenVtkImageSeries(pvti.file, pvti.part));
-      return OpenOnlyVolume(series.get(), pvti.file);
+      return OpenOnlyVolume(*series, pvti.file, true);
     }
     case SourceKind::kSeriesFile:
       return OpenOnlyVolume(found.series);
@@ -277,17 +310,46 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
   return MakeFileSource(header.geometry, found.location, path, header.patient_frame);
 }
 
-absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path) {
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
+                                                       const std::string& format) {
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
     return FilesOfPvd(path);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format));
   if (found.kind == SourceKind::kHdf5) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
     return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);
   }
+  if (found.kind == SourceKind::kSeriesFile && found.series.format->find_files != nullptr) {
+    return found.series.format->find_files(found.series.file);
+  }
   return std::move(found.files);
+}
+
+bool NamesDicomSeries(const std::string& path) {
+  const bool is_likely =
+      io::IsDirectory(path) || absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path);
+  if (!is_likely) {
+    return false;
+  }
+  const auto found = FindVolume(path, "");
+  return found.ok() && found->kind == SourceKind::kDicom;
+}
+
+std::vector<FormatName> FormatNames() {
+  std::vector<FormatName> names = {{"nifti", ".nii .nii.gz .hdr .img .img.gz"},
+                                   {"nrrd", ".nrrd .nhdr"},
+                                   {"metaimage", ".mha .mhd"},
+                                   {"dicom", "a folder of a series, or a file of it"},
+                                   {"tiff", ".tif .tiff, a folder of them, or a pattern"},
+                                   {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
+                                   {"hdf5", "file.h5:/dataset, .vtkhdf, openPMD: file.h5", false}};
+  for (const SeriesFormat& format : SeriesFormats()) {
+    names.push_back({FormatNameOf(format),
+                     format.endings.empty() ? "by content" : absl::StrJoin(format.endings, " ")});
+  }
+  return names;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,

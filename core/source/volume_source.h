@@ -73,14 +73,30 @@ struct RawFormat {
 // a format of series_format.h. NOT_FOUND, INVALID_ARGUMENT (unknown format:
 // lists those known, and says how to read it as raw; not three-dimensional; more than one
 // component), DATA_LOSS.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);
+// `format` forces one of those that FormatNames lists; "": name and content decide.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
+                                                             const std::string& format = "");
 // Returns the files of such a volume. While none of them changes and none is added, the volume does
 // not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
 // names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
 // missing files.
 // Those of a ParaView collection (.pvd, volume_series.h) are its steps; those of a .pvti its
 // pieces.
-absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path);
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
+                                                       const std::string& format = "");
+// Whether the path names a DICOM series: a folder that holds one and no TIFF files, or a file of
+// it.
+bool NamesDicomSeries(const std::string& path);
+
+// A format of sources.
+struct FormatName {
+  std::string name;   // "nrrd"
+  std::string files;  // names of its files, for people: ".nrrd .nhdr"
+  bool is_forceable =
+      true;  // else the name must say it, because a path can name a part of the file
+};
+std::vector<FormatName> FormatNames();
+
 // Opens a raw file. INVALID_ARGUMENT if it is smaller than the flags promise (names both sizes).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,
                                                           const RawFormat& format);

@@ -67,6 +67,7 @@ absl::Status CheckNames(const std::vector<VtiArray>& arrays, const std::string& 
 }  // namespace
 
 absl::Status VtkImage::SetArrays(const VtiHeader& header, const std::string& part) {
+  part_ = part;
   time_unit_ = header.time_value.has_value() ? header.time_value->unit : "";
   constexpr std::size_t kMaxUnitBytes = 64;
   const auto length = header.image.find("Unit");
@@ -94,6 +95,9 @@ absl::Status VtkImage::SetArrays(const VtiHeader& header, const std::string& par
 
 std::string VtkImage::NameOf(std::size_t array, std::int64_t component) const {
   const VtiArray& chosen = arrays_[array];
+  if (arrays_.size() == 1 && (chosen.components == 1 || component_.has_value())) {
+    return part_.empty() ? path_ : absl::StrCat(path_, ":", part_);
+  }
   return absl::StrCat(path_, ":", chosen.name,
                       chosen.components > 1 ? absl::StrCat(":", component) : "");
 }

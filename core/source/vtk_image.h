@@ -42,7 +42,8 @@ class VtkImage {
                                                              std::int64_t component) = 0;
 
  protected:
-  // "run.vti:velocity:2", for messages.
+  // "run.vti:velocity:2"; where the path names all that there is, the path. It is the source of a
+  // dataset, and a part of its id.
   [[nodiscard]] std::string NameOf(std::size_t array, std::int64_t component) const;
 
   // Takes the units of `header`, and its arrays that are fields: that which `part` names, or all.
@@ -50,6 +51,7 @@ class VtkImage {
   absl::Status SetArrays(const VtiHeader& header, const std::string& part);
 
   std::string path_;
+  std::string part_;  // that the path names; may be empty
   std::vector<VtiArray> arrays_;
   std::optional<std::int64_t> component_;
   volume::GridGeometry geometry_;

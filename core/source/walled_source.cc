@@ -20,6 +20,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -54,7 +55,8 @@ struct Request {
 struct Header {
   volume::GridGeometry geometry;
   volume::ScalarType type;
-  std::uint8_t is_seekable;  // 0 or 1
+  std::uint8_t is_seekable;        // 0 or 1
+  std::uint8_t has_patient_frame;  // 0 or 1: LPS
   std::int64_t memory_bytes;
 };
 
@@ -102,6 +104,8 @@ absl::Status DoInChild(const Request& request, Answer* answer, char* shared) {
   answer->header = {.geometry = source->geometry(),
                     .type = source->scalar_type(),
                     .is_seekable = static_cast<std::uint8_t>(source->is_seekable() ? 1 : 0),
+                    .has_patient_frame = static_cast<std::uint8_t>(
+                        source->patient_frame() == volume::PatientFrame() ? 1 : 0),
                     .memory_bytes = source->memory_bytes()};
   PutText(source->name(), answer, shared);
   return absl::OkStatus();
@@ -192,6 +196,10 @@ class WalledSource final : public VolumeSource {
 
   [[nodiscard]] const volume::GridGeometry& geometry() const override { return header_.geometry; }
   [[nodiscard]] volume::ScalarType scalar_type() const override { return header_.type; }
+  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
+    return header_.has_patient_frame == 1 ? std::optional<volume::PatientFrame>(std::in_place)
+                                          : std::nullopt;
+  }
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] bool is_seekable() const override { return header_.is_seekable == 1; }
   [[nodiscard]] std::int64_t memory_bytes() const override {

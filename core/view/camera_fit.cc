@@ -15,18 +15,6 @@ namespace {
 using volume::PatientFrame;
 using volume::PatientSide;
 
-// The direction from the target to the eye, and the up direction: unit vectors.
-struct Side {
-  math::Vec3d to_eye;
-  math::Vec3d up;
-};
-
-struct NamedViewRow {
-  NamedView named_view;
-  Side world;             // 0: none
-  char patient_sides[3];  // PatientSide of the eye and of up; "": none
-};
-
 constexpr NamedViewRow kNamedViews[] = {
 #include "core/view/named_views.inc"
 };
@@ -36,11 +24,11 @@ absl::StatusOr<Side> SideOf(NamedView named_view, const std::optional<PatientFra
       std::begin(kNamedViews), std::end(kNamedViews),
       [&](const NamedViewRow& candidate) { return candidate.named_view == named_view; });
   ISOSCOPE_CHECK(row != std::end(kNamedViews));
-  if (patient && row->patient_sides[0] != '\0') {
+  if (patient && row->has_patient()) {
     return Side{patient->DirectionTo(PatientSide{row->patient_sides[0]}),
                 patient->DirectionTo(PatientSide{row->patient_sides[1]})};
   }
-  if (row->world.up == math::Vec3d{0, 0, 0}) {
+  if (!row->has_world()) {
     return absl::InvalidArgumentError(
         "a view of a patient, but the source of the dataset has no patient frame (NIfTI with a "
         "qform or sform, DICOM, and NRRD with the space LPS or RAS have one; datasets made "
@@ -90,6 +78,8 @@ Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3
   moved.view_height = camera.view_height * scale;
   return moved;
 }
+
+std::span<const NamedViewRow> NamedViewTable() { return kNamedViews; }
 
 absl::StatusOr<Camera> MakeNamedCamera(NamedView named_view, const math::Box3d& bounds,
                                        const std::optional<PatientFrame>& patient_frame) {

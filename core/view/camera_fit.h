@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_VIEW_CAMERA_FIT_H_
 
 #include <optional>
+#include <span>
 
 #include "absl/status/statusor.h"
 
@@ -48,6 +49,27 @@ enum class NamedView {
   kSuperior,
   kInferior,
 };
+
+// The direction from the target to the eye, and the up direction: unit vectors.
+struct Side {
+  math::Vec3d to_eye;
+  math::Vec3d up;
+};
+
+// A row of named_views.inc.
+struct NamedViewRow {
+  const char* name;  // as people write it: "front"
+  NamedView named_view;
+  Side world;             // 0: none
+  char patient_sides[3];  // PatientSide of the eye and of up; "": none
+
+  [[nodiscard]] bool has_world() const { return !(world.up == math::Vec3d{0, 0, 0}); }
+  [[nodiscard]] bool has_patient() const { return patient_sides[0] != '\0'; }
+};
+
+// All views. The six that have a side of the world, and the six that have one of a patient, are in
+// the order of the keys 1 to 6.
+std::span<const NamedViewRow> NamedViewTable();
 
 // Returns the default camera of `bounds` (MakeDefaultCamera) from another side. INVALID_ARGUMENT if
 // the view is one of a patient, and there is no patient frame.

@@ -16,35 +16,19 @@ constexpr double kBorderSlack = 1e-6;
 }  // namespace
 
 ClipCrossingFinder::ClipCrossingFinder(const View& view, const Clipper& clipper)
-    : clip_from_index_(view.clip_from_index()) {
+    : clip_from_index_(view.clip_from_index()),
+      world_direction_(view.image_plane().rays.direction),
+      rays_(view.image_plane().rays.TransformedBy(view.index_from_world())) {
   for (int axis = 0; axis < 3; ++axis) {
     last_sample_[axis] = static_cast<double>(view.geometry().sample_dims[axis] - 1);
   }
-  const ImagePlane& plane = view.image_plane();
-  const math::Vec3d per_x = view.right() * plane.pixel_size;
-  const math::Vec3d per_y = view.up() * -plane.pixel_size;
-  const math::Vec3d corner = view.right() * (-plane.pixel_size * view.viewport().width_px / 2) +
-                             view.up() * plane.half_height;
-  Linear<math::Vec3d> world_origin{.at = view.camera().eye, .per_x = {}, .per_y = {}};
-  world_direction_ = {.at = view.forward(), .per_x = {}, .per_y = {}};
-  Linear<math::Vec3d>& spread = plane.is_perspective ? world_direction_ : world_origin;
-  spread = {.at = spread.at + corner, .per_x = per_x, .per_y = per_y};
-
-  const math::Mat4d& to_index = view.index_from_world();
-  origin_ = {.at = math::TransformPoint(to_index, world_origin.at),
-             .per_x = math::TransformVector(to_index, world_origin.per_x),
-             .per_y = math::TransformVector(to_index, world_origin.per_y)};
-  direction_ = {.at = math::TransformVector(to_index, world_direction_.at),
-                .per_x = math::TransformVector(to_index, world_direction_.per_x),
-                .per_y = math::TransformVector(to_index, world_direction_.per_y)};
   for (const HalfSpace& half_space : clipper.half_spaces()) {
-    const math::Vec3d& n = half_space.normal;
-    approaches_.push_back({.distance = {.at = math::Dot(n, origin_.at) - half_space.offset,
-                                        .per_x = math::Dot(n, origin_.per_x),
-                                        .per_y = math::Dot(n, origin_.per_y)},
-                           .rate = {.at = math::Dot(n, direction_.at),
-                                    .per_x = math::Dot(n, direction_.per_x),
-                                    .per_y = math::Dot(n, direction_.per_y)}});
+    const auto along_normal = [&n = half_space.normal](const LinearVec3d& v) {
+      return Linear<double>{math::Dot(n, v.at), math::Dot(n, v.per_x), math::Dot(n, v.per_y)};
+    };
+    Approach& approach = approaches_.emplace_back(
+        Approach{along_normal(rays_.origin), along_normal(rays_.direction)});
+    approach.distance.at -= half_space.offset;
   }
 }
 
@@ -85,7 +69,7 @@ std::optional<ClipCrossing> ClipCrossingFinder::CrossingAt(double x, double y, d
   if (!std::isfinite(t)) {
     return std::nullopt;
   }
-  ClipCrossing crossing{.position = origin_.At(x, y) + direction_.At(x, y) * t,
+  ClipCrossing crossing{.position = rays_.origin.At(x, y) + rays_.direction.At(x, y) * t,
                         .half_space = half_space};
   for (int axis = 0; axis < 3; ++axis) {
     double& p = crossing.position[axis];

@@ -47,14 +47,6 @@ class ClipCrossingFinder {
   }
 
  private:
-  // A value that is linear over the picture.
-  template <typename T>
-  struct Linear {
-    [[nodiscard]] T At(double x, double y) const { return at + per_x * x + per_y * y; }
-    T at{};
-    T per_x{};
-    T per_y{};
-  };
   // The distance to a half-space's border at the ray's origin, and how fast it grows along it.
   struct Approach {
     Linear<double> distance;
@@ -66,9 +58,8 @@ class ClipCrossingFinder {
 
   math::Mat4d clip_from_index_;
   math::Vec3d last_sample_;
-  Linear<math::Vec3d> world_direction_;
-  Linear<math::Vec3d> origin_;        // index space
-  Linear<math::Vec3d> direction_;     // index space; as long as 1 along the view axis
+  LinearVec3d world_direction_;
+  PixelRays rays_;                    // index space
   std::vector<Approach> approaches_;  // by half-space
 };
 

@@ -142,6 +142,24 @@ math::Vec3d ToDoubles(const math::Index3& v) {
   return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
 }
 
+ImagePlane MakeImagePlane(const View& view) {
+  const Camera& camera = view.camera();
+  const Viewport& viewport = view.viewport();
+  ImagePlane plane;
+  plane.is_perspective = camera.projection == Projection::kPerspective;
+  plane.half_height =
+      plane.is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+  plane.half_width = plane.half_height * viewport.width_px / viewport.height_px;
+  plane.pixel_size = 2 * plane.half_height / viewport.height_px;
+  plane.rays.origin.at = camera.eye;
+  plane.rays.direction.at = view.forward();
+  LinearVec3d& spread = plane.is_perspective ? plane.rays.direction : plane.rays.origin;
+  const math::Vec3d corner =
+      view.right() * (-plane.pixel_size * viewport.width_px / 2) + view.up() * plane.half_height;
+  spread = {spread.at + corner, view.right() * plane.pixel_size, view.up() * -plane.pixel_size};
+  return plane;
+}
+
 void SetBox(const math::Vec3d& min, const math::Vec3d& max, std::size_t i, FootprintBatch* batch) {
   for (int axis = 0; axis < 3; ++axis) {
     batch->min[static_cast<std::size_t>(axis)][i] = min[axis];
@@ -164,11 +182,18 @@ Footprint MakeFootprint(const FootprintBatch& batch, std::size_t i, const Region
 
 }  // namespace
 
-ImagePlane::ImagePlane(const Camera& camera, const Viewport& viewport)
-    : is_perspective(camera.projection == Projection::kPerspective),
-      half_height(is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2),
-      pixel_size(2 * half_height / viewport.height_px) {
-  half_width = half_height * viewport.width_px / viewport.height_px;
+LinearVec3f ToFloats(const LinearVec3d& value) {
+  const auto rounded = [](const math::Vec3d& v) {
+    return std::array{static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+  };
+  return {rounded(value.at), rounded(value.per_x), rounded(value.per_y)};
+}
+
+PixelRays PixelRays::TransformedBy(const math::Mat4d& m) const {
+  return {{math::TransformPoint(m, origin.at), math::TransformVector(m, origin.per_x),
+           math::TransformVector(m, origin.per_y)},
+          {math::TransformVector(m, direction.at), math::TransformVector(m, direction.per_x),
+           math::TransformVector(m, direction.per_y)}};
 }
 
 absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
@@ -183,13 +208,13 @@ absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
   view.viewport_ = viewport;
   view.region_ = region.value_or(Region{0, 0, viewport.width_px, viewport.height_px});
   view.geometry_ = geometry;
-  view.image_plane_ = ImagePlane(camera, viewport);
   view.world_from_index_ = geometry.world_from_index();
   view.index_from_world_ = geometry.index_from_world();
   const double target_distance = math::Length(camera.target - camera.eye);
   view.forward_ = math::Normalized(camera.target - camera.eye);
   view.right_ = math::Normalized(math::Cross(view.forward_, math::Normalized(camera.up)));
   view.up_ = math::Cross(view.right_, view.forward_);
+  view.image_plane_ = MakeImagePlane(view);
 
   // eye = rotation (world - eye position); x right, y up, z toward the viewer.
   const math::Mat3d rotation = math::Transposed({{view.right_, view.up_, -view.forward_}});

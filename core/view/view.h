@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_CORE_VIEW_VIEW_H_
 #define ISOSCOPE_CORE_VIEW_VIEW_H_
 
+#include <array>
 #include <optional>
 
 #include "absl/status/statusor.h"
@@ -41,16 +42,39 @@ struct Footprint {
   float nearest_depth = 0;
 };
 
+// A value that is linear over the picture. (x, y) count pixels of the whole viewport: the centre of
+// its first pixel is (0.5, 0.5).
+template <typename T>
+struct Linear {
+  [[nodiscard]] T At(double x, double y) const { return at + per_x * x + per_y * y; }
+
+  T at{};
+  T per_x{};
+  T per_y{};
+};
+using LinearVec3d = Linear<math::Vec3d>;
+using LinearVec3f = Linear<std::array<float, 3>>;
+// Rounds each number.
+LinearVec3f ToFloats(const LinearVec3d& value);
+
+// The rays through the pixels. They start in the plane through the eye that is perpendicular to the
+// view direction. Directions have length 1 along the view direction, in world units.
+struct PixelRays {
+  LinearVec3d origin;
+  LinearVec3d direction;
+
+  // Returns the rays in the space to which an affine matrix transforms.
+  [[nodiscard]] PixelRays TransformedBy(const math::Mat4d& m) const;
+};
+
 // The rectangle of world space that the whole viewport shows, perpendicular to the view direction:
 // at distance 1 from the eye for perspective, at any for orthographic. Lengths in world units.
 struct ImagePlane {
-  ImagePlane() = default;
-  ImagePlane(const Camera& camera, const Viewport& viewport);
-
   bool is_perspective = true;
   double half_width = 0;
   double half_height = 0;
   double pixel_size = 0;  // of a pixel's side: pixels are squares
+  PixelRays rays;         // world space
 };
 
 // Immutable; thread-safe.

@@ -1,18 +1,17 @@
 #include "server/cluster/series_state.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <tuple>
 #include <utility>
 
 #include "absl/status/status.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 
-#include "core/base/error_reason.h"
+#include "core/base/sha256.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/field_selection.h"
+#include "core/rpc/surface_convert.h"
 #include "server/cluster/dataset_catalog.h"
 
 namespace isoscope::server {
@@ -21,64 +20,8 @@ namespace {
 namespace v1 = isoscope::v1;
 using store::ScalarVolumeKey;
 
-// A message names this many steps, and then says "...".
-constexpr std::size_t kMaxNamedSteps = 16;
-
-std::string Quoted(const std::string& text) {
-  constexpr std::size_t kMaxBytes = 100;
-  return absl::StrCat("\"", absl::CHexEscape(text.substr(0, kMaxBytes)), "\"");
-}
-
-template <typename Named>
-std::string JoinNames(const google::protobuf::RepeatedPtrField<Named>& named) {
-  return absl::StrJoin(named, ", ", [](std::string* out, const Named& one) {
-    absl::StrAppend(out, "\"", one.name(), "\"");
-  });
-}
-
-// Indices of a field and a component.
-struct FieldPlace {
-  int field = 0;
-  int component = 0;
-};
-
-// `path` names the message in errors.
-absl::StatusOr<FieldPlace> FindField(const v1::Dataset& dataset, const std::string& field,
-                                     const std::string& component, const std::string& path) {
-  FieldPlace place;
-  if (!field.empty()) {
-    const auto found = std::find_if(dataset.fields().begin(), dataset.fields().end(),
-                                    [&](const v1::Field& of) { return of.name() == field; });
-    if (found == dataset.fields().end()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, "field is ", Quoted(field),
-                                                     ": dataset \"", dataset.name(), "\" has ",
-                                                     JoinNames(dataset.fields())));
-    }
-    place.field = static_cast<int>(found - dataset.fields().begin());
-  }
-  const v1::Field& chosen = dataset.fields(place.field);
-  place.component = chosen.components_size() - 1;  // the only one, or the magnitude
-  if (component.empty()) {
-    return place;
-  }
-  // A number names a component, too.
-  for (int i = 0; i < chosen.components_size(); ++i) {
-    const std::string& name = chosen.components(i).name();
-    const bool is_own = name != store::kMagnitudeName;
-    if (name == component ||
-        (is_own && chosen.components_size() > 1 && component == absl::StrCat(i))) {
-      place.component = i;
-      return place;
-    }
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat(path, "component is ", Quoted(component), ": field \"", chosen.name(), "\" has ",
-                   chosen.components_size() == 1 ? "one component, without a name"
-                                                 : JoinNames(chosen.components())));
-}
-
 // The steps at which a component is offered, ascending.
-std::vector<int> StepsOf(const SeriesState& series, const FieldPlace& place) {
+std::vector<int> OfferedSteps(const SeriesState& series, const rpc::FieldPlace& place) {
   std::vector<int> steps;
   for (const auto& [key, id] : series.offered) {
     if (key.field == place.field && key.component == place.component) {
@@ -86,86 +29,6 @@ std::vector<int> StepsOf(const SeriesState& series, const FieldPlace& place) {
     }
   }
   return steps;  // keys ascend by step
-}
-
-std::string DescribeSteps(const std::vector<int>& steps) {
-  if (steps.empty()) {
-    return "none";
-  }
-  if (static_cast<std::size_t>(steps.back() - steps.front()) + 1 == steps.size()) {
-    return steps.size() == 1 ? absl::StrCat(steps.front())
-                             : absl::StrCat(steps.front(), " to ", steps.back());
-  }
-  const std::size_t named = std::min(steps.size(), kMaxNamedSteps);
-  return absl::StrCat(
-      absl::StrJoin(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(named), ", "),
-      named < steps.size() ? absl::StrCat(", ... (", steps.size(), " in all)") : "");
-}
-
-// The time of a step; not set if the dataset has no times.
-std::optional<double> TimeOf(const v1::Dataset& dataset, int step) {
-  for (const v1::TimeStep& time : dataset.time_steps()) {
-    if (time.number() == step) {
-      return time.value();
-    }
-  }
-  return std::nullopt;
-}
-
-// Returns the nearest of `steps`, which ascend with their times; of two the earlier. Compares two
-// neighbours alone: distances from far away would round to one number.
-int NearestStep(const v1::Dataset& dataset, const std::vector<int>& steps, double time) {
-  const auto next = std::find_if(steps.begin(), steps.end(), [&](int step) {
-    return TimeOf(dataset, step).value_or(0) >= time;
-  });
-  if (next == steps.begin()) {
-    return *next;
-  }
-  const int before = *(next - 1);
-  if (next == steps.end()) {
-    return before;
-  }
-  const double to_next = TimeOf(dataset, *next).value_or(0) - time;
-  return time - TimeOf(dataset, before).value_or(0) <= to_next ? before : *next;
-}
-
-absl::StatusOr<int> ChooseStep(const v1::Dataset& dataset, const v1::FieldSelection& selection,
-                               const std::vector<int>& steps) {
-  if (steps.empty()) {
-    return base::WithReason(
-        absl::FailedPreconditionError(absl::StrCat(
-            "dataset \"", dataset.name(), "\": no step of the field is served by all shards yet")),
-        base::ErrorReason::kDatasetIncomplete);
-  }
-  switch (selection.when_case()) {
-    case v1::FieldSelection::kTimeStep: {
-      const int step = selection.time_step();
-      if (step == -1) {
-        return steps.back();
-      }
-      if (!std::binary_search(steps.begin(), steps.end(), step)) {
-        return absl::NotFoundError(absl::StrCat("selection.time_step is ", step, ": dataset \"",
-                                                dataset.name(), "\" serves steps ",
-                                                DescribeSteps(steps), " of the field"));
-      }
-      return step;
-    }
-    case v1::FieldSelection::kTime: {
-      if (!std::isfinite(selection.time())) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("selection.time is ", selection.time(), ": must be finite"));
-      }
-      if (!TimeOf(dataset, steps.front()).has_value()) {
-        return absl::InvalidArgumentError(absl::StrCat("selection.time is ", selection.time(),
-                                                       ": dataset \"", dataset.name(),
-                                                       "\" has no times"));
-      }
-      return NearestStep(dataset, steps, selection.time());
-    }
-    case v1::FieldSelection::WHEN_NOT_SET:
-      return steps.back();
-  }
-  return steps.back();
 }
 
 // Shards by the agents that have all of `ids`.
@@ -210,39 +73,30 @@ std::vector<ReplicaSet> ReplicaSetsOf(const SeriesState& series,
 
 // Agents that have one volume of a shard each, but none that has both, can't draw a frame of both.
 absl::Status CheckAllShards(const SeriesState& series, const v1::Dataset& dataset,
-                            const DatasetState& volume) {
+                            const DatasetState& volume, bool with_all_fields) {
   std::set<int> served;
   for (const ReplicaSet& set : volume.replica_sets) {
     served.insert(set.shard_indices.begin(), set.shard_indices.end());
   }
   for (const auto& [shard, owners] : series.owners) {
     if (served.count(shard) == 0) {
-      return absl::UnavailableError(
-          absl::StrCat("dataset \"", dataset.name(),
-                       "\": no agent has both the surfaces' field and that of the "
-                       "colours for shard ",
-                       shard, "; retry when agents have been updated"));
+      return absl::UnavailableError(absl::StrCat(
+          "dataset \"", dataset.name(), "\": no agent has ",
+          with_all_fields ? "all fields" : "both the surfaces' field and that of the colours",
+          " for shard ", shard, "; retry when agents have been updated"));
     }
   }
   return absl::OkStatus();
 }
 
-// The range of a colour map that the request leaves out. It holds more than one value.
-void SetRange(const v1::FieldComponent& component, v1::ColorBy* color_by) {
-  if (color_by->has_range()) {
-    return;
-  }
-  const bool is_known = component.has_value_range() &&
-                        std::isfinite(component.value_range().min()) &&
-                        std::isfinite(component.value_range().max());
-  const double min = is_known ? component.value_range().min() : 0;
-  const double max = is_known ? component.value_range().max() : 1;
-  color_by->mutable_range()->set_min(min);
-  color_by->mutable_range()->set_max(max > min ? max : min + std::max(1.0, std::abs(min)));
-}
-
 absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection* selection,
-                           const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces) {
+                           const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces,
+                           bool with_all_fields) {
+  if (with_all_fields) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("with_field_values is set: dataset \"", dataset.name(),
+                     "\" has one field, whose value on a surface is the isovalue; leave it out"));
+  }
   if (selection != nullptr) {
     return absl::InvalidArgumentError(absl::StrCat("selection is set: dataset \"", dataset.name(),
                                                    "\" has one field and one step; leave it out"));
@@ -250,11 +104,121 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   for (int i = 0; i < surfaces.size(); ++i) {
     if (surfaces[i].color_by().quantity() == v1::ColorBy::QUANTITY_FIELD) {
       return absl::InvalidArgumentError(absl::StrCat(
-          "surfaces[", i, "].color_by.field is ", Quoted(surfaces[i].color_by().field()),
+          "surfaces[", i, "].color_by.field is ", rpc::QuotedName(surfaces[i].color_by().field()),
           ": dataset \"", dataset.name(), "\" has one field"));
     }
   }
   return absl::OkStatus();
+}
+
+// A digest of the offered volumes of each step. O(volumes).
+std::map<int, std::string> DigestsOfSteps(const SeriesState& series) {
+  std::map<int, std::string> digests;  // first what is digested
+  for (const auto& [key, id] : series.offered) {
+    absl::StrAppend(&digests[key.step], key.field, " ", key.component, " ", id, "\n");
+  }
+  constexpr std::size_t kDigits = 32;
+  for (auto& [step, digest] : digests) {
+    digest = base::Sha256Hex(digest).substr(0, kDigits);
+  }
+  return digests;
+}
+
+// The volumes of one step that a frame needs.
+class StepVolumes {
+ public:
+  // All of them outlive the object.
+  StepVolumes(const v1::Dataset& description, const SeriesState& series, int step)
+      : description_(description), series_(series), step_(step) {}
+
+  // Adds a volume, and returns its dataset id. NOT_FOUND if it is not offered at the step; `path`
+  // is the message that names its field.
+  absl::StatusOr<std::string> Add(const rpc::FieldPlace& place, absl::string_view path) {
+    const auto offered =
+        series_.offered.find({.field = place.field, .component = place.component, .step = step_});
+    if (offered == series_.offered.end()) {
+      return absl::NotFoundError(
+          absl::StrCat(path, "field is ", rpc::QuotedName(description_.fields(place.field).name()),
+                       ": served at steps ", rpc::DescribeSteps(OfferedSteps(series_, place)),
+                       ", the surfaces are of step ", step_));
+    }
+    ids_.insert(*offered);
+    return offered->second;
+  }
+
+  [[nodiscard]] const std::map<ScalarVolumeKey, std::string>& ids() const { return ids_; }
+
+ private:
+  const v1::Dataset& description_;
+  const SeriesState& series_;
+  const int step_;
+  std::map<ScalarVolumeKey, std::string> ids_;
+};
+
+// Adds the volumes that colour surfaces; sets their ranges where they are not.
+absl::Status AddColors(const v1::Dataset& description,
+                       google::protobuf::RepeatedPtrField<v1::Surface>* surfaces,
+                       StepVolumes* volumes, SelectedVolume* selected) {
+  for (int i = 0; i < surfaces->size(); ++i) {
+    if ((*surfaces)[i].color_by().quantity() != v1::ColorBy::QUANTITY_FIELD) {
+      continue;
+    }
+    v1::ColorBy* const color_by = surfaces->Mutable(i)->mutable_color_by();
+    const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const rpc::FieldPlace place,
+        rpc::FindField(description, color_by->field(), color_by->component(), path));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::string id, volumes->Add(place, path));
+    selected->color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
+    selected->color_dataset_ids[static_cast<std::size_t>(i)] = std::move(id);
+    if (!color_by->has_range()) {
+      *color_by->mutable_range() =
+          rpc::ColorRangeOf(description.fields(place.field).components(place.component));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AddAllFields(const v1::Dataset& description, StepVolumes* volumes,
+                          SelectedVolume* selected) {
+  for (int i = 0; i < description.fields_size(); ++i) {
+    const v1::Field& field = description.fields(i);
+    for (int component = 0; component < field.components_size(); ++component) {
+      ISOSCOPE_ASSIGN_OR_RETURN(std::string id, volumes->Add({.field = i, .component = component},
+                                                             "with_field_values: "));
+      selected->all_fields.push_back({.field = field.name(),
+                                      .component = field.components(component).name(),
+                                      .unit = field.unit(),
+                                      .dataset_id = std::move(id)});
+    }
+  }
+  return absl::OkStatus();
+}
+
+// Returns the state of a dataset of one volume, without its agents.
+DatasetState StateOfVolume(const DatasetState& dataset, const rpc::FieldPlace& place,
+                           const std::string& id) {
+  DatasetState state;
+  v1::Dataset& of_volume = state.dataset;
+  of_volume = dataset.dataset;
+  of_volume.set_dataset_id(id);
+  of_volume.clear_fields();
+  of_volume.clear_time_steps();
+  const v1::FieldComponent& component =
+      dataset.dataset.fields(place.field).components(place.component);
+  of_volume.set_sample_type(component.sample_type());
+  of_volume.clear_value_range();
+  if (component.has_value_range()) {
+    *of_volume.mutable_value_range() = component.value_range();
+  }
+  of_volume.clear_max_gradient_magnitude();
+  if (component.has_max_gradient_magnitude()) {
+    of_volume.set_max_gradient_magnitude(component.max_gradient_magnitude());
+  }
+  state.status = dataset.status;
+  state.picture_revision = dataset.picture_revision;
+  state.is_served = dataset.is_served;
+  return state;
 }
 
 }  // namespace
@@ -294,10 +258,9 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
       datasets.begin(), datasets.end(),
       [](const auto* a, const auto* b) { return a->time_steps_size() < b->time_steps_size(); });
   v1::Dataset joined = *longest;
-  std::set<int> offered_steps;
+  const std::map<int, std::string> offered_steps = DigestsOfSteps(series);
   std::vector<std::set<int>> of_fields(static_cast<std::size_t>(joined.fields_size()));
   for (const auto& [key, id] : series.offered) {
-    offered_steps.insert(key.step);
     if (key.field < joined.fields_size()) {
       of_fields[static_cast<std::size_t>(key.field)].insert(key.step);
     }
@@ -305,9 +268,10 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
   joined.clear_time_steps();
   std::map<int, int> index_of;  // of offered steps, in the joined description
   for (const v1::TimeStep& step : longest->time_steps()) {
-    if (offered_steps.count(step.number()) > 0) {
+    if (const auto offered = offered_steps.find(step.number()); offered != offered_steps.end()) {
       index_of[step.number()] = joined.time_steps_size();
       *joined.add_time_steps() = step;
+      joined.mutable_time_steps()->rbegin()->set_volumes_digest(offered->second);
     }
   }
   for (int i = 0; i < joined.fields_size(); ++i) {
@@ -323,75 +287,38 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
 
 absl::StatusOr<SelectedVolume> SelectVolume(
     const std::shared_ptr<const DatasetState>& dataset, const v1::FieldSelection* selection,
-    google::protobuf::RepeatedPtrField<v1::Surface>* surfaces) {
+    google::protobuf::RepeatedPtrField<v1::Surface>* surfaces, bool with_all_fields) {
   SelectedVolume selected;
   const v1::Dataset& description = dataset->dataset;
   if (dataset->series == nullptr) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckNoFields(description, selection, *surfaces));
+    ISOSCOPE_RETURN_IF_ERROR(CheckNoFields(description, selection, *surfaces, with_all_fields));
     selected.dataset = dataset;
     return selected;
   }
   const SeriesState& series = *dataset->series;
   const v1::FieldSelection asked = selection != nullptr ? *selection : v1::FieldSelection();
-  ISOSCOPE_ASSIGN_OR_RETURN(const FieldPlace place,
-                            FindField(description, asked.field(), asked.component(), "selection."));
-  ISOSCOPE_ASSIGN_OR_RETURN(const int step, ChooseStep(description, asked, StepsOf(series, place)));
-  const ScalarVolumeKey key{.field = place.field, .component = place.component, .step = step};
-  std::map<ScalarVolumeKey, std::string> ids = {{key, series.offered.at(key)}};
-
-  for (int i = 0; i < surfaces->size(); ++i) {
-    v1::Surface& surface = *surfaces->Mutable(i);
-    if (surface.color_by().quantity() != v1::ColorBy::QUANTITY_FIELD) {
-      continue;
-    }
-    v1::ColorBy* const color_by = surface.mutable_color_by();
-    const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
-    ISOSCOPE_ASSIGN_OR_RETURN(const FieldPlace color, FindField(description, color_by->field(),
-                                                                color_by->component(), path));
-    const ScalarVolumeKey color_key{
-        .field = color.field, .component = color.component, .step = step};
-    const auto offered = series.offered.find(color_key);
-    if (offered == series.offered.end()) {
-      return absl::NotFoundError(
-          absl::StrCat(path, "field is ", Quoted(color_by->field()), ": served at steps ",
-                       DescribeSteps(StepsOf(series, color)), ", the surfaces are of step ", step));
-    }
-    ids.insert(*offered);
-    selected.color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
-    selected.color_dataset_ids[static_cast<std::size_t>(i)] = offered->second;
-    const v1::FieldComponent& component =
-        description.fields(color.field).components(color.component);
-    SetRange(component, color_by);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const rpc::FieldPlace place,
+      rpc::FindField(description, asked.field(), asked.component(), "selection."));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int step,
+                            rpc::ChooseStep(description, asked, OfferedSteps(series, place)));
+  StepVolumes volumes(description, series, step);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string id, volumes.Add(place, "selection."));
+  ISOSCOPE_RETURN_IF_ERROR(AddColors(description, surfaces, &volumes, &selected));
+  if (with_all_fields) {
+    ISOSCOPE_RETURN_IF_ERROR(AddAllFields(description, &volumes, &selected));
   }
+  const auto volume = std::make_shared<DatasetState>(StateOfVolume(*dataset, place, id));
+  volume->replica_sets = ReplicaSetsOf(series, volumes.ids());
+  ISOSCOPE_RETURN_IF_ERROR(CheckAllShards(series, description, *volume, with_all_fields));
+  selected.dataset = volume;
 
-  auto volume = std::make_shared<DatasetState>();
-  volume->dataset = description;
-  volume->dataset.set_dataset_id(ids.at(key));
-  volume->dataset.clear_fields();
-  volume->dataset.clear_time_steps();
   const v1::Field& field = description.fields(place.field);
-  const v1::FieldComponent& component = field.components(place.component);
-  volume->dataset.set_sample_type(component.sample_type());
-  volume->dataset.clear_value_range();
-  if (component.has_value_range()) {
-    *volume->dataset.mutable_value_range() = component.value_range();
-  }
-  volume->dataset.clear_max_gradient_magnitude();
-  if (component.has_max_gradient_magnitude()) {
-    volume->dataset.set_max_gradient_magnitude(component.max_gradient_magnitude());
-  }
-  volume->status = dataset->status;
-  volume->replica_sets = ReplicaSetsOf(series, ids);
-  ISOSCOPE_RETURN_IF_ERROR(CheckAllShards(series, description, *volume));
-  volume->picture_revision = dataset->picture_revision;
-  volume->is_served = dataset->is_served;
-  selected.dataset = std::move(volume);
-
   v1::FieldSelection& used = selected.selection.emplace();
   used.set_field(field.name());
-  used.set_component(component.name());
+  used.set_component(field.components(place.component).name());
   used.set_time_step(step);
-  selected.time = TimeOf(description, step);
+  selected.time = rpc::TimeOf(description, step);
   return selected;
 }
 

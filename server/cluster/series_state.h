@@ -49,9 +49,18 @@ struct SeriesState {
 SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 
 // Joins the descriptions of a series by its agents: the ranges and bounds are those of the longest,
-// which has the most steps. Then leaves out the steps that are not offered.
+// which has the most steps. Then leaves out the steps that are not offered, and sets the digests of
+// the others.
 isoscope::v1::Dataset JoinDescriptions(const std::vector<const isoscope::v1::Dataset*>& datasets,
                                        const SeriesState& series);
+
+// A component of a field, and its volume at the step that was chosen.
+struct FieldVolume {
+  std::string field;
+  std::string component;
+  std::string unit;
+  std::string dataset_id;
+};
 
 // The choice of a request.
 struct SelectedVolume {
@@ -60,6 +69,7 @@ struct SelectedVolume {
   std::vector<std::string> color_dataset_ids;
   std::optional<isoscope::v1::FieldSelection> selection;  // with all members; not set: no fields
   std::optional<double> time;
+  std::vector<FieldVolume> all_fields;  // in the order of the dataset, if they were asked for
 };
 
 // Chooses a scalar volume of a dataset. Of a dataset without fields: the dataset itself.
@@ -67,14 +77,17 @@ struct SelectedVolume {
 // selection: null: the default
 // surfaces:  those of the request, or none; ranges of colours by a field are set where they are not
 //
+// with_all_fields: whether the values of all fields are asked for, too
+//
 // UNAVAILABLE: no agent has all volumes of a shard that the frame needs. INVALID_ARGUMENT: a field
-// or component that the dataset does not have (lists them), a selection for a dataset without
-// fields, a time that is not finite. NOT_FOUND: a step that is not served (says which are).
+// or component that the dataset does not have (lists them), a selection or all fields of a dataset
+// without fields, a time that is not finite. NOT_FOUND: a step that is not served (says which are).
 // FAILED_PRECONDITION: none is.
 absl::StatusOr<SelectedVolume> SelectVolume(
     const std::shared_ptr<const DatasetState>& dataset,
     const isoscope::v1::FieldSelection* selection,
-    google::protobuf::RepeatedPtrField<isoscope::v1::Surface>* surfaces);
+    google::protobuf::RepeatedPtrField<isoscope::v1::Surface>* surfaces,
+    bool with_all_fields = false);
 
 }  // namespace isoscope::server
 

@@ -367,6 +367,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
 
 QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
                                                  const std::vector<ShownPoint>& points,
+                                                 const std::vector<std::string>& volume_ids,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
   using Response = internal::GetGradientsResponse;
@@ -375,20 +376,30 @@ QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
     for (const ShownPoint& point : points) {
       *question.request.add_points() = rpc::ToProto(point.position);
       question.request.add_block_ids(point.block_id);
+      if (!volume_ids.empty()) {
+        question.request.mutable_values()->add_isovalues(point.isovalue);
+        question.request.mutable_values()->add_on_caps(point.is_on_cap);
+      }
+    }
+    for (const std::string& id : volume_ids) {
+      question.request.mutable_values()->add_dataset_ids(id);
     }
   }
   std::vector<std::optional<math::Vec3d>> gradients(points.size());
   std::vector<std::optional<int>> shards(points.size());
+  std::vector<std::vector<double>> values(points.size());
   auto outcome =
       Ask(identity, cancellation, &Async::GetGradients, std::move(questions),
           std::vector<PointAnswer>(points.size()),
           [&](std::size_t i, const Response& answer, std::vector<PointAnswer>*) {
             absl::Status status = rpc::AddGradients(answer, &gradients);
             status.Update(rpc::AddPointShards(answer, target.parts[i].shard_indices, &shards));
+            status.Update(rpc::AddPointValues(answer, volume_ids.size(), &values));
             return status;
           });
   for (std::size_t i = 0; outcome.result.ok() && i < points.size(); ++i) {
-    (*outcome.result)[i] = {.gradient = gradients[i], .shard_index = shards[i]};
+    (*outcome.result)[i] = {
+        .gradient = gradients[i], .shard_index = shards[i], .values = std::move(values[i])};
   }
   return outcome;
 }

@@ -82,19 +82,25 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
 struct ShownPoint {
   math::Vec3d position;
   volume::BlockId block_id = 0;
+  double isovalue = 0;  // of the surface
+  bool is_on_cap = false;
 };
 
 // The agents' answer for a point.
 struct PointAnswer {
   std::optional<math::Vec3d> gradient;  // of the field; not set where it is not finite
   std::optional<int> shard_index;       // shard of the block; not set if no part has it
+  std::vector<double> values;           // by volume; empty if no part has the block
 };
 
 // Returns the agents' answers for some points, at most rpc::kMaxPickedPixels. Each agent answers
 // for the cells and blocks in its shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS,
 // DEADLINE_EXCEEDED, CANCELLED.
+//
+// volume_ids: dataset ids of the scalar volumes whose values are wanted; may be empty
 QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
                                                  const std::vector<ShownPoint>& points,
+                                                 const std::vector<std::string>& volume_ids,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation);
 

@@ -105,12 +105,12 @@ absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
                                                     const frame::FrameSpec& spec, Delivery delivery,
                                                     bool has_trace) {
   if (absl::Status fits = memory_.CheckFits(spec, delivery, TraceBytes(has_trace)); !fits.ok()) {
-    metrics_.too_large_frames.Add();
+    metrics_.frames.too_large.Add();
     return fits;
   }
   absl::StatusOr<Admission::Place> place = admission_.Admit(client);
   if (!place.ok()) {
-    metrics_.refused_frames.Add();
+    metrics_.frames.refused.Add();
   }
   return place;
 }
@@ -153,7 +153,7 @@ absl::StatusOr<SelectedVolume> FrameRunner::Select(const std::shared_ptr<const D
   ISOSCOPE_ASSIGN_OR_RETURN(
       SelectedVolume selected,
       SelectVolume(found, request.has_selection() ? &request.selection() : nullptr,
-                   request.mutable_surfaces()));
+                   request.mutable_surfaces(), asked->with_all_fields));
   for (std::size_t i = 0; i < selected.color_dataset_ids.size(); ++i) {
     if (!selected.color_dataset_ids[i].empty()) {
       const isoscope::v1::ColorRange& range =
@@ -293,10 +293,10 @@ class FrameRunner::Attempt {
     using PartOutcome = CoordinatorMetrics::PartOutcome;
     CoordinatorMetrics& metrics = runner_.metrics_;
     runner_.ReportFailures(*identity_.request, identity_.number, outcome.failures);
-    metrics.hedged_parts.Add(outcome.hedge_count);
-    metrics.outrun_parts.Add(static_cast<std::int64_t>(outcome.outrun.size()));
+    metrics.parts.hedged.Add(outcome.hedge_count);
+    metrics.parts.outrun.Add(static_cast<std::int64_t>(outcome.outrun.size()));
     if (outcome.status.ok()) {
-      metrics.repeated_parts.Add(static_cast<std::int64_t>(outcome.failures.size()));
+      metrics.parts.repeated.Add(static_cast<std::int64_t>(outcome.failures.size()));
       for (const frame::AgentStatistics& agent : outcome.result.agents) {
         runner_.replicas_.NoteSuccess(agent.agent_address);
         metrics.CountPart(agent.agent_address, PartOutcome::kDone);
@@ -377,7 +377,7 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
   statistics->mutable_missing_shards()->Assign(missing.begin(), missing.end());
   statistics->set_active_block_coverage(
       all == 0 ? 1.0 : static_cast<double>(statistics->active_block_count()) / all);
-  metrics_.partial_frames.Add();
+  metrics_.frames.partial.Add();
   return absl::OkStatus();
 }
 

@@ -16,9 +16,9 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/task_arena.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
@@ -49,7 +49,7 @@ struct FrameRunnerOptions {
   AgentRegistry* registry = nullptr;       // outlives the runner
   int max_concurrent_frames = 4;           // >= 1
   int max_queued_frames = 32;              // >= 0
-  std::shared_ptr<tbb::task_arena> arena;  // for the coordinator's own computations
+  std::shared_ptr<base::TaskArena> arena;  // for the coordinator's own computations
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
   // Mailboxes of the agents, if all of them share this process; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
@@ -72,6 +72,7 @@ struct FrameTarget {
 struct AskedFrame {
   isoscope::v1::RenderIsosurfaceRequest request;
   frame::FrameSpec spec;
+  bool with_all_fields = false;  // the agents must have the volumes of all fields
 };
 
 // Makes caps carry the normal of the surface. Caps that show samples have a colour, but no normal,
@@ -123,7 +124,7 @@ class FrameRunner {
   }
 
   std::int64_t NextFrameNumber() { return next_frame_number_.fetch_add(1); }
-  [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
+  [[nodiscard]] base::TaskArena* arena() const { return options_.arena.get(); }
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
   // Finds the dataset of a frame, among those that the caller may see, and checks that its agents

@@ -85,7 +85,7 @@ absl::Status FrameTicket::TakeShare() {
   absl::Status rate =
       metrics->CountRefusal(TokenLimit::kFrameRate, caller.TakeFrame(claim_.is_moving));
   if (!rate.ok()) {
-    metrics->rate_limited_frames.Add();
+    metrics->frames.rate_limited.Add();
     return rate;
   }
   slot_.emplace(*std::move(slot));
@@ -101,7 +101,7 @@ void FrameTicket::Schedule(std::function<void()> work) {
 
 void FrameTicket::BeginWork() {
   on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
-  runner_.metrics()->queue_wait.Observe(absl::Now() - start_);
+  runner_.metrics()->durations.queue_wait.Observe(absl::Now() - start_);
   frame_number_ = runner_.NextFrameNumber();
 }
 
@@ -110,7 +110,7 @@ absl::StatusOr<FrameTarget> FrameTicket::Prepare(AskedFrame* asked, base::TraceR
     const base::TraceScope scope(trace, "memory");
     const absl::Time start = absl::Now();
     const absl::Cleanup count = [&] {
-      runner_.metrics()->memory_wait.Observe(absl::Now() - start);
+      runner_.metrics()->durations.memory_wait.Observe(absl::Now() - start);
     };
     ISOSCOPE_ASSIGN_OR_RETURN(
         base::MemoryBudget::Reservation memory,
@@ -195,14 +195,14 @@ void FrameTicket::CountEnd(const absl::Status& status) const {
   CoordinatorMetrics* const metrics = runner_.metrics();
   const Caller& caller = origin_.caller;
   if (absl::IsResourceExhausted(lost_turn_)) {
-    metrics->refused_frames.Add();
-    metrics->displaced_frames.Add();
+    metrics->frames.refused.Add();
+    metrics->frames.displaced.Add();
     caller.ReturnFrame();
     metrics->CountRefused(caller.name());
     return;
   }
   if (absl::IsDeadlineExceeded(lost_turn_)) {
-    metrics->expired_frames.Add();
+    metrics->frames.expired.Add();
   }
   metrics->CountFrame(status, absl::Now() - start_, claim_.is_moving, caller.name());
 }
@@ -211,11 +211,14 @@ void FrameTicket::CountSteps(const v1::RenderStatistics& statistics) const {
   CoordinatorMetrics* const metrics = runner_.metrics();
   const v1::StepDurations& durations = statistics.durations();
   using rpc::DurationFromProto;
-  metrics->occluder_selection.Observe(DurationFromProto(durations.occluder_selection_duration()));
-  metrics->occluder_rendering.Observe(DurationFromProto(durations.occluder_rendering_duration()));
-  metrics->visibility_culling.Observe(DurationFromProto(durations.visibility_culling_duration()));
-  metrics->composite.Observe(DurationFromProto(durations.composite_duration()));
-  metrics->encode.Observe(DurationFromProto(durations.encode_duration()));
+  metrics->durations.occluder_selection.Observe(
+      DurationFromProto(durations.occluder_selection_duration()));
+  metrics->durations.occluder_rendering.Observe(
+      DurationFromProto(durations.occluder_rendering_duration()));
+  metrics->durations.visibility_culling.Observe(
+      DurationFromProto(durations.visibility_culling_duration()));
+  metrics->durations.composite.Observe(DurationFromProto(durations.composite_duration()));
+  metrics->durations.encode.Observe(DurationFromProto(durations.encode_duration()));
   metrics->network_bytes.Add(statistics.network_bytes());
 }
 

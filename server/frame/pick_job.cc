@@ -1,13 +1,19 @@
 #include "server/frame/pick_job.h"
 
+#include <cstddef>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
+#include "core/image/fragment.h"
 #include "core/picture/layer_blending.h"
 #include "core/rpc/proto_convert.h"
+#include "core/view/clip_crossings.h"
+#include "core/view/clip_region.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/render_statistics.h"
 #include "server/picture/frame_output.h"
@@ -33,6 +39,15 @@ v1::PickedPoint ToProto(const std::optional<PixelPoint>& point) {
   return proto;
 }
 
+// Returns true if a pixel of the drawn region shows a cap, by the depth of its fragment: that of a
+// crossing of its ray with the border of the clip region.
+bool ShowsCap(const view::ClipCrossingFinder& crossings, const rpc::PixelPosition& pixel,
+              float depth) {
+  const view::ClipCrossings at = crossings.At(pixel.x + 0.5, pixel.y + 0.5);
+  return (at.entry.has_value() && at.entry->depth == depth) ||
+         (at.exit.has_value() && at.exit->depth == depth);
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTicket> ticket,
@@ -48,7 +63,7 @@ absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTic
 
 PickJob::PickJob(std::shared_ptr<FrameTicket> ticket, rpc::PickSpec pick)
     : ticket_(std::move(ticket)),
-      asked_{std::move(pick.request), std::move(pick.frame)},
+      asked_{std::move(pick.request), std::move(pick.frame), pick.with_field_values},
       pixels_(std::move(pick.pixels)) {}
 
 absl::Status PickJob::Run(Response* response) {
@@ -58,6 +73,12 @@ absl::Status PickJob::Run(Response* response) {
 absl::Status PickJob::TryRun(Response* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, /*trace=*/nullptr));
   *response->mutable_camera() = asked_.request.camera();
+  if (target.selected.selection.has_value()) {
+    *response->mutable_selection() = *target.selected.selection;
+  }
+  if (target.selected.time.has_value()) {
+    response->set_time(*target.selected.time);
+  }
   asked_.spec.sends_normals = true;
   ShowSurfacesOnCaps(&asked_);
   std::vector<FramePart> parts = target.parts;
@@ -67,11 +88,16 @@ absl::Status PickJob::TryRun(Response* response) {
   *response->mutable_statistics() = StatisticsOf(drawn_);
   ISOSCOPE_RETURN_IF_ERROR(
       runner->AddMissingShards(identity, asked_, target, parts, response->mutable_statistics()));
-  runner->arena()->execute([&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  base::RunIn(runner->arena(), [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  const view::ClipCrossingFinder crossings(target.view,
+                                           view::Clipper(asked_.spec.clip, target.view.geometry()));
   for (const rpc::PixelPosition& pixel : pixels_) {
-    *response->add_points() = ToProto(PointAt(drawn_.image, pixel.x - asked_.spec.region->x,
-                                              pixel.y - asked_.spec.region->y, target.view,
-                                              target.order, asked_.spec.sends_normals));
+    const int x = pixel.x - asked_.spec.region->x;
+    const int y = pixel.y - asked_.spec.region->y;
+    *response->add_points() =
+        ToProto(PointAt(drawn_.image, x, y, target.view, target.order, asked_.spec.sends_normals));
+    const float depth = image::DepthOf(drawn_.image.keys[drawn_.image.IndexOf(x, y)]);
+    shows_cap_.push_back(asked_.spec.caps.has_value() && ShowsCap(crossings, pixel, depth));
   }
   return AskAgentsOfPoints(target, parts, response);
 }
@@ -80,31 +106,48 @@ absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
                                         const std::vector<FramePart>& parts, Response* response) {
   std::vector<ShownPoint> points;
   std::vector<v1::PickedPoint*> hits;
-  for (v1::PickedPoint& point : *response->mutable_points()) {
+  for (std::size_t i = 0; i < pixels_.size(); ++i) {
+    v1::PickedPoint& point = *response->mutable_points(static_cast<int>(i));
     if (point.is_hit()) {
       hits.push_back(&point);
-      points.push_back(
-          {.position = {point.position().x(), point.position().y(), point.position().z()},
-           .block_id = static_cast<volume::BlockId>(point.block_id())});
+      const math::Vec3d position = {point.position().x(), point.position().y(),
+                                    point.position().z()};
+      const auto surface = static_cast<std::size_t>(point.surface_index());
+      points.push_back({.position = position,
+                        .block_id = static_cast<volume::BlockId>(point.block_id()),
+                        .isovalue = asked_.spec.surfaces[surface].isovalue,
+                        .is_on_cap = shows_cap_[i]});
     }
   }
   if (points.empty()) {
     return absl::OkStatus();
   }
+  const std::vector<FieldVolume>& fields = target.selected.all_fields;
+  std::vector<std::string> volume_ids;
+  for (const FieldVolume& field : fields) {
+    volume_ids.push_back(field.dataset_id);
+  }
   const QueryOutcome<std::vector<PointAnswer>> outcome =
-      AskPoints({target.dataset->dataset.dataset_id(), parts}, points, ticket_->request(),
-                ticket_->cancellation());
+      AskPoints({target.dataset->dataset.dataset_id(), parts}, points, volume_ids,
+                ticket_->request(), ticket_->cancellation());
   ticket_->runner()->ReportQuery(ticket_->request(), outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   for (std::size_t i = 0; i < hits.size(); ++i) {
     const PointAnswer& answer = (*outcome.result)[i];
-    if (!answer.shard_index.has_value()) {
+    if (!answer.shard_index.has_value() || answer.values.size() != fields.size()) {
       return absl::InternalError(
           absl::StrCat("a pixel shows block ", hits[i]->block_id(), ", which no agent has"));
     }
     hits[i]->set_shard_index(*answer.shard_index);
     if (answer.gradient.has_value()) {
       *hits[i]->mutable_gradient() = rpc::ToProto(*answer.gradient);
+    }
+    for (std::size_t k = 0; k < fields.size(); ++k) {
+      v1::FieldValue* const out = hits[i]->add_field_values();
+      out->set_field(fields[k].field);
+      out->set_component(fields[k].component);
+      out->set_unit(fields[k].unit);
+      out->set_value(answer.values[k]);
     }
   }
   return absl::OkStatus();

@@ -1,6 +1,6 @@
 // The picks of one call: the surface points at some pixels. A pick is a frame of the smallest
 // region that holds its pixels. The agents then tell the shards of the blocks at these pixels, and
-// the gradients there.
+// the gradients and the values of all fields there.
 
 #ifndef ISOSCOPE_SERVER_FRAME_PICK_JOB_H_
 #define ISOSCOPE_SERVER_FRAME_PICK_JOB_H_
@@ -35,7 +35,7 @@ class PickJob {
   PickJob(std::shared_ptr<FrameTicket> ticket, rpc::PickSpec pick);
 
   absl::Status TryRun(Response* response);
-  // Adds the shards and gradients of all points that were hit.
+  // Adds the shards, gradients and values of fields of all points that were hit.
   absl::Status AskAgentsOfPoints(const FrameTarget& target, const std::vector<FramePart>& parts,
                                  Response* response);
 
@@ -43,6 +43,7 @@ class PickJob {
   AskedFrame asked_;  // has a region
   const std::vector<rpc::PixelPosition> pixels_;
   FrameResult drawn_;
+  std::vector<bool> shows_cap_;  // by pixel
 };
 
 }  // namespace isoscope::server

@@ -147,7 +147,7 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
   ISOSCOPE_RETURN_IF_ERROR(
-      rpc::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
+      rpc::ResolveGradientRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
   *response->mutable_camera() = asked_.request.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(asked_.spec, target.view.geometry(), response);
@@ -212,8 +212,9 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "finish picture");
-  ISOSCOPE_RETURN_IF_ERROR(ticket_->runner()->arena()->execute(
-      [&] { return FinishAndEncode(target, window, drawn.view, output, statistics); }));
+  ISOSCOPE_RETURN_IF_ERROR(base::RunIn(ticket_->runner()->arena(), [&] {
+    return FinishAndEncode(target, window, drawn.view, output, statistics);
+  }));
   if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
     statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
   }
@@ -273,7 +274,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "planes");
-  ticket_->runner()->arena()->execute([&] {
+  base::RunIn(ticket_->runner()->arena(), [&] {
     picture::ShowNearest(layers_, &image_);
     if (spec.output.normal) {
       output->normal = NormalPlane(image_);

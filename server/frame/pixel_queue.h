@@ -25,10 +25,10 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
-#include <oneapi/tbb/task_arena.h>
 #include <oneapi/tbb/task_group.h>
 
 #include "core/base/mutex.h"
+#include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "server/frame/event_queue.h"
 #include "server/frame/frame_protocol.h"
@@ -42,7 +42,7 @@ class PixelQueue {
  public:
   // Calls on_damage once Finish has something to return: on any thread, with no lock held.
   // Reduction and arena outlive the queue.
-  PixelQueue(Reduction* reduction, tbb::task_arena* arena, std::function<void()> on_damage)
+  PixelQueue(Reduction* reduction, base::TaskArena* arena, std::function<void()> on_damage)
       : reduction_(*reduction), arena_(*arena), on_damage_(std::move(on_damage)) {}
   ~PixelQueue() { Abandon(); }
   PixelQueue(const PixelQueue&) = delete;
@@ -74,7 +74,11 @@ class PixelQueue {
 
   // Composites the earliest arrival on this thread, unless nothing waits.
   void CompositeOne() {
-    arena_.execute([this] { CompositeNext(); });
+    std::optional<base::OneThreadScope> alone;
+    if (arena_.shares_threads()) {
+      alone.emplace();  // steps have the other threads
+    }
+    base::RunIn(&arena_, [this] { CompositeNext(); });
   }
   [[nodiscard]] bool empty() const ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
@@ -84,7 +88,10 @@ class PixelQueue {
   // Returns once all valid pixels that have arrived are in the reduction. Returns a kDamaged for
   // each damaged arrival.
   std::vector<AgentEvent> Finish() ABSL_LOCKS_EXCLUDED(mutex_) {
-    arena_.execute([&] {
+    base::RunIn(&arena_, [&] {
+      if (arena_.shares_threads()) {
+        StartHelpers(HelpersToAdd());
+      }
       while (CompositeNext()) {
       }
       helpers_.wait();
@@ -104,7 +111,7 @@ class PixelQueue {
     while (Pop().has_value()) {
     }
     try {
-      arena_.execute([&] { helpers_.wait(); });
+      base::RunIn(&arena_, [&] { helpers_.wait(); });
     } catch (const std::bad_alloc&) {
       // A task has thrown it. All tasks are done, and the frame has failed already.
     }
@@ -129,24 +136,32 @@ class PixelQueue {
   // waking another one.
   void Push(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(mutex_) {
     has_tasks_ = true;
-    std::size_t more_helpers = 0;
     {
       const base::MutexLock lock(&mutex_);
       for (Arrival& arrival : arrivals) {
         waiting_tiles_ += arrival.tile_count;
         arrivals_.push_back(std::move(arrival));
       }
-      const std::size_t wanted = std::min({waiting_tiles_ / kTilesPerHelper, arrivals_.size(),
-                                           static_cast<std::size_t>(arena_.max_concurrency())});
-      more_helpers = wanted - std::min(wanted, helper_count_);
-      helper_count_ += more_helpers;
     }
-    if (more_helpers > 0) {
-      arena_.execute([&] {
-        for (std::size_t i = 0; i < more_helpers; ++i) {
-          helpers_.run([this] { Help(); });
-        }
-      });
+    if (arena_.shares_threads()) {
+      return;  // all threads are in steps, until Finish
+    }
+    if (const std::size_t count = HelpersToAdd(); count > 0) {
+      base::RunIn(&arena_, [&] { StartHelpers(count); });
+    }
+  }
+  // Counts them as added.
+  std::size_t HelpersToAdd() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    const std::size_t wanted = std::min({waiting_tiles_ / kTilesPerHelper, arrivals_.size(),
+                                         static_cast<std::size_t>(arena_.max_concurrency())});
+    const std::size_t count = wanted - std::min(wanted, helper_count_);
+    helper_count_ += count;
+    return count;
+  }
+  void StartHelpers(std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      helpers_.run([this] { Help(); });
     }
   }
   // Takes the earliest arrival, unless another thread has.
@@ -200,7 +215,7 @@ class PixelQueue {
   }
 
   Reduction& reduction_;
-  tbb::task_arena& arena_;
+  base::TaskArena& arena_;
   const std::function<void()> on_damage_;
   bool is_first_ = true;  // no pixels have come yet
   mutable base::Mutex mutex_;

@@ -76,7 +76,7 @@ void Reduction::FindFootprints(const ActiveBlocks& active) {
       }
     }
   };
-  setup_.arena->execute([&] {
+  base::RunIn(setup_.arena, [&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active.ids.size(), kBlocksPerTask), find);
   });
 }
@@ -98,7 +98,7 @@ std::vector<Reduction::Selection> Reduction::SelectBlocks(const Fn& select) cons
       tasks.push_back({i, begin, std::min(begin + kBlocksPerTask, begins[i + 1]), {}});
     }
   }
-  setup_.arena->execute([&] {
+  base::RunIn(setup_.arena, [&] {
     tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t index) {
       Task& task = tasks[index];
       for (std::size_t active_index = task.begin; active_index < task.end; ++active_index) {
@@ -120,7 +120,7 @@ std::vector<Reduction::Selection> Reduction::SelectBlocks(const Fn& select) cons
 // Isolated: this thread must not draw for an agent of this process that has its message already.
 template <typename Fn>
 void Reduction::ForEachPart(const Fn& fn) const {
-  setup_.arena->execute([&] {
+  base::RunIn(setup_.arena, [&] {
     tbb::this_task_arena::isolate([&] { tbb::parallel_for(std::size_t{0}, blocks_.size(), fn); });
   });
 }
@@ -150,7 +150,7 @@ void Reduction::SelectOccluders(const PartReady& ready) {
 void Reduction::SelectVisible(const PartReady& ready) {
   const bool has_depth = setup_.spec->culling == frame::Culling::kDepth;
   const base::TraceScope trace(setup_.trace, "cull");
-  const visibility::OcclusionMap map = setup_.arena->execute([&] {
+  const visibility::OcclusionMap map = base::RunIn(setup_.arena, [&] {
     return visibility::OcclusionMap::FromImage(
         reduced_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
   });

@@ -23,8 +23,8 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
-#include <oneapi/tbb/task_arena.h>
 
+#include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/composite/pixel_codec.h"
 #include "core/frame/frame_spec.h"
@@ -49,7 +49,7 @@ struct ReductionSetup {
   // The active blocks, if they are known: then no agent may be asked to report them. May be null.
   std::shared_ptr<const ActiveBlocks> active;
   image::FrameImagePool* images = nullptr;
-  tbb::task_arena* arena = nullptr;      // for the computations
+  base::TaskArena* arena = nullptr;      // for the computations
   base::TraceRecorder* trace = nullptr;  // null: no trace was asked for
 };
 

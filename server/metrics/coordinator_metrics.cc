@@ -72,26 +72,26 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
   using Type = MetricFamily::Type;
   families->push_back(Of(Type::kCounter, "isoscope_frames_total",
                          "Frames and picks that ended, by outcome.",
-                         {Value(metrics.done_frames, "outcome", "done"),
-                          Value(metrics.failed_frames, "outcome", "failed"),
-                          Value(metrics.cancelled_frames, "outcome", "cancelled"),
-                          Value(metrics.refused_frames, "outcome", "refused")}));
+                         {Value(metrics.frames.done, "outcome", "done"),
+                          Value(metrics.frames.failed, "outcome", "failed"),
+                          Value(metrics.frames.cancelled, "outcome", "cancelled"),
+                          Value(metrics.frames.refused, "outcome", "refused")}));
   families->push_back(Of(Type::kHistogram, "isoscope_frame_duration_seconds",
                          "Time from the arrival of a frame or a pick to its end, waiting included.",
-                         {MetricSample::Of(metrics.frame_duration, {{"kind", "exact"}}),
-                          MetricSample::Of(metrics.moving_frame_duration, {{"kind", "moving"}})}));
+                         {MetricSample::Of(metrics.durations.exact, {{"kind", "exact"}}),
+                          MetricSample::Of(metrics.durations.moving, {{"kind", "moving"}})}));
   families->push_back(
       Of(Type::kHistogram, "isoscope_frame_step_duration_seconds",
          "Time of each step of frames that ended well.",
-         {MetricSample::Of(metrics.occluder_selection, {{"step", "occluder_selection"}}),
-          MetricSample::Of(metrics.occluder_rendering, {{"step", "occluder_rendering"}}),
-          MetricSample::Of(metrics.visibility_culling, {{"step", "visibility_culling"}}),
-          MetricSample::Of(metrics.composite, {{"step", "composite"}}),
-          MetricSample::Of(metrics.encode, {{"step", "encode"}})}));
+         {MetricSample::Of(metrics.durations.occluder_selection, {{"step", "occluder_selection"}}),
+          MetricSample::Of(metrics.durations.occluder_rendering, {{"step", "occluder_rendering"}}),
+          MetricSample::Of(metrics.durations.visibility_culling, {{"step", "visibility_culling"}}),
+          MetricSample::Of(metrics.durations.composite, {{"step", "composite"}}),
+          MetricSample::Of(metrics.durations.encode, {{"step", "encode"}})}));
   families->push_back(Of(Type::kHistogram, "isoscope_admission_wait_seconds",
                          "Time that frames waited before they began: for a thread, and for memory.",
-                         {MetricSample::Of(metrics.queue_wait, {{"for", "thread"}}),
-                          MetricSample::Of(metrics.memory_wait, {{"for", "memory"}})}));
+                         {MetricSample::Of(metrics.durations.queue_wait, {{"for", "thread"}}),
+                          MetricSample::Of(metrics.durations.memory_wait, {{"for", "memory"}})}));
   families->push_back(Of(Type::kGauge, "isoscope_admission_frames",
                          "Frames in work and waiting now.",
                          {Value(gauges.working_frames, "state", "working"),
@@ -100,15 +100,15 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
                          "Clients with queued frames, and refused ones that keep their turn.",
                          {Value(gauges.waiting_clients, "state", "queued"),
                           Value(gauges.outside_clients, "state", "refused")}));
-  const std::int64_t displaced = metrics.displaced_frames.value();
-  const std::int64_t full = std::max(metrics.refused_frames.value() - displaced, std::int64_t{0});
+  const std::int64_t displaced = metrics.frames.displaced.value();
+  const std::int64_t full = std::max(metrics.frames.refused.value() - displaced, std::int64_t{0});
   families->push_back(Of(Type::kCounter, "isoscope_admission_refused_frames_total",
                          "Frames and picks that were not drawn, by reason.",
                          {Value(static_cast<double>(full), "reason", "queue_full"),
                           Value(static_cast<double>(displaced), "reason", "made_room"),
-                          Value(metrics.expired_frames, "reason", "deadline"),
-                          Value(metrics.rate_limited_frames, "reason", "token_rate"),
-                          Value(metrics.too_large_frames, "reason", "memory_limit")}));
+                          Value(metrics.frames.expired, "reason", "deadline"),
+                          Value(metrics.frames.rate_limited, "reason", "token_rate"),
+                          Value(metrics.frames.too_large, "reason", "memory_limit")}));
   families->push_back(Of(Type::kGauge, "isoscope_admission_limit_frames",
                          "Most frames in work (--max-concurrent-frames) and waiting "
                          "(--max-queued-frames).",
@@ -128,6 +128,56 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
                          {Value(metrics.response_bytes)}));
 }
 
+void AppendAgents(const CoordinatorMetrics& metrics, const CoordinatorGauges& gauges,
+                  std::vector<MetricFamily>* families) {
+  using Type = MetricFamily::Type;
+  families->push_back(Of(Type::kCounter, "isoscope_agent_network_bytes_total",
+                         "Bytes of messages between coordinator and agents for frames, both ways.",
+                         {Value(metrics.network_bytes)}));
+  families->push_back(
+      Of(Type::kCounter, "isoscope_cache_lookups_total", "Looks into a cache, by result.",
+         {MetricSample::Of(static_cast<double>(metrics.active_blocks_hits.value()),
+                           {{"cache", "active_blocks"}, {"result", "hit"}}),
+          MetricSample::Of(static_cast<double>(metrics.active_blocks_misses.value()),
+                           {{"cache", "active_blocks"}, {"result", "miss"}})}));
+  families->push_back(Of(Type::kGauge, "isoscope_agents", "Agents, as they were last seen.",
+                         {Value(gauges.reachable_agents, "state", "reachable"),
+                          Value(gauges.unreachable_agents, "state", "unreachable")}));
+  families->push_back(Of(Type::kGauge, "isoscope_datasets",
+                         "Datasets; of a complete one all shards are served, by agents of one "
+                         "picture revision.",
+                         {Value(gauges.complete_datasets, "state", "complete"),
+                          Value(gauges.incomplete_datasets, "state", "incomplete")}));
+  families->push_back(
+      Of(Type::kCounter, "isoscope_replica_parts_total",
+         "Parts of frames that a second agent worked on: repeated because the first "
+         "failed, hedged because it was slow; outrun: the second was done first.",
+         {Value(metrics.parts.repeated, "event", "repeated"),
+          Value(metrics.parts.hedged, "event", "hedged"),
+          Value(metrics.parts.outrun, "event", "outrun")}));
+  families->push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
+                         "Frames without some shards, as their request allowed.",
+                         {Value(metrics.frames.partial)}));
+}
+
+// Files that are read again when they have changed, and the audit log.
+void AppendFiles(const CoordinatorGauges& gauges, std::vector<MetricFamily>* families) {
+  using Type = MetricFamily::Type;
+  families->push_back(Of(Type::kGauge, "isoscope_certificate_days_left",
+                         "Days until the own certificate expires; 0 if it can't be read, infinity "
+                         "without one.",
+                         {Value(gauges.certificate_days_left)}));
+  families->push_back(
+      Of(Type::kCounter, "isoscope_reload_failures_total",
+         "Files that were wrong, or could not be read, after a change; what was read before holds.",
+         {Value(static_cast<double>(gauges.token_failures), "file", "tokens"),
+          Value(static_cast<double>(gauges.certificate_failures), "file", "certificate")}));
+  families->push_back(Of(Type::kCounter, "isoscope_audit_lines_total",
+                         "Lines of the audit log, by result.",
+                         {Value(static_cast<double>(gauges.audit_lines), "result", "written"),
+                          Value(static_cast<double>(gauges.audit_failures), "result", "failed")}));
+}
+
 }  // namespace
 
 const char* NameOf(RequestMethod method) { return kMethodNames[static_cast<std::size_t>(method)]; }
@@ -145,12 +195,12 @@ void CoordinatorMetrics::CountRequest(RequestMethod method, const absl::Status& 
 void CoordinatorMetrics::CountFrame(const absl::Status& status, absl::Duration duration,
                                     bool is_moving, absl::string_view caller) {
   if (absl::IsCancelled(status)) {
-    cancelled_frames.Add();
+    frames.cancelled.Add();
     callers_.Add(NameOfCaller(caller), kCancelled);
     return;
   }
-  (status.ok() ? done_frames : failed_frames).Add();
-  (is_moving ? moving_frame_duration : frame_duration).Observe(duration);
+  (status.ok() ? frames.done : frames.failed).Add();
+  (is_moving ? durations.moving : durations.exact).Observe(duration);
   callers_.Add(NameOfCaller(caller), status.ok() ? kDone : kFailed);
 }
 
@@ -199,50 +249,13 @@ std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& g
   families.push_back(Of(Type::kCounter, "isoscope_cut_calls_total",
                         "Exports and interactive streams that the coordinator ended, by reason.",
                         std::move(cuts)));
-  families.push_back(Of(Type::kCounter, "isoscope_agent_network_bytes_total",
-                        "Bytes of messages between coordinator and agents for frames, both ways.",
-                        {Value(network_bytes)}));
-  families.push_back(Of(Type::kCounter, "isoscope_cache_lookups_total",
-                        "Looks into a cache, by result.",
-                        {MetricSample::Of(static_cast<double>(active_blocks_hits.value()),
-                                          {{"cache", "active_blocks"}, {"result", "hit"}}),
-                         MetricSample::Of(static_cast<double>(active_blocks_misses.value()),
-                                          {{"cache", "active_blocks"}, {"result", "miss"}})}));
-  families.push_back(Of(Type::kGauge, "isoscope_agents", "Agents, as they were last seen.",
-                        {Value(gauges.reachable_agents, "state", "reachable"),
-                         Value(gauges.unreachable_agents, "state", "unreachable")}));
-  families.push_back(Of(Type::kGauge, "isoscope_datasets",
-                        "Datasets; of a complete one all shards are served, by agents of one "
-                        "picture revision.",
-                        {Value(gauges.complete_datasets, "state", "complete"),
-                         Value(gauges.incomplete_datasets, "state", "incomplete")}));
-  families.push_back(
-      Of(Type::kCounter, "isoscope_replica_parts_total",
-         "Parts of frames that a second agent worked on: repeated because the first "
-         "failed, hedged because it was slow; outrun: the second was done first.",
-         {Value(repeated_parts, "event", "repeated"), Value(hedged_parts, "event", "hedged"),
-          Value(outrun_parts, "event", "outrun")}));
-  families.push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
-                        "Frames without some shards, as their request allowed.",
-                        {Value(partial_frames)}));
+  AppendAgents(*this, gauges, &families);
   families.push_back(Of(Type::kCounter, "isoscope_caller_frames_total",
                         "Frames and picks by caller, the name of its token, and outcome.",
                         callers_.Samples()));
   families.push_back(Of(Type::kCounter, "isoscope_agent_parts_total",
                         "Parts of frames by agent and outcome.", agents_.Samples()));
-  families.push_back(Of(Type::kGauge, "isoscope_certificate_days_left",
-                        "Days until the own certificate expires; 0 if it can't be read, infinity "
-                        "without one.",
-                        {Value(gauges.certificate_days_left)}));
-  families.push_back(
-      Of(Type::kCounter, "isoscope_reload_failures_total",
-         "Files that were wrong, or could not be read, after a change; what was read before holds.",
-         {Value(static_cast<double>(gauges.token_failures), "file", "tokens"),
-          Value(static_cast<double>(gauges.certificate_failures), "file", "certificate")}));
-  families.push_back(Of(Type::kCounter, "isoscope_audit_lines_total",
-                        "Lines of the audit log, by result.",
-                        {Value(static_cast<double>(gauges.audit_lines), "result", "written"),
-                         Value(static_cast<double>(gauges.audit_failures), "result", "failed")}));
+  AppendFiles(gauges, &families);
   std::vector<MetricSample> failures;
   for (std::size_t stage = 0; stage < kStageCount; ++stage) {
     for (std::size_t code = 0; code < kCodeCount; ++code) {

@@ -64,6 +64,39 @@ struct CoordinatorGauges {
   std::int64_t audit_failures = 0;
 };
 
+// Frames and picks by their end.
+struct FrameCounters {
+  base::Counter done;
+  base::Counter failed;     // except cancelled ones
+  base::Counter cancelled;  // by the client, or because a newer view replaced it
+  base::Counter refused;    // too many were in work or waiting, or others had priority
+  base::Counter displaced;  // evicted while waiting; among the refused ones
+  base::Counter expired;    // the deadline passed in the queue; among the failed ones
+  base::Counter rate_limited;
+  base::Counter too_large;  // above the memory limit
+  base::Counter partial;
+};
+
+// Durations of frames and picks, of their waits and of their steps.
+struct FrameDurations {
+  base::DurationHistogram exact;  // whole, with picks
+  base::DurationHistogram moving;
+  base::DurationHistogram queue_wait;
+  base::DurationHistogram memory_wait;
+  base::DurationHistogram occluder_selection;
+  base::DurationHistogram occluder_rendering;
+  base::DurationHistogram visibility_culling;
+  base::DurationHistogram composite;
+  base::DurationHistogram encode;
+};
+
+// Parts of frames that a second agent worked on.
+struct PartCounters {
+  base::Counter repeated;  // of frames that succeeded all the same
+  base::Counter hedged;    // begun on a replica too, because the agent was slow
+  base::Counter outrun;    // a replica finished first
+};
+
 // Updated while the coordinator works, by atomics and locks that are held only briefly.
 // Thread-safe.
 struct CoordinatorMetrics {
@@ -88,31 +121,13 @@ struct CoordinatorMetrics {
   void CountPart(absl::string_view agent_address, PartOutcome outcome);
   void CountAgentFailure(FrameStage stage, const absl::Status& status);
 
-  base::Counter done_frames;
-  base::Counter failed_frames;     // except cancelled ones
-  base::Counter cancelled_frames;  // by the client, or because a newer view replaced it
-  base::Counter refused_frames;    // too many were in work or waiting, or others had priority
-  base::Counter displaced_frames;  // evicted while waiting; among the refused ones
-  base::Counter expired_frames;    // the deadline passed in the queue; among the failed ones
-  base::Counter rate_limited_frames;
-  base::Counter too_large_frames;          // above the memory limit
-  base::DurationHistogram frame_duration;  // of exact frames and picks
-  base::DurationHistogram moving_frame_duration;
-  base::DurationHistogram queue_wait;
-  base::DurationHistogram memory_wait;
-  base::DurationHistogram occluder_selection;
-  base::DurationHistogram occluder_rendering;
-  base::DurationHistogram visibility_culling;
-  base::DurationHistogram composite;
-  base::DurationHistogram encode;
+  FrameCounters frames;
+  FrameDurations durations;
+  PartCounters parts;
   base::Counter network_bytes;
   base::Counter response_bytes;
   base::Counter active_blocks_hits;
   base::Counter active_blocks_misses;
-  base::Counter repeated_parts;  // of frames that succeeded all the same
-  base::Counter hedged_parts;    // begun on a replica too, because the agent was slow
-  base::Counter outrun_parts;    // a replica finished first
-  base::Counter partial_frames;
   base::Gauge unsent_bytes;  // of answers that wait for their clients
 
   // Returns the values above and `gauges`, with the metrics of the process.

@@ -12,10 +12,10 @@
 #include <vector>
 
 #include "benchmark/benchmark.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/check.h"
 #include "core/base/random.h"
+#include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
 #include "core/visibility/occlusion_map.h"
@@ -81,8 +81,8 @@ void BM_EncodePixels(benchmark::State& state) {
   const image::FrameImage image =
       MakePicture(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)));
   std::vector<std::string> bands;
-  tbb::task_arena arena(1);
-  arena.execute([&] {
+  base::TaskArena arena(1);
+  base::RunIn(&arena, [&] {
     for (auto _ : state) {
       bands = composite::EncodePixels(image);
     }
@@ -131,9 +131,9 @@ BENCHMARK(BM_FlattenOver)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 void BM_MapFromImage(benchmark::State& state) {
   const image::FrameImage image = MakePicture(static_cast<int>(state.range(0)), 1);
-  tbb::task_arena arena(static_cast<int>(state.range(1)));
+  base::TaskArena arena(static_cast<int>(state.range(1)));
   for (auto _ : state) {
-    arena.execute([&] {
+    base::RunIn(&arena, [&] {
       benchmark::DoNotOptimize(
           visibility::OcclusionMap::FromImage(image, visibility::MapKind::kDepth));
     });

@@ -476,7 +476,8 @@ TEST_F(BadInputTest, CamerasThatAreNone) {
   ExpectFailure(RenderGood(Join(at, {"--view", "anterior"})), kFailed,
                 {"INVALID_ARGUMENT", "no patient frame", "front"});
   ExpectFailure(RenderGood(Join(at, {"--view", "upside-down"})), kWrongUsage,
-                {"upside-down", "anterior"});
+                {"upside-down",
+                 "front, back, left, right, top, bottom, anterior, posterior, superior, inferior"});
   ExpectFailure(RenderGood(Join(at, {"--fit", "nothing"})), kWrongUsage, {"volume, surface"});
   ExpectFailure(RenderGood(Join(at, {"--view", "top", "--eye", "1,2,3"})), kWrongUsage,
                 {"--eye", "--view"});

@@ -40,6 +40,7 @@ namespace {
 
 using nlohmann::json;
 using testing::CommandResult;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using testing::RunIsoscope;
 
@@ -354,6 +355,54 @@ TEST_F(CliTest, InterruptedFlowLeavesNothing) {
   EXPECT_EQ(exit_code, 130) << process->err();
   EXPECT_THAT(process->err(), HasSubstr("nothing was left behind"));
   EXPECT_TRUE(std::filesystem::is_empty(Path("flow")));
+}
+
+TEST_F(CliTest, PartsOfASourceKeepTheirPositions) {
+  std::string samples;
+  for (int i = 0; i < 8 * 7 * 6; ++i) {
+    samples.push_back(static_cast<char>(i % 8));  // x
+  }
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("p.raw"), samples));
+  const std::vector<std::string> flags = {"--dims",   "8,7,6",    "--type",   "uint8",  "--spacing",
+                                          "0.5,1,2",  "--origin", "10,20,30", "--crop", "2:8,:,1:6",
+                                          "--stride", "2",        "--fill",   "4"};
+  const json volume =
+      ParseJson(MustRun(Join({"info", Path("p.raw"), "--json"}, flags))).at("volume");
+  MustRun(Join({"partition", Path("p.raw"), "--output", Path("p")}, flags));
+  const json dataset = ParseJson(MustRun({"info", Path("p"), "--json"})).at("datasets").at(0);
+  for (const json& described : {volume, dataset}) {
+    EXPECT_EQ(described.at("sample_dims"), json({3, 4, 3}));
+    EXPECT_EQ(described.at("spacing"), json({1.0, 2.0, 4.0}));
+    EXPECT_EQ(described.at("origin"), json({11.0, 20.0, 32.0}));
+    EXPECT_EQ(described.at("sample_type"), "float32");
+    EXPECT_EQ(described.at("value_range"), json({2.0, 6.0}));
+  }
+  EXPECT_EQ(volume.at("fields").at(0).at("name"), "p");
+  EXPECT_GT(volume.at("partition").at("disk_bytes"), 0);
+  EXPECT_THAT(volume.at("commands").at(0).get<std::string>(),
+              HasSubstr("--crop 2:8,0:,1:6 --stride 2 --fill 4 --isovalue 4"));
+  const testing::CommandResult beyond = testing::RunIsoscope(
+      {"info", Path("p.raw"), "--dims", "8,7,6", "--type", "uint8", "--crop", ":,:,2:7"}, {});
+  EXPECT_EQ(beyond.exit_code, 1);
+  EXPECT_THAT(beyond.err, HasSubstr("--crop 2:7 on axis z, which has 6 samples, 0 to 5"));
+}
+
+TEST_F(CliTest, FormatsAreListedAndForced) {
+  EXPECT_THAT(MustRun({"info", "--list-formats"}),
+              AllOf(HasSubstr("nrrd"), HasSubstr("par/rec"), HasSubstr("--dims and --type")));
+  const std::string nrrd =
+      "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 2 3\nencoding: ascii\n\n"
+      "1 2 3 4 5 6 7 8\n";
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("v.unknown"), nrrd));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("v.mgz"), nrrd));
+  EXPECT_THAT(MustRun({"info", Path("v.unknown")}), HasSubstr("values        1.0 to 8.0"));
+  EXPECT_EQ(testing::RunIsoscope({"info", Path("v.mgz")}, {}).exit_code, 1);
+  EXPECT_THAT(MustRun({"info", Path("v.mgz"), "--format", "nrrd"}),
+              HasSubstr("values        1.0 to 8.0"));
+  const testing::CommandResult unknown =
+      testing::RunIsoscope({"info", Path("v.mgz"), "--format", "vdb"}, {});
+  EXPECT_EQ(unknown.exit_code, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("known are nifti, nrrd"));
 }
 
 TEST_F(CliTest, InfoReadsALargeVolumesValuesOnlyIfItIsAsked) {

@@ -74,7 +74,25 @@ def check(isoscope, folder):
     environment = dict(os.environ, XDG_CACHE_HOME=os.path.join(folder, "cache"))
     for name, flags in SCENES.items():
         complaints += check_scene(isoscope, volume, folder, environment, name, flags)
+    flow = os.path.join(folder, "flow.pvd")
+    subprocess.run([isoscope, "generate", "flow", "--dims", "48,44,40", "--steps", "2", "--output", flow],
+                   check=True, stdout=subprocess.DEVNULL)
+    flags = ["--field", "velocity", "--component", "x", "--isovalue", "0.05", "--step", "1"]
+    complaints += check_scene(isoscope, flow, folder, environment, "series", flags)
+    facts = field_data(os.path.join(folder, "mesh.vtp"))
+    expected = {"Field": "velocity", "FieldComponent": "x", "FieldUnit": "m/s", "TimeStep": 1.0, "TimeValue": 0.1,
+                "TimeUnit": "s"}
+    if facts != expected:
+        complaints.append(f"series, vtp: field data {facts}, but {expected} was exported")
     return complaints
+
+
+def field_data(path):
+    """The field data of a .vtp, by name."""
+    data = read(path).GetFieldData()
+    arrays = [data.GetAbstractArray(i) for i in range(data.GetNumberOfArrays())]
+    return {array.GetName(): array.GetValue(0) if isinstance(array, vtk.vtkStringArray) else array.GetTuple1(0)
+            for array in arrays}
 
 
 def check_scene(isoscope, volume, folder, environment, name, flags):

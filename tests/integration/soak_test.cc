@@ -1,6 +1,6 @@
-// The product's promise (exact_picture_test) on volumes of any kind, type and shape, cut in any
-// way, seen from anywhere, with any number of threads and any memory limit. Bounded runs with seeds
-// that never change. scripts/soak.sh makes them long, with new seeds each time:
+// The product's promise (exact_picture_test) on volumes and series of any kind, type and shape, cut
+// in any way, seen from anywhere, with any number of threads and any memory limit. Bounded runs
+// with seeds that never change. scripts/soak.sh makes them long, with new seeds each time:
 //
 //   ISOSCOPE_SOAK_SECONDS  how long large volumes are drawn
 //   ISOSCOPE_SOAK_FRAMES   how many small frames are compared, at least
@@ -21,6 +21,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <type_traits>
@@ -36,9 +37,16 @@
 #include "gtest/gtest.h"
 
 #include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
+#include "core/io/file.h"
 #include "core/partition/partitioner.h"
+#include "core/partition/series_partitioner.h"
 #include "core/render/renderer_factory.h"
+#include "core/source/magnitude_source.h"
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
+#include "core/store/series_manifest.h"
 #include "tests/support/draws.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
@@ -62,10 +70,16 @@ constexpr int kViewCount = 4;    // of a round
 constexpr int kSmallFrameCount = 8;
 constexpr int kCutCount = 3;
 constexpr int kWakeCount = 2;
+// The same of a round of series, whose volumes take longer to write.
+constexpr int kSeriesFrameCount = 12;
+constexpr int kSeriesCutCount = 3;
+constexpr int kSeriesWakeCount = 4;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr std::int64_t kBoundedFrameCount = 240;
+constexpr std::int64_t kBoundedSeriesFrameCount = 144;
 #else
 constexpr std::int64_t kBoundedFrameCount = 1200;
+constexpr std::int64_t kBoundedSeriesFrameCount = 720;
 #endif
 constexpr absl::Duration kProgressPeriod = absl::Seconds(10);
 // A round that takes longer hangs.
@@ -166,10 +180,9 @@ void Spoil(Dice* dice, std::string* samples) {
   }
 }
 
-Volume RandomVolume(Dice* dice, std::int64_t max_side) {
-  Volume volume;
-  volume.geometry = RandomGeometry(dice, max_side);
-  volume.type = static_cast<volume::ScalarType>(dice->Whole(1, 8));
+// On the geometry, of the type.
+void DrawSamples(Dice* dice, Volume* drawn) {
+  Volume& volume = *drawn;
   const math::Index3& dims = volume.geometry.sample_dims;
   // Samples on both sides of the isovalues, of any type: within [0, 127].
   if (dice->OneIn(4)) {
@@ -191,14 +204,18 @@ Volume RandomVolume(Dice* dice, std::int64_t max_side) {
   if (dice->OneIn(3) && volume.type == volume::ScalarType::kFloat64) {
     Spoil<double>(dice, &volume.samples);
   }
+}
+
+Volume RandomVolume(Dice* dice, std::int64_t max_side) {
+  Volume volume;
+  volume.geometry = RandomGeometry(dice, max_side);
+  volume.type = static_cast<volume::ScalarType>(dice->Whole(1, 8));
+  DrawSamples(dice, &volume);
   return volume;
 }
 
-// Makes a dataset of the volume.
-absl::Status Cut(const Volume& volume, const math::Index3& block_cells, int shard_count, Dice* dice,
-                 const std::string& directory) {
-  const auto source =
-      testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
+partition::PartitionOptions RandomCut(const math::Index3& block_cells, int shard_count, Dice* dice,
+                                      const std::string& directory) {
   partition::PartitionOptions options;
   options.output_directory = directory;
   options.block_cells = block_cells;
@@ -208,7 +225,151 @@ absl::Status Cut(const Volume& volume, const math::Index3& block_cells, int shar
   options.compression = dice->OneOf<store::BlockEncoding, 3>(
       {store::BlockEncoding::kRaw, store::BlockEncoding::kLz4, store::BlockEncoding::kZstd});
   options.seed = dice->Bits();
-  return partition::Partition(*source, options, base::Cancellation()).status();
+  return options;
+}
+
+// Makes a dataset of the volume.
+absl::Status Cut(const Volume& volume, const math::Index3& block_cells, int shard_count, Dice* dice,
+                 const std::string& directory) {
+  const auto source =
+      testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
+  return partition::Partition(*source, RandomCut(block_cells, shard_count, dice, directory),
+                              base::Cancellation())
+      .status();
+}
+
+// Fields over steps on one grid.
+class Series final : public source::VolumeSeries {
+ public:
+  static Series Random(Dice* dice) {
+    Series series;
+    series.geometry_ = RandomGeometry(dice, 20);
+    const auto field_count = static_cast<std::size_t>(dice->Whole(2, 3));
+    for (std::size_t field = 0; field < field_count; ++field) {
+      const std::array<std::vector<std::string>, 4> components = {
+          {{""}, {""}, {"x", "y"}, {"x", "y", "z"}}};
+      series.fields_.push_back(
+          {.name = absl::StrFormat("field%d", field), .components = dice->OneOf(components)});
+    }
+    const std::int64_t step_count = dice->OneIn(8) ? 1 : dice->Whole(2, 4);
+    for (std::int64_t step = 0; step_count > 1 && step < step_count; ++step) {
+      series.times_.push_back(static_cast<double>(step) + 0.9 * dice->Unit());
+    }
+    for (std::size_t field = 0; field < field_count; ++field) {
+      const auto type = static_cast<volume::ScalarType>(dice->Whole(1, 8));
+      std::vector<std::vector<Volume>>& steps = series.volumes_.emplace_back();
+      for (std::int64_t step = 0; step < step_count; ++step) {
+        // Volumes of equal samples have equal ids.
+        if (step > 0 && dice->OneIn(5)) {
+          steps.push_back(std::vector<Volume>(steps.back()));
+          continue;
+        }
+        std::vector<Volume>& volumes = steps.emplace_back();
+        for (std::size_t i = 0; i < series.fields_[field].components.size(); ++i) {
+          Volume& volume = volumes.emplace_back();
+          volume.geometry = series.geometry_;
+          volume.type = type;
+          DrawSamples(dice, &volume);
+        }
+      }
+    }
+    return series;
+  }
+
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] const std::vector<source::SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
+  [[nodiscard]] const std::string& time_unit() const override { return name_; }
+  [[nodiscard]] const std::string& length_unit() const override { return name_; }
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> Open(int field, int component,
+                                                             int step) override {
+    const Volume& volume =
+        VolumesOf({.field = field, .step = step})[static_cast<std::size_t>(component)];
+    return testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
+  }
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
+  // With the magnitude.
+  [[nodiscard]] int ComponentCount(int field) const {
+    const std::size_t count = fields_[static_cast<std::size_t>(field)].components.size();
+    return static_cast<int>(count > 1 ? count + 1 : 1);
+  }
+  [[nodiscard]] store::ScalarVolumeKey RandomKey(Dice* dice) const {
+    store::ScalarVolumeKey key;
+    key.field = static_cast<int>(dice->Whole(0, static_cast<std::int64_t>(fields_.size()) - 1));
+    key.component = static_cast<int>(dice->Whole(0, ComponentCount(key.field) - 1));
+    key.step = static_cast<int>(dice->Whole(0, step_count() - 1));
+    return key;
+  }
+  [[nodiscard]] std::vector<double> IsovaluesOf(const store::ScalarVolumeKey& key) const {
+    const std::vector<Volume>& volumes = VolumesOf(key);
+    if (static_cast<std::size_t>(key.component) < volumes.size()) {
+      return volumes[static_cast<std::size_t>(key.component)].isovalues;
+    }
+    std::vector<double> isovalues(2, 0);
+    for (std::size_t i = 0; i < isovalues.size(); ++i) {
+      for (const Volume& volume : volumes) {
+        isovalues[i] = std::hypot(isovalues[i], volume.isovalues[i]);
+      }
+    }
+    return isovalues;
+  }
+  // The array, or the magnitude, alone.
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenAlone(
+      const store::ScalarVolumeKey& key) {
+    const std::size_t count = VolumesOf(key).size();
+    if (static_cast<std::size_t>(key.component) < count) {
+      return Open(key.field, key.component, key.step);
+    }
+    std::vector<std::unique_ptr<source::VolumeSource>> components(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      ISOSCOPE_ASSIGN_OR_RETURN(components[i], Open(key.field, static_cast<int>(i), key.step));
+    }
+    return source::MakeMagnitudeSource(std::move(components));
+  }
+  // The steps from `begin` on, or those before it. REQUIRES: there are times.
+  [[nodiscard]] Series From(std::int64_t begin) const { return Part(begin, step_count()); }
+  [[nodiscard]] Series Before(std::int64_t end) const { return Part(0, end); }
+
+ private:
+  [[nodiscard]] const std::vector<Volume>& VolumesOf(const store::ScalarVolumeKey& key) const {
+    return volumes_[static_cast<std::size_t>(key.field)][static_cast<std::size_t>(key.step)];
+  }
+  [[nodiscard]] Series Part(std::int64_t begin, std::int64_t end) const {
+    Series part = *this;
+    part.times_.assign(times_.begin() + begin, times_.begin() + end);
+    for (std::size_t field = 0; field < volumes_.size(); ++field) {
+      part.volumes_[field].assign(volumes_[field].begin() + begin, volumes_[field].begin() + end);
+    }
+    return part;
+  }
+
+  std::string name_ = "soak";
+  volume::GridGeometry geometry_;
+  std::vector<source::SourceField> fields_;
+  std::vector<double> times_;
+  std::vector<std::vector<std::vector<Volume>>> volumes_;  // by field, step and component
+};
+
+// Makes a dataset of the series: at once, or of its first steps, and the others are appended.
+absl::Status CutSeries(const Series& series, const math::Index3& block_cells, int shard_count,
+                       Dice* dice, const std::string& directory) {
+  partition::SeriesPartitionOptions options;
+  options.volume = RandomCut(block_cells, shard_count, dice, directory);
+  options.volume.distribution = store::Distribution::kRandom;
+  if (series.times().empty() || !dice->OneIn(3)) {
+    Series whole = series;
+    return partition::PartitionSeries(whole, options, base::Cancellation()).status();
+  }
+  const std::int64_t begin = dice->Whole(1, series.step_count() - 1);
+  Series first = series.Before(begin);
+  ISOSCOPE_RETURN_IF_ERROR(
+      partition::PartitionSeries(first, options, base::Cancellation()).status());
+  Series later = series.From(begin);
+  partition::SeriesPartitionOptions appending;
+  appending.volume.output_directory = directory;
+  appending.volume.compression = options.volume.compression;
+  return partition::AppendToSeries(later, appending, base::Cancellation()).status();
 }
 
 std::size_t RandomCacheBytes(Dice* dice) {
@@ -227,15 +388,14 @@ math::Index3 RandomBlockCells(Dice* dice, std::int64_t min_edge, std::int64_t ma
 }
 
 // Every option of a frame that agents see.
-frame::FrameSpec RandomSmallFrame(const Volume& volume, Dice* dice) {
+frame::FrameSpec RandomSmallFrame(const math::Box3d& bounds, const std::vector<double>& isovalues,
+                                  Dice* dice) {
   const std::uint64_t seed = dice->Bits();
-  const math::Box3d bounds = volume.geometry.Bounds();
-  const double isovalue = volume.isovalues[static_cast<std::size_t>(dice->Whole(0, 1))];
+  const double isovalue = isovalues[static_cast<std::size_t>(dice->Whole(0, 1))];
   frame::FrameSpec spec = testing::RandomSpec(seed, bounds, isovalue);
   spec.viewport = {static_cast<int>(dice->Whole(48, 96)), static_cast<int>(dice->Whole(48, 96))};
   if (dice->OneIn(3)) {
-    spec.surfaces =
-        testing::ThreeSurfaces(isovalue, volume.isovalues[1] - volume.isovalues[0] + 0.5);
+    spec.surfaces = testing::ThreeSurfaces(isovalue, isovalues[1] - isovalues[0] + 0.5);
   }
   if (dice->OneIn(3)) {
     testing::MakeRandomlyTranslucent(seed, &spec);
@@ -253,7 +413,8 @@ frame::FrameSpec RandomSmallFrame(const Volume& volume, Dice* dice) {
 // A frame to compare.
 struct SmallFrame {
   frame::FrameSpec spec;
-  image::FrameImage expected;  // colours and depths, with shades and layers
+  image::FrameImage expected;                    // colours and depths, with shades and layers
+  std::optional<store::ScalarVolumeKey> volume;  // of a series
 };
 
 // The numbers of a run of small frames.
@@ -284,6 +445,9 @@ struct Tally {
   std::int64_t references = 0;
   std::int64_t covered_pixels = 0;  // of the references
   std::int64_t layer_pixels = 0;
+  // References of series that show another field, and those of a magnitude.
+  std::int64_t colored_by_field = 0;
+  std::int64_t magnitudes = 0;
   std::map<int, std::int64_t> by_threads;  // frames
   // Frames by memory limit, from 2^(4 (i - 1)) bytes to below 2^(4 i); 0: none.
   std::map<int, std::int64_t> by_limit;
@@ -386,28 +550,34 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                                   LocalCluster::Open(directory, renderer_.get(), {}));
     for (int i = 0; i < kSmallFrameCount; ++i) {
       SmallFrame& frame = frames->emplace_back();
-      frame.spec = RandomSmallFrame(volume, dice);
-      frame.spec.culling = frame::Culling::kNone;
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(frame.spec));
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-          testing::Picture picture,
-          testing::PictureOf(std::move(result), frame.spec, layout, volume.geometry));
-      frame.expected = std::move(picture.image);
-      tally_.covered_pixels += testing::CoveredPixels(frame.expected);
-      tally_.layer_pixels += picture.layer_pixel_count;
-      if (dice->OneIn(4)) {
-        frame.spec.region = testing::RandomRegion(dice->Bits(), frame.spec.viewport);
-        frame.expected = testing::Crop(frame.expected, *frame.spec.region);
-      }
-      if (!dice->OneIn(6)) {
-        frame.spec.culling = frame::Culling::kDepth;
-      }
+      frame.spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, dice);
+      DrawReference(volume.geometry, layout, cluster.get(), dice, &frame);
     }
-    tally_.references += kSmallFrameCount;
+  }
+
+  // Draws the frame as it is expected, and then chooses a part of it and its culling.
+  void DrawReference(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+                     LocalCluster* cluster, Dice* dice, SmallFrame* frame) {
+    frame->spec.culling = frame::Culling::kNone;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(frame->spec));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        testing::Picture picture,
+        testing::PictureOf(std::move(result), frame->spec, layout, geometry));
+    frame->expected = std::move(picture.image);
+    tally_.covered_pixels += testing::CoveredPixels(frame->expected);
+    tally_.layer_pixels += picture.layer_pixel_count;
+    ++tally_.references;
+    if (dice->OneIn(4)) {
+      frame->spec.region = testing::RandomRegion(dice->Bits(), frame->spec.viewport);
+      frame->expected = testing::Crop(frame->expected, *frame->spec.region);
+    }
+    if (!dice->OneIn(6)) {
+      frame->spec.culling = frame::Culling::kDepth;
+    }
   }
 
   // Draws the frames, and compares colours and depths: owners tell how the volume was cut.
-  void CheckFrames(const Volume& volume, const volume::BlockLayout& layout,
+  void CheckFrames(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                    const std::vector<SmallFrame>& frames, bool side_by_side,
                    LocalCluster* cluster) {
     std::vector<testing::Difference> differences(frames.size());
@@ -415,10 +585,13 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     for (std::size_t i = 0; i < frames.size(); ++i) {
       const auto draw = [&, i] {
         const frame::FrameSpec& spec = frames[i].spec;
-        ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(spec));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result,
+                                      frames[i].volume.has_value()
+                                          ? cluster->Render(spec, *frames[i].volume)
+                                          : cluster->Render(spec));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(
             const testing::Picture picture,
-            testing::PictureOf(std::move(result), spec, layout, volume.geometry));
+            testing::PictureOf(std::move(result), spec, layout, geometry));
         differences[i] = testing::Compare(picture.image, frames[i].expected);
       };
       if (side_by_side) {
@@ -431,8 +604,10 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       client.join();
     }
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      EXPECT_EQ(differences[i].colors, 0) << "frame " << i;
-      EXPECT_EQ(differences[i].depths, 0) << "frame " << i;
+      const std::string name =
+          frames[i].volume ? store::ScalarVolumeDirectoryName(*frames[i].volume) : "";
+      EXPECT_EQ(differences[i].colors, 0) << "frame " << i << " " << name;
+      EXPECT_EQ(differences[i].depths, 0) << "frame " << i << " " << name;
     }
     tally_.frames += static_cast<std::int64_t>(frames.size());
     tally_.Add(cluster->limits(), static_cast<std::int64_t>(frames.size()));
@@ -462,26 +637,165 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       ISOSCOPE_ASSERT_OK(Cut(volume, cells, shard_count, &dice, directory));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                     LocalCluster::OpenAsleep(directory, renderer_.get()));
-      if (dice.OneIn(3)) {
-        cluster->LoseAgents();
+      SCOPED_TRACE(::testing::Message()
+                   << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
+                   << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
+                   << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards");
+      CheckWithLimits(volume.geometry, layout, frames, kWakeCount, arena, &dice, cluster.get());
+    }
+  }
+
+  // Checks the frames several times: each time with new limits, and now and then with new caches.
+  void CheckWithLimits(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+                       const std::vector<SmallFrame>& frames, int wake_count,
+                       const std::shared_ptr<base::TaskArena>& arena, Dice* dice,
+                       LocalCluster* cluster) {
+    if (dice->OneIn(3)) {
+      cluster->LoseAgents();
+    }
+    for (int wake = 0; wake < wake_count && !HasFailure(); ++wake) {
+      testing::Limits limits = testing::DrawLimits(dice);
+      limits.thread_count = arena->max_concurrency();
+      if (dice->OneIn(2)) {
+        cluster->ForgetAll(RandomCacheBytes(dice));
       }
-      for (int wake = 0; wake < kWakeCount && !HasFailure(); ++wake) {
-        testing::Limits limits = testing::DrawLimits(&dice);
-        limits.thread_count = thread_count;
-        if (dice.OneIn(2)) {
-          cluster->ForgetAll(RandomCacheBytes(&dice));
+      const bool side_by_side = dice->OneIn(3);
+      SCOPED_TRACE(::testing::Message() << limits << (side_by_side ? ", side by side" : ""));
+      cluster->WakeIn(arena, limits);
+      CheckFrames(geometry, layout, frames, side_by_side, cluster);
+      cluster->Sleep();
+    }
+  }
+
+  // Draws frames of volumes of the series, each from a dataset of its array alone: without culling,
+  // one agent, two threads, no limit.
+  void DrawSeriesReferences(Series* series, const math::Index3& cells,
+                            const volume::BlockLayout& layout, const testing::TempDir& temp,
+                            Dice* dice, std::vector<SmallFrame>* frames) {
+    const auto directory_of =
+        [&](const store::ScalarVolumeKey& key) -> absl::StatusOr<std::string> {
+      std::string directory = temp.Sub(store::ScalarVolumeDirectoryName(key));
+      if (!io::PathExists(directory)) {
+        ISOSCOPE_ASSIGN_OR_RETURN(const auto source, series->OpenAlone(key));
+        const auto options = RandomCut(cells, 1, dice, directory);
+        ISOSCOPE_RETURN_IF_ERROR(
+            partition::Partition(*source, options, base::Cancellation()).status());
+      }
+      return directory;
+    };
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(2));
+    for (int i = 0; i < kSeriesFrameCount && !HasFailure(); ++i) {
+      SmallFrame& frame = frames->emplace_back();
+      frame.volume = series->RandomKey(dice);
+      frame.spec =
+          RandomSmallFrame(series->geometry().Bounds(), series->IsovaluesOf(*frame.volume), dice);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string directory, directory_of(*frame.volume));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                    LocalCluster::OpenAsleep(directory, renderer_.get()));
+      if (dice->OneIn(2)) {
+        std::vector<std::string> names;
+        for (int color = 0; color < 2; ++color) {
+          store::ScalarVolumeKey key = series->RandomKey(dice);
+          key.step = frame.volume->step;
+          names.push_back(NameOfColor(key));
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_color, directory_of(key));
+          ISOSCOPE_ASSERT_OK(cluster->AddField(names.back(), of_color));
         }
-        const bool side_by_side = dice.OneIn(3);
-        SCOPED_TRACE(::testing::Message()
-                     << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
-                     << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
-                     << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards, "
-                     << limits << (side_by_side ? ", side by side" : ""));
-        cluster->WakeIn(arena, limits);
-        CheckFrames(volume, layout, frames, side_by_side, cluster.get());
-        cluster->Sleep();
+        testing::ShowRandomFields(dice->Bits(), names, &frame.spec);
+        ++tally_.colored_by_field;
+      }
+      tally_.magnitudes +=
+          frame.volume->component > 0 &&
+                  frame.volume->component + 1 == series->ComponentCount(frame.volume->field)
+              ? 1
+              : 0;
+      cluster->WakeIn(arena, {});
+      DrawReference(series->geometry(), layout, cluster.get(), dice, &frame);
+      cluster->Sleep();
+    }
+  }
+
+  static std::string NameOfColor(const store::ScalarVolumeKey& key) {
+    return absl::StrFormat("%d:%d", key.field, key.component);
+  }
+
+  // One small series, cut several times, each cut with several limits.
+  void RunSeriesRound(std::uint64_t seed) {
+    Dice dice(seed);
+    Series series = Series::Random(&dice);
+    const math::Index3& dims = series.geometry().sample_dims;
+    const testing::TempDir temp;
+    const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
+    std::vector<SmallFrame> frames;
+    DrawSeriesReferences(&series, first_cells, first, temp, &dice, &frames);
+    const int thread_count = dice.OneOf(testing::kThreadCounts);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
+    for (int cut = 0; cut < kSeriesCutCount && !HasFailure(); ++cut) {
+      const bool has_first_cells = cut == 0 || GetParam() == render::RendererKind::kEgl;
+      const math::Index3 cells = has_first_cells ? first_cells : RandomBlockCells(&dice, 2, 10);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(dims, cells));
+      const auto shard_count = static_cast<int>(std::min(layout.block_count(), dice.Whole(1, 5)));
+      SCOPED_TRACE(::testing::Message()
+                   << "seed " << seed << ": " << series.fields().size() << " fields, "
+                   << series.step_count() << " steps, " << dims.x << " x " << dims.y << " x "
+                   << dims.z << ", blocks of " << cells.x << " x " << cells.y << " x " << cells.z
+                   << ", " << shard_count << " shards");
+      const std::string directory = temp.Sub(absl::StrFormat("cut%d", cut));
+      ISOSCOPE_ASSERT_OK(CutSeries(series, cells, shard_count, &dice, directory));
+      // From one volume of one agent to all.
+      const std::size_t open_volume_bytes = dice.OneIn(2) ? 1 : dice.Size(1 << 20, 1 << 28);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const auto cluster,
+          LocalCluster::OpenSeriesAsleep(directory, renderer_.get(), open_volume_bytes));
+      for (int field = 0; field < static_cast<int>(series.fields().size()); ++field) {
+        for (int component = 0; component < series.ComponentCount(field); ++component) {
+          cluster->AddField(NameOfColor({.field = field, .component = component}), field,
+                            component);
+        }
+      }
+      CheckWithLimits(series.geometry(), layout, frames, kSeriesWakeCount, arena, &dice,
+                      cluster.get());
+    }
+  }
+
+  // Runs rounds of new seeds until the frames are drawn.
+  template <typename Round>
+  void RunRounds(std::int64_t bounded_frame_count, const Round& round) {
+    const auto asked = EnvironmentNumber<std::int64_t>("ISOSCOPE_SOAK_FRAMES", 0);
+    const std::int64_t frame_count = asked > 0 ? asked : bounded_frame_count;
+    const std::uint64_t first_seed = FirstSeed(asked > 0);
+    Watchdog watchdog;
+    const absl::Time start = absl::Now();
+    absl::Time next_progress = start + kProgressPeriod;
+    const auto rate = [&] {
+      return static_cast<double>(tally_.frames) / absl::ToDoubleSeconds(absl::Now() - start);
+    };
+    std::uint64_t seed = first_seed;
+    for (; tally_.frames < frame_count; ++seed) {
+      watchdog.BeginRound(seed);
+      round(seed);
+      if (HasFailure()) {
+        FAIL() << "repeat it with ISOSCOPE_SOAK_FRAMES=1 ISOSCOPE_SOAK_SEED=" << seed;
+      }
+      if (absl::Now() >= next_progress) {
+        std::cerr << absl::StrFormat("soak_test: %d frames, %.0f a second\n", tally_.frames,
+                                     rate());
+        next_progress = absl::Now() + kProgressPeriod;
       }
     }
+    std::cout << absl::StrFormat(
+        "soak_test: seeds %d to %d: %d frames, 0 differences, compared with %d references; %.0f s, "
+        "%.0f frames a second\nsoak_test: %s\n",
+        first_seed, seed - 1, tally_.frames, tally_.references,
+        absl::ToDoubleSeconds(absl::Now() - start), rate(), tally_.ToString());
+    if (tally_.frames < bounded_frame_count) {
+      return;  // one round says nothing about the draws
+    }
+    // Defends the test: empty pictures would prove nothing, and each count must have its turn.
+    EXPECT_GT(tally_.covered_pixels, 200 * tally_.references);
+    EXPECT_GT(tally_.layer_pixels, 20 * tally_.references);
+    EXPECT_GE(tally_.by_limit.size(), 5U);
   }
 
   std::unique_ptr<render::Renderer> renderer_;  // null: clusters make a CPU renderer
@@ -515,40 +829,21 @@ TEST_P(SoakTest, CulledPicturesOfAnyNumberOfAgentsAreTheWholePicture) {
 }
 
 TEST_P(SoakTest, NeitherThreadsNorLimitsNorOptionsNorCutsShowInSmallFrames) {
-  const auto asked = EnvironmentNumber<std::int64_t>("ISOSCOPE_SOAK_FRAMES", 0);
-  const std::int64_t frame_count = asked > 0 ? asked : kBoundedFrameCount;
-  const std::uint64_t first_seed = FirstSeed(asked > 0);
-  Watchdog watchdog;
-  const absl::Time start = absl::Now();
-  absl::Time next_progress = start + kProgressPeriod;
-  const auto rate = [&] {
-    return static_cast<double>(tally_.frames) / absl::ToDoubleSeconds(absl::Now() - start);
-  };
-  std::uint64_t seed = first_seed;
-  for (; tally_.frames < frame_count; ++seed) {
-    watchdog.BeginRound(seed);
-    RunSmallRound(seed);
-    if (HasFailure()) {
-      FAIL() << "repeat it with ISOSCOPE_SOAK_FRAMES=1 ISOSCOPE_SOAK_SEED=" << seed;
-    }
-    if (absl::Now() >= next_progress) {
-      std::cerr << absl::StrFormat("soak_test: %d frames, %.0f a second\n", tally_.frames, rate());
-      next_progress = absl::Now() + kProgressPeriod;
-    }
+  RunRounds(kBoundedFrameCount, [this](std::uint64_t seed) { RunSmallRound(seed); });
+  if (tally_.frames >= kBoundedFrameCount) {
+    EXPECT_EQ(tally_.by_threads.size(), testing::kThreadCounts.size());
   }
+}
+
+TEST_P(SoakTest, FramesOfSeriesAreThoseOfTheirArraysAlone) {
+  RunRounds(kBoundedSeriesFrameCount, [this](std::uint64_t seed) { RunSeriesRound(seed); });
   std::cout << absl::StrFormat(
-      "soak_test: seeds %d to %d: %d frames, 0 differences, compared with %d references; %.0f s, "
-      "%.0f frames a second\nsoak_test: %s\n",
-      first_seed, seed - 1, tally_.frames, tally_.references,
-      absl::ToDoubleSeconds(absl::Now() - start), rate(), tally_.ToString());
-  if (tally_.frames < kBoundedFrameCount) {
-    return;  // one round says nothing about the draws
+      "soak_test: of the references %d show another field, %d a magnitude\n",
+      tally_.colored_by_field, tally_.magnitudes);
+  if (tally_.frames >= kBoundedSeriesFrameCount) {
+    EXPECT_GT(tally_.colored_by_field, tally_.references / 4);
+    EXPECT_GT(tally_.magnitudes, 0);
   }
-  // Defends the test: empty pictures would prove nothing, and each count must have its turn.
-  EXPECT_GT(tally_.covered_pixels, 200 * tally_.references);
-  EXPECT_GT(tally_.layer_pixels, 20 * tally_.references);
-  EXPECT_EQ(tally_.by_threads.size(), testing::kThreadCounts.size());
-  EXPECT_GE(tally_.by_limit.size(), 5U);
 }
 
 INSTANTIATE_TEST_SUITE_P(BackEnds, SoakTest,

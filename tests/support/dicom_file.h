@@ -69,10 +69,19 @@ struct DicomSlice {
   bool is_signed = true;
   std::string storage_class = "1.2.840.10008.5.1.4.1.1.2";  // CT
   std::string more{};                                       // elements of the groups 0029 to 7fdf
+  // Left out if empty or 0:
+  std::string description{};
+  int series_number = 0;
+  int temporal_position = 0;
+  int frames = 0;
 };
 
 // The file of a slice: `pixels` as [y][x] of 16 bits, 0.5 apart on x and 2 on y.
 inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels) {
+  const auto text = [](std::uint16_t group, std::uint16_t element, const char* vr,
+                       const std::string& value) {
+    return value.empty() || value == "0" ? "" : DicomElement(group, element, vr, value);
+  };
   const std::string uid = absl::StrCat("1.2.3.4.", slice.number);
   const std::string meta =
       DicomElement(2, 1, "OB", std::string("\0\1", 2)) +
@@ -81,13 +90,17 @@ inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels
   return std::string(128, '\0') + "DICM" +
          DicomElement(2, 0, "UL", DicomNumber(static_cast<std::uint32_t>(meta.size()))) + meta +
          DicomElement(8, 0x16, "UI", slice.storage_class) + DicomElement(8, 0x18, "UI", uid) +
-         DicomElement(8, 0x60, "CS", "CT") + DicomElement(0x20, 0xd, "UI", "1.2.9") +
+         DicomElement(8, 0x60, "CS", "CT") + text(8, 0x103e, "LO", slice.description) +
+         DicomElement(0x20, 0xd, "UI", "1.2.9") +
          DicomElement(0x20, 0xe, "UI", slice.series) +
+         text(0x20, 0x11, "IS", absl::StrCat(slice.series_number)) +
          DicomElement(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
          DicomElement(0x20, 0x32, "DS", slice.position) +
          DicomElement(0x20, 0x37, "DS", slice.orientation) +
+         text(0x20, 0x100, "IS", absl::StrCat(slice.temporal_position)) +
          DicomElement(0x28, 2, "US", DicomNumber(std::uint16_t{1})) +
          DicomElement(0x28, 4, "CS", "MONOCHROME2") +
+         text(0x28, 8, "IS", absl::StrCat(slice.frames)) +
          DicomElement(0x28, 0x10, "US", DicomNumber(slice.height)) +
          DicomElement(0x28, 0x11, "US", DicomNumber(slice.width)) +
          DicomElement(0x28, 0x30, "DS", "2\\0.5") +

@@ -236,6 +236,22 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
   return cluster;
 }
 
+absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenSeriesAsleep(
+    const std::string& dataset_directory, render::Renderer* renderer,
+    std::size_t open_volume_bytes) {
+  auto cluster = std::make_unique<LocalCluster>();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> directories,
+                            store::ShardDirectoriesOf(dataset_directory));
+  const auto open_volumes = std::make_shared<agent::OpenVolumes>(open_volume_bytes);
+  for (const std::string& directory : directories) {
+    ISOSCOPE_ASSIGN_OR_RETURN(cluster->series_.emplace_back(),
+                              agent::SeriesShard::Open(directory, open_volumes));
+  }
+  cluster->given_renderer_ = renderer;
+  cluster->ForgetAll(kAmpleCacheBytes);
+  return cluster;
+}
+
 absl::Status LocalCluster::AddField(const std::string& field,
                                     const std::string& dataset_directory) {
   agent::Shards& shards = fields_[field];
@@ -247,15 +263,16 @@ absl::Status LocalCluster::AddField(const std::string& field,
 
 absl::Status LocalCluster::Wake(const Limits& limits) {
   Sleep();
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<tbb::task_arena> arena,
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<base::TaskArena> arena,
                             MakeOnlyArena(limits.thread_count));
   WakeIn(std::move(arena), limits);
   return absl::OkStatus();
 }
 
-void LocalCluster::WakeIn(std::shared_ptr<tbb::task_arena> arena, const Limits& limits) {
+void LocalCluster::WakeIn(std::shared_ptr<base::TaskArena> arena, const Limits& limits) {
   Sleep();
   arena_ = std::move(arena);
+  arena_->SetSharesThreads(limits.one_thread_a_step);
   limits_ = limits;
   if (given_renderer_ == nullptr ||
       given_renderer_->picture_revision().back_end == frame::BackEnd::kEgl) {
@@ -279,23 +296,62 @@ void LocalCluster::ForgetAll(std::size_t cache_bytes) {
   active_blocks_ = std::make_unique<server::ActiveBlocksCache>(kActiveBlocksBytes);
 }
 
+absl::StatusOr<agent::Shards> LocalCluster::OpenVolume(const store::ScalarVolumeKey& key) const {
+  agent::Shards shards;
+  for (const std::unique_ptr<agent::SeriesShard>& agent : series_) {
+    const store::ScalarVolume* const volume = agent->served()->manifest.Find(key);
+    if (volume == nullptr) {
+      return absl::NotFoundError(store::ScalarVolumeDirectoryName(key));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), agent->OpenVolume(volume->dataset_id));
+  }
+  return shards;
+}
+
 absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec& spec,
                                                          const base::Cancellation& cancellation) {
+  std::vector<agent::Shards> colors(spec.surfaces.size());
+  for (std::size_t i = 0; i < colors.size(); ++i) {
+    if (spec.surfaces[i].shows_field()) {
+      colors[i] = fields_.at(spec.surfaces[i].color_by->field);
+    }
+  }
+  return RenderShards(spec, shards_, colors, cancellation);
+}
+
+absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec& spec,
+                                                         const store::ScalarVolumeKey& volume) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const agent::Shards shards, OpenVolume(volume));
+  std::vector<agent::Shards> colors(spec.surfaces.size());
+  for (std::size_t i = 0; i < colors.size(); ++i) {
+    if (spec.surfaces[i].shows_field()) {
+      store::ScalarVolumeKey key = series_fields_.at(spec.surfaces[i].color_by->field);
+      key.step = volume.step;
+      ISOSCOPE_ASSIGN_OR_RETURN(colors[i], OpenVolume(key));
+    }
+  }
+  return RenderShards(spec, shards, colors, base::Cancellation());
+}
+
+absl::StatusOr<server::FrameResult> LocalCluster::RenderShards(
+    const frame::FrameSpec& spec, const agent::Shards& shards,
+    const std::vector<agent::Shards>& colors, const base::Cancellation& cancellation) {
+  const store::Manifest& manifest = shards.front()->reader->manifest();
   ISOSCOPE_ASSIGN_OR_RETURN(
       const view::View view,
-      view::View::Make(*spec.camera, spec.viewport, manifest().geometry, spec.region));
+      view::View::Make(*spec.camera, spec.viewport, manifest.geometry, spec.region));
   std::vector<std::vector<int>> shard_indices;
-  for (const std::shared_ptr<const agent::Shard>& shard : shards_) {
+  for (const std::shared_ptr<const agent::Shard>& shard : shards) {
     shard_indices.push_back({shard->reader->shard_index()});
   }
   const std::string active_key = server::ActiveBlocksCache::KeyOf(
-      manifest().dataset_id, shard_indices, frame::IsovaluesOf(spec));
+      manifest.dataset_id, shard_indices, frame::IsovaluesOf(spec));
   server::FrameSetup setup;
   setup.spec = &spec;
   setup.view = &view;
   setup.ties = frame::TieRuleOf(frame::DrawnBy(spec, renderer_->picture_revision().back_end));
-  setup.layout = &shards_.front()->reader->layout();
-  setup.replica_counts.assign(shards_.size(), loses_agents_ ? 2 : 1);
+  setup.layout = &shards.front()->reader->layout();
+  setup.replica_counts.assign(shards.size(), loses_agents_ ? 2 : 1);
   setup.active = active_blocks_->Find(active_key);
   setup.images = images_.get();
   setup.arena = arena_.get();
@@ -307,7 +363,7 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
     own.spec = spec;
     own.frame_number = frame_number;
     own.agent_index = part_index;
-    own.agent_count = static_cast<int>(shards_.size());
+    own.agent_count = static_cast<int>(shards.size());
     own.report_active_blocks = setup.active == nullptr;
     const agent::AgentResources resources{.renderer = renderer_,
                                           .layers = layers_.get(),
@@ -315,23 +371,21 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
                                           .arena = arena_.get(),
                                           .cache = cache_.get(),
                                           .max_read_bytes = limits_.read_bytes()};
-    const auto& shard = shards_[static_cast<std::size_t>(part_index)];
-    std::vector<agent::Shards> colors(spec.surfaces.size());
-    for (std::size_t i = 0; i < colors.size(); ++i) {
-      if (spec.surfaces[i].shows_field()) {
-        colors[i] = {
-            fields_.at(spec.surfaces[i].color_by->field).at(static_cast<std::size_t>(part_index))};
-      }
+    const auto part = static_cast<std::size_t>(part_index);
+    const std::shared_ptr<const agent::Shard>& shard = shards[part];
+    std::vector<agent::Shards> own_colors;
+    for (const agent::Shards& of_surface : colors) {
+      own_colors.push_back(of_surface.empty() ? agent::Shards{} : agent::Shards{of_surface[part]});
     }
     if (loses_agents_ && replica_index == 0) {
       const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),
                                          static_cast<std::uint64_t>(part_index));
       // A part has five events, and more with several bands.
-      return std::make_unique<LocalAgentLink>(shard, colors, own, resources,
+      return std::make_unique<LocalAgentLink>(shard, own_colors, own, resources,
                                               limits_.one_thread_a_step, cancellation.deadline(),
                                               std::make_unique<LossyListener>(draw % 7, listener));
     }
-    return std::make_unique<LocalAgentLink>(shard, colors, own, resources,
+    return std::make_unique<LocalAgentLink>(shard, own_colors, own, resources,
                                             limits_.one_thread_a_step, cancellation.deadline(),
                                             listener);
   };

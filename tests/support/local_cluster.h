@@ -14,15 +14,17 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/task_arena.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
 #include "core/render/renderer_factory.h"
+#include "core/store/series_manifest.h"
 #include "partition-agent/block_cache.h"
+#include "partition-agent/series_shard.h"
 #include "partition-agent/shard.h"
 #include "server/frame/active_blocks.h"
 #include "server/frame/frame_coordinator.h"
@@ -45,11 +47,16 @@ class LocalCluster {
   // Opens it asleep.
   static absl::StatusOr<std::unique_ptr<LocalCluster>> OpenAsleep(
       const std::string& dataset_directory, render::Renderer* renderer);
+  // The same of a series. The agents share `open_volume_bytes` for the scalar volumes that they
+  // keep open.
+  static absl::StatusOr<std::unique_ptr<LocalCluster>> OpenSeriesAsleep(
+      const std::string& dataset_directory, render::Renderer* renderer,
+      std::size_t open_volume_bytes);
 
   // Starts the threads. An error says that not all of them ran. REQUIRES: all clusters sleep.
   absl::Status Wake(const Limits& limits);
   // The same, in an arena of MakeOnlyArena that has limits.thread_count threads.
-  void WakeIn(std::shared_ptr<tbb::task_arena> arena, const Limits& limits);
+  void WakeIn(std::shared_ptr<base::TaskArena> arena, const Limits& limits);
   // Gives the threads back. What the agents keep stays. REQUIRES: no frame is in work.
   void Sleep();
   [[nodiscard]] const Limits& limits() const { return limits_; }
@@ -70,6 +77,11 @@ class LocalCluster {
   // cluster's. Does nothing if the field is known.
   absl::Status AddField(const std::string& field, const std::string& dataset_directory);
 
+  // Of a series, `field` is the volume of that field and component at the step of each frame.
+  void AddField(const std::string& field, int field_index, int component) {
+    series_fields_[field] = {.field = field_index, .component = component};
+  }
+
   // From now on each part has two agents, and frames lose the first ones somewhere on the way.
   void LoseAgents() { loses_agents_ = true; }
 
@@ -80,13 +92,27 @@ class LocalCluster {
   absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec) {
     return Render(spec, base::Cancellation());
   }
+  // Renders a frame of one scalar volume of a series.
+  absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec,
+                                             const store::ScalarVolumeKey& volume);
 
  private:
-  std::vector<std::shared_ptr<const agent::Shard>> shards_;
-  std::map<std::string, agent::Shards> fields_;  // by ColorBy::field
+  // Opens a scalar volume on all agents.
+  [[nodiscard]] absl::StatusOr<agent::Shards> OpenVolume(const store::ScalarVolumeKey& key) const;
+  // `shards` by agent; `colors` by surface, then by agent, empty where a surface shows no field.
+  absl::StatusOr<server::FrameResult> RenderShards(const frame::FrameSpec& spec,
+                                                   const agent::Shards& shards,
+                                                   const std::vector<agent::Shards>& colors,
+                                                   const base::Cancellation& cancellation);
+
+  agent::Shards shards_;                                     // empty if it is a series
+  std::vector<std::unique_ptr<agent::SeriesShard>> series_;  // empty if it is none
+  // By ColorBy::field.
+  std::map<std::string, agent::Shards> fields_;
+  std::map<std::string, store::ScalarVolumeKey> series_fields_;  // the step does not count
   render::Renderer* given_renderer_ = nullptr;
   Limits limits_;
-  std::shared_ptr<tbb::task_arena> arena_;  // null while the cluster sleeps, as the next two
+  std::shared_ptr<base::TaskArena> arena_;  // null while the cluster sleeps, as the next two
   render::Renderer* renderer_ = nullptr;
   std::unique_ptr<render::Renderer> cpu_renderer_;  // also null if given_renderer_ is one
   std::unique_ptr<render::LayerRenderer> layers_;
@@ -120,7 +146,7 @@ class LocalClusters {
   render::Renderer* const renderer_;
   Dice dice_;
   std::int64_t wake_count_ = 0;
-  std::shared_ptr<tbb::task_arena> arena_;
+  std::shared_ptr<base::TaskArena> arena_;
   std::map<std::string, std::unique_ptr<LocalCluster>> clusters_;
   LocalCluster* awake_ = nullptr;
 };

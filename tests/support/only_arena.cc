@@ -23,13 +23,13 @@ constexpr absl::Duration kPatience = absl::Seconds(120);
 std::atomic<int> alive_count{0};
 
 // Returns how many threads of the arena came together: `count`, or fewer after kPatience.
-int CountThreads(tbb::task_arena* arena, int count) {
+int CountThreads(base::TaskArena* arena, int count) {
   base::Mutex mutex;
   base::CondVar changed;
   int here = 0;
   bool is_late = false;
   const absl::Time deadline = absl::Now() + kPatience;
-  arena->execute([&] {
+  base::RunIn(arena, [&] {
     tbb::parallel_for(
         tbb::blocked_range<int>(0, count),
         [&](const tbb::blocked_range<int>& /*one*/) {
@@ -57,20 +57,20 @@ struct OnlyArena {
   OnlyArena(const OnlyArena&) = delete;
   OnlyArena& operator=(const OnlyArena&) = delete;
 
-  std::shared_ptr<tbb::task_arena> arena;
+  std::shared_ptr<base::TaskArena> arena;
 };
 
 }  // namespace
 
-absl::StatusOr<std::shared_ptr<tbb::task_arena>> MakeOnlyArena(int thread_count) {
+absl::StatusOr<std::shared_ptr<base::TaskArena>> MakeOnlyArena(int thread_count) {
   auto only = std::make_shared<OnlyArena>();
-  only->arena = base::MakeTaskArena(thread_count);
-  tbb::task_arena* const arena = only->arena.get();
+  only->arena = std::make_shared<base::TaskArena>(thread_count);
+  base::TaskArena* const arena = only->arena.get();
   if (const int count = CountThreads(arena, thread_count); count < thread_count) {
     return absl::DeadlineExceededError(
         absl::StrFormat("of %d threads only %d ran at one time", thread_count, count));
   }
-  return std::shared_ptr<tbb::task_arena>(std::move(only), arena);
+  return std::shared_ptr<base::TaskArena>(std::move(only), arena);
 }
 
 }  // namespace isoscope::testing

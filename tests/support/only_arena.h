@@ -6,16 +6,17 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
+
+#include "core/base/task_arena.h"
 
 namespace isoscope::testing {
 
-// Makes an arena as programs do (base::MakeTaskArena), and returns it after all of its threads have
+// Makes an arena as programs do (base::TaskArena), and returns it after all of its threads have
 // run at one time. DEADLINE_EXCEEDED, with how many did, if they do not come.
 //
 // REQUIRES: no other arena of this function is alive. Each bounds the threads of the process, and
 // TBB takes the least bound.
-absl::StatusOr<std::shared_ptr<tbb::task_arena>> MakeOnlyArena(int thread_count);
+absl::StatusOr<std::shared_ptr<base::TaskArena>> MakeOnlyArena(int thread_count);
 
 }  // namespace isoscope::testing
 

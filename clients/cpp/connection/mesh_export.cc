@@ -7,6 +7,7 @@
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "core/base/status_macros.h"
 #include "core/io/atomic_file.h"
+#include "core/rpc/field_selection.h"
 
 namespace isoscope::client {
 
@@ -27,10 +28,35 @@ absl::Status ReceiveMesh(const v1::ExportIsosurfaceRequest& request, absl::Durat
   return client->ExportIsosurface(request, timeout, add_chunk);
 }
 
+std::optional<MeshField> PinSelection(const v1::Dataset& dataset,
+                                      v1::ExportIsosurfaceRequest* request) {
+  if (dataset.fields().empty()) {
+    return std::nullopt;
+  }
+  const absl::StatusOr<v1::FieldSelection> selection =
+      rpc::ResolveSelection(request->selection(), dataset);
+  if (!selection.ok()) {
+    return std::nullopt;
+  }
+  *request->mutable_selection() = *selection;
+  MeshField field{.name = selection->field(), .component = selection->component()};
+  const auto found =
+      std::find_if(dataset.fields().begin(), dataset.fields().end(),
+                   [&](const v1::Field& one) { return one.name() == selection->field(); });
+  field.unit = found->unit();
+  if (selection->has_time_step()) {
+    field.step = selection->time_step();
+    field.time = rpc::TimeOf(dataset, selection->time_step());
+    field.time_unit = dataset.time_unit();
+  }
+  return field;
+}
+
 absl::StatusOr<MeshFileSummary> WriteMeshFile(const v1::ExportIsosurfaceRequest& request,
                                               const std::string& path, absl::Duration timeout,
-                                              ServiceClient* client) {
-  MeshFileOptions options{.path = path};
+                                              ServiceClient* client,
+                                              const std::optional<MeshField>& field) {
+  MeshFileOptions options{.path = path, .field = field};
   ISOSCOPE_ASSIGN_OR_RETURN(options.format, MeshFormatOf(path, std::nullopt));
   options.surfaces[0].isovalue = request.isovalue();
   if (request.surfaces_size() > 0) {

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -12,7 +13,9 @@
 #include "absl/time/time.h"
 
 #include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/mesh_file/mesh_field.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
+#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::client {
@@ -26,6 +29,12 @@ absl::Status ReceiveMesh(const isoscope::v1::ExportIsosurfaceRequest& request,
                          absl::Duration timeout, ServiceClient* client, MeshSink* sink,
                          const MeshProgress& progress = nullptr);
 
+// Replaces the selection of a request by the field and the step that it means in `dataset`, which
+// is the request's, so that a step that is appended meanwhile changes nothing. Returns them for the
+// mesh's file. Not set: the dataset has no fields, or serves nothing such, as the server will say.
+std::optional<MeshField> PinSelection(const isoscope::v1::Dataset& dataset,
+                                      isoscope::v1::ExportIsosurfaceRequest* request);
+
 struct MeshFileSummary {
   std::int64_t vertex_count = 0;
   std::int64_t triangle_count = 0;
@@ -35,9 +44,12 @@ struct MeshFileSummary {
 // Writes the surfaces of the request to a file, in the format of its suffix: .ply, .stl, .obj, .glb
 // or .vtp. The file appears complete or not at all. INVALID_ARGUMENT: another suffix. Else errors
 // of writing and as ReceiveMesh.
+//
+// field: that of PinSelection, which the file says; not set: it says none
 absl::StatusOr<MeshFileSummary> WriteMeshFile(const isoscope::v1::ExportIsosurfaceRequest& request,
                                               const std::string& path, absl::Duration timeout,
-                                              ServiceClient* client);
+                                              ServiceClient* client,
+                                              const std::optional<MeshField>& field = std::nullopt);
 
 }  // namespace isoscope::client
 

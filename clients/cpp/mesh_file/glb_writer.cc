@@ -6,8 +6,9 @@
 //   length, "BIN\0", positions, normals, indices    each of all surfaces
 //
 // A surface is a primitive of the single mesh: it has its own accessors into the three arrays, and
-// a material if the file has colours. Example: with surfaces of 10 and 20 vertices, the second
-// one's positions begin at byte 120 of the first array, and its indices count from 0.
+// a material if the file has colours. The field and the step of a series are asset.extras. Example:
+// with surfaces of 10 and 20 vertices, the second one's positions begin at byte 120 of the first
+// array, and its indices count from 0.
 //
 // Sources: glTF 2.0 specification, sections 3.6 (buffers, accessors), 3.9 (materials), 4 (GLB).
 
@@ -120,7 +121,7 @@ class GlbWriter : public MeshWriter {
 
   absl::Status Finish() override {
     const auto data = static_cast<std::uint32_t>(data_bytes());
-    std::string json = Describe().dump();
+    std::string json = Describe().dump(-1, ' ', false, Json::error_handler_t::replace);
     ISOSCOPE_CHECK_LE(json.size(), json_bytes());
     json.resize(json_bytes(), ' ');
     std::string header = "glTF";
@@ -136,7 +137,14 @@ class GlbWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  [[nodiscard]] std::size_t json_bytes() const { return kJsonBytes * (1 + parts_.size()); }
+  // A multiple of 4, as the format wants it.
+  [[nodiscard]] std::size_t json_bytes() const {
+    const std::size_t extras_bytes =
+        options_.field.has_value()
+            ? Extras().dump(-1, ' ', false, Json::error_handler_t::replace).size() + 16
+            : 0;
+    return kJsonBytes * (1 + parts_.size()) + extras_bytes / 4 * 4;
+  }
   [[nodiscard]] std::size_t header_bytes() const {
     return kFileHeadBytes + 2 * kChunkHeadBytes + json_bytes();
   }
@@ -145,9 +153,26 @@ class GlbWriter : public MeshWriter {
            file_->section_bytes(kIndices);
   }
 
+  // The field and the step. REQUIRES: options_.field is set.
+  [[nodiscard]] Json Extras() const {
+    const MeshField& field = *options_.field;
+    Json extras = {{"field", field.name}, {"component", field.component}, {"unit", field.unit}};
+    if (field.step.has_value()) {
+      extras["step"] = *field.step;
+    }
+    if (field.time.has_value()) {
+      extras["time"] = *field.time;
+      extras["time_unit"] = field.time_unit;
+    }
+    return extras;
+  }
+
   [[nodiscard]] Json Describe() const {
     Json json;
     json["asset"] = {{"version", "2.0"}, {"generator", "isoscope"}};
+    if (options_.field.has_value()) {
+      json["asset"]["extras"] = Extras();
+    }
     json["scene"] = 0;
     if (triangle_count() == 0) {  // accessors of no elements are not allowed
       json["scenes"] = Json::array({Json::object()});

@@ -14,6 +14,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "clients/cpp/mesh_file/mesh_field.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
 #include "core/frame/color.h"
 
@@ -42,6 +43,9 @@ struct MeshFileOptions {
   // At least one, by surface index. A file of several surfaces distinguishes them if its format
   // can: by a surface index of vertices (PLY, VTP), objects (OBJ) or primitives (GLB).
   std::vector<MeshSurface> surfaces = std::vector<MeshSurface>(1);
+  // Written as comments (PLY, OBJ), into the title (STL, as far as it fits), as `asset.extras`
+  // (GLB) or field data (VTP). Not set: the dataset has no fields, and the file does not say any.
+  std::optional<MeshField> field = std::nullopt;
 
   // Returns false if no surface has a colour: then the file has none.
   [[nodiscard]] bool has_colors() const;

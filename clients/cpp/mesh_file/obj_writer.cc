@@ -13,7 +13,6 @@
 namespace isoscope::client {
 namespace {
 
-constexpr char kHeader[] = "# isoscope\n";
 constexpr std::size_t kTypicalLineBytes = 40;
 
 template <typename T>
@@ -38,7 +37,7 @@ class ObjWriter : public MeshWriter {
   explicit ObjWriter(const MeshFileOptions& options) : options_(options) {}
 
   absl::Status Open() {
-    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(options_.path, sizeof(kHeader) - 1, 1));
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(options_.path, Header().size(), 1));
     return absl::OkStatus();
   }
 
@@ -65,11 +64,21 @@ class ObjWriter : public MeshWriter {
     return file_->Append(0, text);
   }
 
-  absl::Status Finish() override { return file_->Finish(kHeader); }
+  absl::Status Finish() override { return file_->Finish(Header()); }
 
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
+  [[nodiscard]] std::string Header() const {
+    std::string header = "# isoscope\n";
+    if (options_.field.has_value()) {
+      for (const std::string& line : LinesOf(*options_.field)) {
+        absl::StrAppend(&header, "# ", line, "\n");
+      }
+    }
+    return header;
+  }
+
   // Writes one object for each of several surfaces. A triangle could refer to vertices of other
   // objects, but here it does not.
   void BeginSurface(int surface_index, std::string* text) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 
@@ -59,7 +60,9 @@ class PlyWriter : public MeshWriter {
  private:
   [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
   [[nodiscard]] std::string Header() const {
-    return MakePlyHeader(vertex_count(), triangle_count(), options_.has_colors(), has_indices());
+    return MakePlyHeader(
+        vertex_count(), triangle_count(), options_.has_colors(), has_indices(),
+        options_.field.has_value() ? LinesOf(*options_.field) : std::vector<std::string>());
   }
 
   // Returns the bytes after the normal of each vertex of a surface.
@@ -83,14 +86,18 @@ class PlyWriter : public MeshWriter {
 }  // namespace
 
 std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count, bool has_colors,
-                          bool has_surface_indices) {
+                          bool has_surface_indices, const std::vector<std::string>& comments) {
   const std::string vertices = absl::StrCat(vertex_count);
   const std::string faces = absl::StrCat(triangle_count);
   // The comment pads the room that the counts leave.
   const std::string padding(kCountDigits - vertices.size() - faces.size(), '.');
+  std::string lines;
+  for (const std::string& comment : comments) {
+    absl::StrAppend(&lines, "comment ", comment, "\n");
+  }
   return absl::StrCat(
-      "ply\nformat binary_little_endian 1.0\ncomment isoscope ", padding, "\nelement vertex ",
-      vertices,
+      "ply\nformat binary_little_endian 1.0\ncomment isoscope ", padding, "\n", lines,
+      "element vertex ", vertices,
       "\nproperty float x\nproperty float y\nproperty float z\n"
       "property float nx\nproperty float ny\nproperty float nz\n",
       has_colors ? "property uchar red\nproperty uchar green\nproperty uchar blue\n" : "",

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -18,9 +19,11 @@ namespace isoscope::client {
 // MeshWriter::Create for PLY.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreatePly(const MeshFileOptions& options);
 
-// Returns the header for these counts; its length does not depend on them.
+// Returns the header for these counts; its length does not depend on them. Each of `comments` is a
+// line.
 std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count,
-                          bool has_colors = false, bool has_surface_indices = false);
+                          bool has_colors = false, bool has_surface_indices = false,
+                          const std::vector<std::string>& comments = {});
 
 }  // namespace isoscope::client
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 #include "clients/cpp/mesh_file/sectioned_file.h"
 #include "core/base/coding.h"
@@ -23,9 +24,12 @@ constexpr std::size_t kTextBytes = 80;
 constexpr std::size_t kFacetBytes = 12 * sizeof(float) + sizeof(std::uint16_t);
 constexpr std::int64_t kMaxTriangleCount = std::numeric_limits<std::uint32_t>::max();
 
-std::string MakeHeader(std::int64_t triangle_count) {
+std::string MakeHeader(const std::optional<MeshField>& field, std::int64_t triangle_count) {
   // Must not begin with "solid", which marks the text format.
   std::string header = "isoscope, binary STL";
+  if (field.has_value()) {
+    absl::StrAppend(&header, ", ", absl::StrJoin(LinesOf(*field), ", "));
+  }
   header.resize(kTextBytes, ' ');
   base::AppendLittleEndian(static_cast<std::uint32_t>(triangle_count), &header);
   return header;
@@ -54,12 +58,14 @@ void AppendFacet(std::span<const float> positions, const std::uint32_t* corners,
 
 class StlWriter : public MeshWriter {
  public:
-  absl::Status Open(const std::string& path) {
-    std::string folder = std::filesystem::path(path).parent_path().string();
+  explicit StlWriter(const MeshFileOptions& options) : options_(options) {}
+
+  absl::Status Open() {
+    std::string folder = std::filesystem::path(options_.path).parent_path().string();
     ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<float> positions,
                               io::FileArray<float>::Create(folder.empty() ? "." : folder));
     positions_ = std::move(positions);
-    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(path, MakeHeader(0).size(), 1));
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(options_.path, Header().size(), 1));
     return absl::OkStatus();
   }
 
@@ -79,11 +85,14 @@ class StlWriter : public MeshWriter {
     return file_->Append(0, facets);
   }
 
-  absl::Status Finish() override { return file_->Finish(MakeHeader(triangle_count())); }
+  absl::Status Finish() override { return file_->Finish(Header()); }
 
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
+  [[nodiscard]] std::string Header() const { return MakeHeader(options_.field, triangle_count()); }
+
+  const MeshFileOptions options_;
   std::optional<io::FileArray<float>> positions_;  // of all vertices so far
   std::unique_ptr<SectionedFile> file_;
 };
@@ -91,8 +100,8 @@ class StlWriter : public MeshWriter {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateStl(const MeshFileOptions& options) {
-  auto writer = std::make_unique<StlWriter>();
-  ISOSCOPE_RETURN_IF_ERROR(writer->Open(options.path));
+  auto writer = std::make_unique<StlWriter>(options);
+  ISOSCOPE_RETURN_IF_ERROR(writer->Open());
   return writer;
 }
 

@@ -1,4 +1,5 @@
-// The file has an XML header of a fixed length, which declares the arrays with their offsets. After
+// The file has an XML header of a fixed length, which has the field and the step of a series, and
+// declares the arrays with their offsets. After
 // its "_" follow the arrays, each preceded by its size in bytes (uint64):
 //
 //   Points, Normals, Colors (if wanted), SurfaceIndex (of several surfaces), connectivity (Int32),
@@ -13,6 +14,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +33,42 @@ constexpr std::int64_t kSizeBytes = sizeof(std::uint64_t);
 constexpr std::int64_t kOffsetsPerWrite = 1 << 16;
 constexpr char kTail[] = "\n  </AppendedData>\n</VTKFile>\n";
 
+// An array of one text: VTK writes the codes of its bytes, and a 0.
+std::string TextArray(absl::string_view name, const std::string& text) {
+  std::string array = absl::StrCat("      <DataArray type=\"String\" Name=\"", name,
+                                   "\" NumberOfTuples=\"1\" format=\"ascii\">");
+  for (const char c : text) {
+    absl::StrAppend(&array, static_cast<int>(static_cast<unsigned char>(c)), " ");
+  }
+  return absl::StrCat(array, "0</DataArray>\n");
+}
+
+std::string NumberArray(absl::string_view type, absl::string_view name, const std::string& number) {
+  return absl::StrCat("      <DataArray type=\"", type, "\" Name=\"", name,
+                      "\" NumberOfTuples=\"1\" format=\"ascii\">", number, "</DataArray>\n");
+}
+
+// The field data of a file; "" if it says none.
+std::string FieldDataOf(const std::optional<MeshField>& field) {
+  if (!field.has_value()) {
+    return "";
+  }
+  std::string data = TextArray("Field", field->name);
+  const auto add_text = [&](absl::string_view name, const std::string& text) {
+    data += text.empty() ? "" : TextArray(name, text);
+  };
+  add_text("FieldComponent", field->component);
+  add_text("FieldUnit", field->unit);
+  if (field->step.has_value()) {
+    data += NumberArray("Int32", "TimeStep", absl::StrCat(*field->step));
+  }
+  if (field->time.has_value()) {
+    data += NumberArray("Float64", "TimeValue", ShortestText(*field->time));
+    add_text("TimeUnit", field->time_unit);
+  }
+  return absl::StrCat("    <FieldData>\n", data, "    </FieldData>\n");
+}
+
 std::string SizePrefix(std::int64_t bytes) {
   std::string prefix;
   base::AppendLittleEndian(static_cast<std::uint64_t>(bytes), &prefix);
@@ -43,11 +81,12 @@ absl::string_view BytesOf(const auto& values) {
 
 class VtpWriter : public MeshWriter {
  public:
-  explicit VtpWriter(const MeshFileOptions& options) : options_(options) {}
+  explicit VtpWriter(const MeshFileOptions& options)
+      : options_(options), field_data_(FieldDataOf(options.field)) {}
 
   absl::Status Open() {
     ISOSCOPE_ASSIGN_OR_RETURN(
-        file_, SectionedFile::Create(options_.path, kHeaderBytes, connectivity() + 2));
+        file_, SectionedFile::Create(options_.path, header_bytes(), connectivity() + 2));
     return absl::OkStatus();
   }
 
@@ -89,6 +128,7 @@ class VtpWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
+  [[nodiscard]] std::size_t header_bytes() const { return kHeaderBytes + field_data_.size(); }
   [[nodiscard]] bool has_colors() const { return options_.has_colors(); }
   [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
   // Returns the section of the connectivity; that of surface indices, if any, is before it.
@@ -124,10 +164,9 @@ class VtpWriter : public MeshWriter {
         "<?xml version=\"1.0\"?>\n"
         "<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" "
         "header_type=\"UInt64\">\n"
-        "  <PolyData>\n"
-        "    <Piece NumberOfPoints=\"",
-        vertex_count(), "\" NumberOfPolys=\"", triangle_count(),
-        "\">\n      <PointData Normals=\"Normals\"",
+        "  <PolyData>\n",
+        field_data_, "    <Piece NumberOfPoints=\"", vertex_count(), "\" NumberOfPolys=\"",
+        triangle_count(), "\">\n      <PointData Normals=\"Normals\"",
         has_colors()    ? " Scalars=\"Colors\""
         : has_indices() ? " Scalars=\"SurfaceIndex\""
                         : "",
@@ -136,12 +175,13 @@ class VtpWriter : public MeshWriter {
         "\n      </Polys>\n    </Piece>\n  </PolyData>\n"
         "  <AppendedData encoding=\"raw\">\n");
     // Spaces up to the fixed length, then the mark and the size of the first array.
-    ISOSCOPE_CHECK_LE(head.size() + 1 + kSizeBytes, kHeaderBytes);
-    const std::string padding(kHeaderBytes - head.size() - 1 - kSizeBytes, ' ');
+    ISOSCOPE_CHECK_LE(head.size() + 1 + kSizeBytes, header_bytes());
+    const std::string padding(header_bytes() - head.size() - 1 - kSizeBytes, ' ');
     return absl::StrCat(head, padding, "_", SizePrefix(file_->section_bytes(0)));
   }
 
   const MeshFileOptions options_;
+  const std::string field_data_;
   std::unique_ptr<SectionedFile> file_;
 };
 

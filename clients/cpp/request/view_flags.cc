@@ -1,5 +1,9 @@
 #include "clients/cpp/request/view_flags.h"
 
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "absl/strings/str_cat.h"
 
 #include "clients/cpp/request/camera_file.h"
@@ -19,16 +23,15 @@ using view::NamedView;
 constexpr char kGroup[] = "Views";
 
 absl::StatusOr<NamedView> ParseView(absl::string_view text) {
-  return ParseChoice<NamedView>(text, {{"front", NamedView::kFront},
-                                       {"back", NamedView::kBack},
-                                       {"left", NamedView::kLeft},
-                                       {"right", NamedView::kRight},
-                                       {"top", NamedView::kTop},
-                                       {"bottom", NamedView::kBottom},
-                                       {"anterior", NamedView::kAnterior},
-                                       {"posterior", NamedView::kPosterior},
-                                       {"superior", NamedView::kSuperior},
-                                       {"inferior", NamedView::kInferior}});
+  std::vector<std::pair<std::string, NamedView>> choices;
+  for (const bool has_world : {true, false}) {
+    for (const view::NamedViewRow& row : view::NamedViewTable()) {
+      if (row.has_world() == has_world) {
+        choices.emplace_back(row.name, row.named_view);
+      }
+    }
+  }
+  return ParseChoice<NamedView>(text, choices);
 }
 
 absl::StatusOr<v1::CameraFit> ParseFit(absl::string_view text) {

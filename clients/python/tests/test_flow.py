@@ -79,6 +79,13 @@ def test_planes_picks_meshes_and_histograms_are_of_the_step_of_the_frame(flow):
     pixel = (int(columns[len(columns) // 2]), int(rows[len(rows) // 2]))
     assert flow.pick(pixel, isovalue, field="temperature", time=0, **SIZE) == frames[0].pick(*pixel)
     assert np.float32(frames[0].pick(*pixel).depth) == frames[0].depth[pixel[1], pixel[0]]
+    point = frames[0].pick(*pixel, all_fields=True)
+    assert point == flow.pick(pixel, isovalue, field="temperature", step=0, all_fields=True, **SIZE)
+    values = {(value.field, value.component): value.value for value in point.field_values}
+    assert list(values) == [(field.name, part.name) for field in flow.fields for part in field.components]
+    assert abs(values["temperature", ""] - isovalue) < 1e-3
+    speed = np.linalg.norm([values["velocity", name] for name in "xyz"])
+    assert abs(values["velocity", "magnitude"] - speed) < 0.05 * speed
     meshes = [flow.mesh(isovalue, field="temperature", step=step) for step in (0, 3)]
     assert not np.array_equal(meshes[0].points, meshes[1].points)
     histogram = flow.histogram(bins=16, field="velocity:x", step=1)

@@ -106,12 +106,31 @@ def test_wrong_selections_are_named_before_anything_is_sent(what, words):
         _request.frame(series(), 1, **what)
 
 
+def test_a_pick_asks_for_all_fields_and_its_points_have_them():
+    request = _request.frame(series(), 1, size=8)
+    assert not _request.pick(request, [(1, 2)]).with_field_values
+    assert _request.pick(request, [(1, 2)], all_fields=True).with_field_values
+    proto = pb.PickSurfaceResponse()
+    point = proto.points.add(is_hit=True)
+    point.field_values.add(field="pressure", unit="Pa", value=2)
+    point.field_values.add(field="velocity", component="x", value=float("nan"))
+    (picked,) = _answer.picked(proto, [(1, 2)])
+    pressure, velocity = picked.field_values
+    assert pressure == isoscope.FieldValue("pressure", "", "Pa", 2.0)
+    assert (velocity.component, velocity.unit) == ("x", None) and np.isnan(velocity.value)
+    assert pickle.loads(pickle.dumps(pressure)) == pressure
+    point.ClearField("field_values")
+    assert _answer.picked(proto, [(1, 2)])[0].field_values == ()
+
+
 def test_both_clients_take_the_words_in_all_calls():
     for dataset in (isoscope.Dataset, isoscope.aio.Dataset):
         for call in (dataset.render, dataset.mesh, dataset.histogram):
             assert {"field", "component", "time", "step"} <= inspect.signature(call).parameters.keys()
     assert {"field", "component", "time", "step"} <= inspect.signature(isoscope.Dataset.view).parameters.keys()
     assert {"field", "component", "time", "step"} <= set(_core._PICK_ARGUMENTS)
+    for dataset in (isoscope.Dataset, isoscope.aio.Dataset):
+        assert "all_fields" in inspect.signature(dataset.pick).parameters
 
 
 @pytest.mark.parametrize(

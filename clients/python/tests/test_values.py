@@ -79,9 +79,9 @@ def test_patient_views_follow_the_patient_frame():
 
 def test_the_table_of_named_views_is_the_one_of_cpp():
     table = (ROOT / "core" / "view" / "named_views.inc").read_text()
-    rows = re.findall(r'\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}', table)
+    rows = re.findall(r'\{"(\w+)", NamedView::k\w+, \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}', table)
     vectors = [[tuple(map(int, row[at].split(", "))) for at in (1, 2)] for row in rows]
-    expected = [(row[0].lower(), (*pair, row[3])) for row, pair in zip(rows, vectors)]
+    expected = [(row[0], (*pair, row[3])) for row, pair in zip(rows, vectors)]
     assert len(rows) == 10 and list(_NAMED_VIEWS.items()) == expected
 
 

@@ -574,6 +574,17 @@ class SeriesTest(PageTest):
         self.assertIn('--step 7', self.by_id('command').text)
 
 
+    def test_a_picked_point_has_the_values_of_all_fields_where_all_have_the_step(self):
+        for step, has_values in ((3, True), (5, False)):  # velocity lacks the last step
+            self.open_and_wait(f'#dataset=flow&surface=40&step={step}')
+            self.js('isoscope.view.root.focus()')
+            ActionChains(self.browser).send_keys(Keys.ENTER).perform()
+            self.until('isoscope.view.pins.length === 1')
+            rows = self.js('return [...document.querySelectorAll("#points dt.field")].map((e) => [e.textContent, e.nextSibling.textContent])')
+            self.assertEqual([['pressure', '40 Pa'], ['velocity x', '0 m/s'], ['velocity y', '0.5 m/s'], ['velocity z', '1 m/s'],
+                              ['velocity magnitude', '1.5 m/s']] if has_values else [], rows)
+
+
 class ScreenReaderTest(PageTest):
     # Collects what live regions say, in the page and in the view.
     LISTEN = '''window.said = [];

@@ -387,14 +387,16 @@ async function respond(request, body, reply) {
         estimatedTriangleCount: '1000' })), hasSampleCounts: true,
       suggestions: [{ method: 'METHOD_BETWEEN_CLASSES', isovalue: 40, insideFraction: 0.3 }] });
     } else if (parts[3] === 'pick') {
-      const { frame, pixels } = JSON.parse(body);
+      const { frame, pixels, withFieldValues } = JSON.parse(body);
       const { widthPx, heightPx } = frame.viewport;
       const camera = cameraOf(frame);
       seen.picks += 1;
       send({ points: pixels.map(({ x = 0, y = 0 }) => {
         const hit = cast(frame, camera, view.basisOf(camera), widthPx / heightPx, 2 * (x + 0.5) / widthPx - 1, 1 - 2 * (y + 0.5) / heightPx);
         return hit ? { isHit: true, position: { x: hit.position[0], y: hit.position[1], z: hit.position[2] }, depth: hit.depth,
-          surfaceIndex: hit.index, normal: { x: hit.normal[0], y: hit.normal[1], z: hit.normal[2] }, blockId: '7', shardIndex: 1 } : {};
+          surfaceIndex: hit.index, normal: { x: hit.normal[0], y: hit.normal[1], z: hit.normal[2] }, blockId: '7', shardIndex: 1,
+          ...(withFieldValues ? { fieldValues: [{ field: 'pressure', unit: 'Pa', value: 40 }, ...['x', 'y', 'z', 'magnitude'].map((component, i) =>
+            ({ field: 'velocity', component, unit: 'm/s', value: 0.5 * i }))] } : {}) } : {};
       }) });
     } else if (parts[3] === 'render') {
       const frame = JSON.parse(body);

@@ -2,7 +2,9 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { Player, choiceOf, choicesOf, histogramWords, indexOfStep, stepsOf, titleOfColoring, withoutFields } from '../../../clients/web/series.js';
+import {
+  Player, choiceOf, choicesOf, hasAllFields, histogramWords, indexOfStep, stepsOf, titleOfColoring, valuesOf, withoutFields,
+} from '../../../clients/web/series.js';
 
 // As the gateway writes it: what is 0 or empty is left out.
 const FLOW = {
@@ -45,6 +47,19 @@ test('a histogram is of what is shown', () => {
   assert.equal(histogramWords(FLOW, undefined), '&field=pressure&step=3');
   assert.equal(histogramWords(FLOW, { field: 'velocity', time: 0 }), '&field=velocity&component=magnitude&step=0');
   assert.equal(histogramWords(PLAIN, undefined), '');
+});
+
+test('a picked point has the values of all fields, where all are served', () => {
+  for (const [dataset, selection, expected] of [[FLOW, undefined, false], [FLOW, { timeStep: 2 }, true], [FLOW, { timeStep: 1 }, false],
+    [FLOW, { field: 'velocity' }, true], [FLOW, { time: 0.1 }, true], [FLOW, { field: 'hue' }, false], [PLAIN, undefined, false],
+    [{ ...FLOW, timeSteps: [], fields: FLOW.fields.map(({ timeSteps, ...rest }) => rest) }, undefined, true], [null, undefined, false]]) {
+    assert.equal(hasAllFields(dataset, selection), expected, JSON.stringify(selection));
+  }
+  const point = { fieldValues: [{ field: 'pressure', unit: 'Pa', value: 1.5 }, { field: 'velocity', component: 'x', unit: 'm/s' },
+    { field: 'velocity', component: 'y', value: 'NaN' }, { field: 'heat', value: '-Infinity' }] };
+  assert.deepEqual(valuesOf(point, FLOW, String).map(({ name, text }) => [name, text]), [['Static pressure', '1.5 Pa'],
+    ['velocity x', '0 m/s'], ['velocity y', 'no value'], ['heat', '-Infinity']]);
+  assert.deepEqual(valuesOf({}, FLOW, String), []);
 });
 
 test('the legend has the name and the unit of a field', () => {

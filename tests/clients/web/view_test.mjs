@@ -49,8 +49,8 @@ test('named views look from the sides that the command line names', () => {
 
 test('the table of named views is the one of C++', () => {
   const table = readFileSync(new URL('../../../core/view/named_views.inc', import.meta.url), 'utf8');
-  const rows = [...table.matchAll(/\{NamedView::k(\w+), \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}/g)].map(([, name, toEye, up, sides]) =>
-    [name.toLowerCase(), [toEye.split(', ').map(Number), up.split(', ').map(Number), sides]]);
+  const rows = [...table.matchAll(/\{"(\w+)", NamedView::k\w+, \{\{(.*?)\}, \{(.*?)\}\}, "(\w*)"\}/g)].map(([, name, toEye, up, sides]) =>
+    [name, [toEye.split(', ').map(Number), up.split(', ').map(Number), sides]]);
   assert.equal(rows.length, 10);
   assert.deepEqual(Object.entries(view.NAMED_VIEWS), rows);
 });

@@ -19,6 +19,7 @@
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/task_arena.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
@@ -50,7 +51,7 @@ class Agent {
     // A port: within a process gRPC blocks writers whose reader has left.
     options.listen_address = "127.0.0.1:0";
     options.renderer = *std::move(renderer);
-    options.arena = std::make_shared<tbb::task_arena>(1);
+    options.arena = std::make_shared<base::TaskArena>(1);
     options.memory = memory_;
     auto server = agent::AgentServer::Start(options);
     Require(server.ok(), "an agent can be started");
@@ -260,6 +261,11 @@ std::vector<std::string> Seeds() {
   v1::GetGradientsRequest gradients;
   gradients.add_shard_indices(0);
   gradients.add_points()->set_x(3);
+  v1::GetGradientsRequest values = gradients;
+  values.add_block_ids(0);
+  values.mutable_values()->add_dataset_ids("other");
+  values.mutable_values()->add_isovalues(testing::SmallDataset::kIsovalue);
+  values.mutable_values()->add_on_caps(false);
   const std::string first = MakePiece(occluders.SerializeAsString());
   const std::string second = MakePiece(visible.SerializeAsString());
   return {head(4) + MakePiece(begin) + first + second,
@@ -270,7 +276,8 @@ std::vector<std::string> Seeds() {
           head(0) + MakePiece(surface.SerializeAsString()),
           head(1) + MakePiece(histogram.SerializeAsString()),
           head(2) + MakePiece(box.SerializeAsString()),
-          head(3) + MakePiece(gradients.SerializeAsString())};
+          head(3) + MakePiece(gradients.SerializeAsString()),
+          head(3) + MakePiece(values.SerializeAsString())};
 }
 
 }  // namespace isoscope::fuzz

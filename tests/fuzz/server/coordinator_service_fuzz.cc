@@ -16,6 +16,7 @@
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/task_arena.h"
 #include "core/image/png_codec.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
@@ -55,7 +56,7 @@ class Cluster {
   Cluster() {
     auto renderer = render::MakeRenderer({.kind = render::RendererKind::kCpu});
     const auto memory = std::make_shared<agent::AgentMemory>(kAgentBytes);
-    const auto arena = std::make_shared<tbb::task_arena>(1);
+    const auto arena = std::make_shared<base::TaskArena>(1);
     Require(renderer.ok() && memory->Settle().ok(), "an agent can be made");
     agent::AgentServerOptions options;
     options.directories = {dataset_.directory()};

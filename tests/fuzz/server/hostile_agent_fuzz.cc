@@ -24,6 +24,7 @@
 #include "core/base/coding.h"
 #include "core/base/compression.h"
 #include "core/base/mutex.h"
+#include "core/base/task_arena.h"
 #include "core/composite/band_format.h"
 #include "core/composite/pixel_codec.h"
 #include "core/rpc/grpc_status.h"
@@ -119,7 +120,7 @@ class Cluster {
     server::CoordinatorServerOptions options;
     options.agents = {{agent_.address(), nullptr}};
     options.poll_interval = absl::Hours(1);
-    options.arena = std::make_shared<tbb::task_arena>(1);
+    options.arena = std::make_shared<base::TaskArena>(1);
     auto coordinator = server::CoordinatorServer::Start(options);
     Require(coordinator.ok() && (*coordinator)->WaitUntilReady(absl::Now() + kPatience).ok(),
             "a coordinator can be started");

@@ -12,6 +12,7 @@
 #include "absl/strings/strip.h"
 #include <arpa/inet.h>
 
+#include "core/rpc/field_selection.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/peer.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -90,10 +91,10 @@ void ReadTarget(absl::string_view text) {
   const auto picture = gateway::RenderRequestFromQuery(target->query, dataset);
   if (picture.ok()) {
     Require(picture->dataset() == "head", "a picture is one of the dataset of its address");
-    const auto selection = gateway::ResolveSelection(picture->selection(), dataset);
-    if (selection) {
-      const auto same = gateway::ResolveSelection(*selection, dataset);
-      Require(same && same->SerializeAsString() == selection->SerializeAsString(),
+    const auto selection = rpc::ResolveSelection(picture->selection(), dataset);
+    if (selection.ok()) {
+      const auto same = rpc::ResolveSelection(*selection, dataset);
+      Require(same.ok() && same->SerializeAsString() == selection->SerializeAsString(),
               "what a selection means has no open parts");
       Require(!gateway::DependsOnLaterSteps(*selection, dataset), "and stays what it is");
     }

@@ -168,7 +168,7 @@ TEST_F(ColorVolumesTest, EachBlockIsVisitedOnceWithItsSamplesWithinAnyLimit) {
   }
   std::int64_t bytes_of_first = 0;
   for (const int threads : {1, 3}) {
-    const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(threads);
+    const std::shared_ptr<base::TaskArena> arena = std::make_shared<base::TaskArena>(threads);
     for (const std::size_t max_read_bytes : {std::size_t{1}, std::size_t{60'000}, kAmple}) {
       for (const std::size_t cache_bytes : {std::size_t{0}, std::size_t{1} << 20, kAmple}) {
         SCOPED_TRACE(absl::StrCat(threads, " threads, ", max_read_bytes, " bytes to read, ",
@@ -216,7 +216,7 @@ TEST_F(ColorVolumesTest, AnErrorOfTheVisitAndACancellationEndIt) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorVolumes colors,
                                 ColorVolumes::Make(shards_, {fields_[0].shards}));
   const std::vector<ColoredBlock> blocks = {{{0, 0}, 1}, {{0, 1}, 1}};
-  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(2);
+  const std::shared_ptr<base::TaskArena> arena = std::make_shared<base::TaskArena>(2);
   BlockCache cache(kAmple);
   const AgentResources resources{.arena = arena.get(), .cache = &cache};
   const auto visit = [](std::size_t, const volume::BlockSamples&,
@@ -305,7 +305,7 @@ TEST_F(ColorVolumesTest, MeshesHaveTheValuesOfTheirFieldWhateverWasKept) {
   for (const std::size_t cache_bytes : {std::size_t{0}, std::size_t{3} << 20, kAmple}) {
     BlockCache cache(cache_bytes);
     for (const int threads : {3, 1}) {
-      const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(threads);
+      const std::shared_ptr<base::TaskArena> arena = std::make_shared<base::TaskArena>(threads);
       for (const std::size_t max_read_bytes : {std::size_t{1}, std::size_t{100'000}, kAmple}) {
         for (const std::size_t color : {0U, 1U, 0U}) {
           SCOPED_TRACE(absl::StrCat(threads, " threads, ", max_read_bytes, " bytes to read, ",

@@ -10,10 +10,10 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/trace_recorder.h"
 #include "core/mesh/compact_mesh.h"
 #include "core/render/cpu_renderer.h"
@@ -98,7 +98,7 @@ class Agent {
     });
   }
 
-  tbb::task_arena arena_;
+  base::TaskArena arena_;
   BlockCache cache_{std::size_t{8} << 20};
   render::LayerRenderer layers_{std::size_t{8} << 20};
   const std::unique_ptr<render::Renderer> renderer_;

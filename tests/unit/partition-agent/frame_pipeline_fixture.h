@@ -17,9 +17,9 @@
 
 #include "absl/status/statusor.h"
 #include "gtest/gtest.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
@@ -165,7 +165,7 @@ class FramePipelineTest : public ::testing::Test {
   Shards shards_;
   FrameTask task_;
   testing::Limits limits_;
-  std::shared_ptr<tbb::task_arena> arena_;
+  std::shared_ptr<base::TaskArena> arena_;
   std::unique_ptr<render::Renderer> renderer_;
   std::unique_ptr<render::LayerRenderer> layers_;
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;

@@ -292,6 +292,30 @@ TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
   }
 }
 
+TEST_F(FramePipelineTest, PagesOfTheTreeAreReadWhileOtherStepsHaveAllThreads) {
+  Open(1);
+  base::TaskArena arena(1);
+  arena.SetSharesThreads(true);
+  AgentMetrics metrics;
+  AgentResources resources = Resources();
+  resources.arena = &arena;
+  resources.metrics = &metrics;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline,
+                                FramePipeline::Make(shards_, task_, resources, &never_));
+  absl::Status selected = absl::UnknownError("has not ended");
+  std::thread step;
+  base::RunIn(&arena, [&] {
+    step = std::thread([&] { selected = pipeline->SelectOccluders().status(); });
+    const absl::Time deadline = absl::Now() + absl::Seconds(60);
+    while (metrics.active_lookups.misses.value() == 0 && absl::Now() < deadline) {
+      std::this_thread::yield();
+    }
+    EXPECT_GT(metrics.active_lookups.misses.value(), 0) << "the pages are not read";
+  });
+  step.join();
+  EXPECT_THAT(selected, testing::IsOk());
+}
+
 TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   Open(2);
   const std::string path = dataset_->shard_directory(1) + "/" + store::kBlocksFileName;

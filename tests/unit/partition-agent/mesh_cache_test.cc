@@ -211,6 +211,34 @@ TEST_F(MeshCacheTest, WhatThisOrTheLastRoundUsedIsNotForgottenForSomethingNew) {
 }
 
 // Frames over more than fits, in the same order again and again: plain LRU would never hit.
+// Work ahead of frames stores in the round before that of the last frame.
+TEST_F(MeshCacheTest, MeshesMadeAheadTakeNoRoomFromFrames) {
+  SetMaxChunks(3);
+  const auto table = Table();
+  const std::uint64_t first = NextRound();
+  Fill(table.get(), 0, 4, first);
+  const std::uint64_t second = NextRound();
+  Fill(table.get(), 4, 8, second);
+  Fill(table.get(), 8, 12, second - 1);  // ahead
+  EXPECT_TRUE(table->Has(8));
+  EXPECT_EQ(cache_->unkept_count(), 0U);
+
+  const std::uint64_t third = NextRound();
+  Fill(table.get(), 12, 20, third);
+  EXPECT_FALSE(table->Has(8)) << "the frame needed its room";
+  EXPECT_TRUE(table->Has(4)) << "of the last frame";
+  Fill(table.get(), 20, 24, third - 1);  // ahead
+  EXPECT_FALSE(table->Has(20));
+  EXPECT_EQ(cache_->unkept_count(), 1U);
+  EXPECT_TRUE(table->Has(4) && table->Has(12) && table->Has(16));
+
+  // A use in an earlier round than the last use changes nothing.
+  EXPECT_NE(table->Find(12, first), nullptr);
+  Fill(table.get(), 24, 28, NextRound());
+  EXPECT_FALSE(table->Has(4));
+  EXPECT_TRUE(table->Has(12) && table->Has(24));
+}
+
 TEST_F(MeshCacheTest, FramesOverMoreThanFitsHitOnAPart) {
   SetMaxChunks(3);
   const auto table = Table();

@@ -5,7 +5,6 @@
 
 #include "absl/base/thread_annotations.h"
 #include "gtest/gtest.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/mutex.h"
 #include "core/base/task_arena.h"
@@ -89,7 +88,7 @@ class MeshSupplyTest : public ::testing::Test {
     ISOSCOPE_CHECK(blocks.ok());
     return *std::move(blocks);
   }
-  absl::Status AddAll(const SurfaceBlocks& blocks, tbb::task_arena* arena, MeshSink* sink) {
+  absl::Status AddAll(const SurfaceBlocks& blocks, base::TaskArena* arena, MeshSink* sink) {
     MeshSupply supply(&blocks, cache_.BeginRound(++frame_number_),
                       {.arena = arena, .cache = &cache_}, &never_);
     return supply.AddMeshes(blocks.ChooseAll(), sink).status();
@@ -106,7 +105,7 @@ TEST_F(MeshSupplyTest, EveryMeshIsAddedOnceHoweverOftenTheSinkIsFull) {
   const std::size_t mesh_count = blocks.ChooseAll().size();
   ASSERT_GE(mesh_count, 100U);
   for (const int threads : {1, 2, 3, 8, 32}) {
-    const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(threads);
+    const std::shared_ptr<base::TaskArena> arena = std::make_shared<base::TaskArena>(threads);
     for (const int capacity : {1, 3, 1 << 30}) {
       SCOPED_TRACE(::testing::Message() << threads << " threads, full after " << capacity);
       cache_.SetMaxBytes(0);  // all meshes are read; then, with room, some are kept
@@ -128,7 +127,7 @@ TEST_F(MeshSupplyTest, EveryMeshIsAddedOnceHoweverOftenTheSinkIsFull) {
 
 TEST_F(MeshSupplyTest, ErrorOfADrainEndsTheSupply) {
   const SurfaceBlocks blocks = FindBlocks();
-  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(3);
+  const std::shared_ptr<base::TaskArena> arena = std::make_shared<base::TaskArena>(3);
   // From disk, then from the cache.
   for (int frame = 0; frame < 2; ++frame) {
     CountingSink sink(1);

@@ -12,6 +12,7 @@
 #include <grpcpp/client_context.h>
 
 #include "core/base/retry_delay.h"
+#include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
@@ -235,7 +236,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
 
   const SmallDataset dataset_{2};
   std::shared_ptr<render::Renderer> renderer_;
-  const std::shared_ptr<tbb::task_arena> arena_ = std::make_shared<tbb::task_arena>(2);
+  const std::shared_ptr<base::TaskArena> arena_ = std::make_shared<base::TaskArena>(2);
   const std::shared_ptr<AgentMemory> memory_ = std::make_shared<AgentMemory>(std::size_t{4} << 30);
   std::shared_ptr<image::PixelMailboxes> mailboxes_;  // null: bands
   std::unique_ptr<AgentServer> server_;
@@ -803,7 +804,26 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
   EXPECT_EQ(count, 100);
   EXPECT_EQ(told.size(), 50U);
 
-  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(8, {request, ""});
+  // The values of the dataset itself, which are the isovalue on a surface.
+  v1::GetGradientsRequest with_values = request;
+  with_values.mutable_values()->add_dataset_ids(request.dataset_id());
+  for (int i = 0; i < request.points_size(); ++i) {
+    with_values.mutable_values()->add_isovalues(SmallDataset::kIsovalue);
+    with_values.mutable_values()->add_on_caps(false);
+  }
+  v1::GetGradientsResponse values;
+  EXPECT_EQ(ask(with_values, &values), "OK");
+  EXPECT_EQ(values.values_size(), values.shards_size()) << "points whose blocks lie in the shard";
+  for (const v1::PointValues& of_point : values.values()) {
+    EXPECT_EQ(of_point.values_size(), 1);
+  }
+
+  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(10, {request, ""});
+  cases[8].first = with_values;
+  cases[8].first.mutable_values()->add_isovalues(1);
+  cases[9].first = with_values;
+  cases[9].first.mutable_values()->add_dataset_ids("other");
+  cases[9].second = "FAILED_PRECONDITION";
   cases[0].first.set_dataset_id("other");
   cases[0].second = "FAILED_PRECONDITION";
   cases[1].first.clear_shard_indices();

@@ -13,6 +13,7 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/render/renderer_factory.h"
@@ -61,7 +62,7 @@ class QueuedReadsTest : public ::testing::Test {
   }
 
   const SmallDataset dataset_{1};
-  tbb::task_arena arena_{2};
+  base::TaskArena arena_{2};
   const base::Cancellation never_;
 };
 
@@ -82,7 +83,7 @@ TEST_F(QueuedReadsTest, EveryReadIsWorkedOnOnceAndAnErrorStopsTheRest) {
     EXPECT_EQ(std::set<std::size_t>(seen.begin(), seen.end()).size(), 500U);
   }
   // One thread: another could work on any number before this one has said that it failed.
-  tbb::task_arena alone(1);
+  base::TaskArena alone(1);
   io::ReadQueue queue(reads);
   std::atomic<int> count{0};
   EXPECT_THAT(ForEachArrival(&queue, &alone, never_,

@@ -1,11 +1,14 @@
 #include "partition-agent/series_shard.h"
 
+#include <atomic>
 #include <filesystem>
 #include <set>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/synchronization/notification.h"
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
@@ -81,6 +84,29 @@ TEST_F(SeriesShardTest, OpensTheVolumeThatIsAskedForAndNoOther) {
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("not served")));
 }
 
+TEST_F(SeriesShardTest, ThreadsThatOpenOneVolumeGetTheSame) {
+  const auto series = Open();
+  const std::string id = series->served()->volumes[3].dataset_id;
+  constexpr int kThreads = 8;
+  std::vector<std::shared_ptr<const Shard>> found(kThreads);
+  std::vector<std::thread> threads;
+  for (int i = 0; i < kThreads; ++i) {
+    threads.emplace_back([&, i] {
+      const auto opening =
+          i % 2 == 0 ? SeriesShard::Opening::kForFrame : SeriesShard::Opening::kAhead;
+      auto shard = series->OpenVolume(id, opening);
+      ISOSCOPE_EXPECT_OK(shard.status());
+      found[static_cast<std::size_t>(i)] = *std::move(shard);
+    });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  for (const auto& shard : found) {
+    EXPECT_EQ(shard, found[0]);
+  }
+}
+
 TEST_F(SeriesShardTest, AVolumeThatWasClosedHasItsNumberAgainSoThatCachesStayValid) {
   const auto series = Open(/*max_open_bytes=*/1);  // room for the newest alone
   const auto served = series->served();
@@ -135,6 +161,68 @@ TEST_F(SeriesShardTest, AManifestOfAnotherSeriesOrADamagedOneChangesNothing) {
   series->Refresh();
   EXPECT_EQ(series->served(), before);
   ISOSCOPE_EXPECT_OK(series->OpenVolume(before->volumes[3].dataset_id).status());
+}
+
+// A Refresh that had read the older manifest ended after another, and served the older list on.
+TEST_F(SeriesShardTest, ASlowRefreshDoesNotBringAnOlderListBack) {
+  std::atomic<bool> is_slow = false;
+  absl::Notification has_read;
+  absl::Notification may_return;
+  const auto read = [&](const std::string& directory) {
+    auto shard = store::OpenSeriesShard(directory);
+    if (is_slow.exchange(false)) {
+      has_read.Notify();
+      may_return.WaitForNotification();
+    }
+    return shard;
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto series,
+      SeriesShard::Open(shard_directory(0), std::make_shared<OpenVolumes>(kAmpleBytes), read));
+  Append(2);
+  is_slow = true;
+  std::thread slow([&] { series->Refresh(); });
+  has_read.WaitForNotification();
+  Append(3);
+  series->Refresh();  // meanwhile
+  may_return.Notify();
+  slow.join();
+  series->Refresh();
+  EXPECT_EQ(series->served()->volumes.size(), 20U);
+}
+
+// The stamp of a manifest that could not be read counted as read.
+TEST_F(SeriesShardTest, AFailedReadIsTriedAgain) {
+  bool fails = false;
+  const auto read = [&](const std::string& directory) -> absl::StatusOr<store::SeriesShard> {
+    return fails ? absl::DataLossError("injected: EIO") : store::OpenSeriesShard(directory);
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto series,
+      SeriesShard::Open(shard_directory(0), std::make_shared<OpenVolumes>(kAmpleBytes), read));
+  Append(2);
+  fails = true;
+  series->Refresh();
+  EXPECT_EQ(series->served()->volumes.size(), 10U);
+  fails = false;
+  series->Refresh();
+  EXPECT_EQ(series->served()->volumes.size(), 15U);
+}
+
+TEST_F(SeriesShardTest, PlacesAVolumeAmongTheServedStepsOfItsField) {
+  Append(2);
+  Append(3);
+  std::filesystem::remove_all(absl::StrCat(
+      shard_directory(0), "/", store::ScalarVolumeDirectoryName({.field = 1, .step = 2})));
+  const auto series = Open();
+  const std::string id = series->IdOf({.field = 1, .step = 3});
+  const auto place = series->PlaceOf(id);
+  ASSERT_TRUE(place.has_value());
+  EXPECT_EQ(place->key, (store::ScalarVolumeKey{.field = 1, .step = 3}));
+  EXPECT_EQ(place->steps, (std::vector<int>{0, 1, 3}));
+  EXPECT_EQ(place->position, 2U);
+  EXPECT_EQ(series->IdOf({.field = 1, .step = 2}), "");
+  EXPECT_FALSE(series->PlaceOf("0123456789abcdef0123456789abcdef").has_value());
 }
 
 TEST_F(SeriesShardTest, AFolderWithTheFilesOfAnotherVolumeIsDataLoss) {

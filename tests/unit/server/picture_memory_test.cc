@@ -15,12 +15,12 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/no_memory.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
 #include "server/frame/frame_coordinator.h"
 #include "server/picture/frame_output.h"
@@ -170,7 +170,7 @@ class PictureMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>>
     spec_.output.image_format = of.format;
     spec_.output.depth = spec_.output.surface_index = spec_.output.position = of.has_planes;
     for (const volume::BlockId index : {0U, 1U}) {
-      arena_.execute([&] { played_.push_back(Play(index, images_.get())); });
+      base::RunIn(&arena_, [&] { played_.push_back(Play(index, images_.get())); });
     }
   }
 
@@ -198,7 +198,7 @@ class PictureMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>>
     ISOSCOPE_RETURN_IF_ERROR(outcome.status);
     FrameResult& result = outcome.result;
     return base::OrNoMemory("the picture", [&] {
-      return arena_.execute([&]() -> absl::Status {
+      return base::RunIn(&arena_, [&]() -> absl::Status {
         const frame::DrawnWindow window = frame::DrawnWindowOf(spec_);
         const FinishedPicture finished = FinishPicture({.spec = &spec_,
                                                         .window = &window,
@@ -254,7 +254,7 @@ class PictureMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>>
   volume::GridGeometry geometry_;
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   frame::FrameSpec spec_;
-  tbb::task_arena arena_;
+  base::TaskArena arena_;
   std::shared_ptr<image::FrameImagePool> images_ =
       image::FrameImagePool::Make(std::size_t{1} << 20);
   std::vector<Played> played_;

@@ -23,7 +23,7 @@ TEST(OnlyArenaTest, HasItsThreadsAfterOneOfAnyOtherCount) {
     // No more than that work.
     std::set<std::thread::id> threads;
     base::Mutex mutex;
-    arena->execute([&] {
+    base::RunIn(arena.get(), [&] {
       tbb::parallel_for(0, 1000, [&](int /*i*/) {
         const base::MutexLock lock(&mutex);
         threads.insert(std::this_thread::get_id());

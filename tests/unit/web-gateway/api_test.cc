@@ -60,6 +60,7 @@ class Datasets final : public v1::DatasetService::Service {
       v1::TimeStep& time = *dataset.add_time_steps();
       time.set_number(step);
       time.set_value(step * 0.5);
+      time.set_volumes_digest(absl::StrCat("digest of step ", step, step > 0 ? later_samples : ""));
     }
     for (const char* const name : {"pressure", "velocity"}) {
       if (step_count == 0) {
@@ -85,7 +86,8 @@ class Datasets final : public v1::DatasetService::Service {
   }
 
   std::string dataset_id = "0123";
-  int step_count = 0;  // of two fields, if there are steps
+  int step_count = 0;         // of two fields, if there are steps
+  std::string later_samples;  // of the steps after the first
 };
 
 class Surfaces final : public v1::IsosurfaceService::Service {
@@ -237,6 +239,22 @@ TEST_F(ApiTest, APictureOfAStepIsGoodUntilAnotherStepIsMeant) {
   EXPECT_EQ(status(absl::StrCat(target, "&step=2")), 304);
 }
 
+// Two series whose first steps are equal have one dataset id.
+TEST_F(ApiTest, APictureOfAStepIsOfItsVolumes) {
+  datasets_.step_count = 4;
+  const auto etag_of = [&](int step) {
+    return HeaderOf(
+        Get(absl::StrCat("/v1/datasets/0123/render?isovalue=1&width=8&height=8&step=", step)),
+        "ETag");
+  };
+  const std::string first = etag_of(0);
+  const std::string third = etag_of(3);
+  EXPECT_NE(first, third);
+  datasets_.later_samples = "of another run";
+  EXPECT_EQ(etag_of(0), first);
+  EXPECT_NE(etag_of(3), third);
+}
+
 TEST_F(ApiTest, ColorsWithoutARangeAreGoodUntilTheRangeOfAllStepsChanges) {
   datasets_.step_count = 3;
   const std::string step = "/v1/datasets/head/render?isovalue=1&width=8&height=8&step=0&color-by=";
@@ -247,7 +265,7 @@ TEST_F(ApiTest, ColorsWithoutARangeAreGoodUntilTheRangeOfAllStepsChanges) {
   EXPECT_EQ(Get(absl::StrCat(step, "velocity:magma:0,1"), given).status, 304);
 }
 
-TEST_F(ApiTest, OnlyWhatNoLaterStepChangesIsImmutable) {
+TEST_F(ApiTest, OnlyWhatTheDatasetIdNamesIsImmutable) {
   datasets_.step_count = 3;
   const struct {
     const char* parameters;
@@ -256,6 +274,7 @@ TEST_F(ApiTest, OnlyWhatNoLaterStepChangesIsImmutable) {
                {"&step=last", "public, no-cache"},
                {"&time=0", "public, no-cache"},
                {"&step=0&color-by=velocity", "public, no-cache"},
+               {"&step=2", "public, no-cache"},  // the id names the first step alone
                {"&step=3", "no-store"},
                {"&field=hue", "no-store"},
                {"&step=0", "public, max-age=31536000, immutable"},

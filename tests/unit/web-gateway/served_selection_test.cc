@@ -1,7 +1,6 @@
 #include "web-gateway/served_selection.h"
 
 #include <initializer_list>
-#include <optional>
 #include <string>
 
 #include "gmock/gmock.h"
@@ -44,51 +43,14 @@ v1::FieldSelection Selection(const std::string& text) {
   return selection;
 }
 
-TEST(ServedSelectionTest, OpenPartsAreWhatTheDatasetServes) {
-  const struct {
-    const char* asked;
-    const char* served;  // "": nothing
-  } cases[] = {
-      {"", R"(field: "pressure" time_step: 4)"},
-      {"time_step: -1", R"(field: "pressure" time_step: 4)"},
-      {"time_step: 2", R"(field: "pressure" time_step: 2)"},
-      {"time_step: 1", ""},
-      {"time_step: 9", ""},
-      {"time_step: -2", ""},
-      {R"(field: "hue")", ""},
-      {R"(component: "x")", ""},
-      {R"(field: "velocity")", R"(field: "velocity" component: "magnitude" time_step: 3)"},
-      {R"(field: "velocity" component: "y" time_step: 0)",
-       R"(field: "velocity" component: "y" time_step: 0)"},
-      {R"(field: "velocity" component: "w")", ""},
-      {R"(field: "velocity" time_step: 4)", ""},
-      {"time: -100", R"(field: "pressure" time_step: 0)"},
-      {"time: 0.5", R"(field: "pressure" time_step: 0)"},  // as near to 1
-      {"time: 0.5000001", R"(field: "pressure" time_step: 2)"},
-      {"time: 1e9", R"(field: "pressure" time_step: 4)"},
-      {"time: 1e300", R"(field: "pressure" time_step: 4)"},
-      {R"(field: "velocity" time: 1e9)",
-       R"(field: "velocity" component: "magnitude" time_step: 3)"},
-  };
-  for (const auto& c : cases) {
-    const std::optional<v1::FieldSelection> served =
-        ResolveSelection(Selection(c.asked), MakeSeries());
-    EXPECT_EQ(served ? served->ShortDebugString() : "", c.served) << c.asked;
-  }
-}
-
-TEST(ServedSelectionTest, ADatasetWithoutTimesHasNoStepToChoose) {
-  v1::Dataset dataset = MakeSeries();
-  dataset.clear_time_steps();
-  EXPECT_EQ(ResolveSelection({}, dataset)->ShortDebugString(), R"(field: "pressure")");
-  EXPECT_FALSE(DependsOnLaterSteps({}, dataset));
-}
-
-TEST(ServedSelectionTest, OnlyAStepByItsNumberStaysTheSame) {
+TEST(ServedSelectionTest, OnlyAStepByItsNumberOrADatasetWithoutTimesStaysTheSame) {
   for (const char* const text : {"", "time_step: -1", "time: 1"}) {
     EXPECT_TRUE(DependsOnLaterSteps(Selection(text), MakeSeries())) << text;
   }
   EXPECT_FALSE(DependsOnLaterSteps(Selection("time_step: 0"), MakeSeries()));
+  v1::Dataset without_times = MakeSeries();
+  without_times.clear_time_steps();
+  EXPECT_FALSE(DependsOnLaterSteps({}, without_times));
 }
 
 TEST(ServedSelectionTest, RangesCountWhereAMapHasNoneOfItsOwn) {

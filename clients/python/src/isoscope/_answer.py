@@ -26,6 +26,7 @@ from isoscope.data import (
     Capabilities,
     Field,
     FieldComponent,
+    FieldValue,
     Histogram,
     Mesh,
     PickedPoint,
@@ -318,6 +319,9 @@ def picked(
             normal=_tuple3(point.normal) if point.HasField("normal") else None,
             gradient=_tuple3(point.gradient) if point.HasField("gradient") else None,
             shard_index=_optional(point, "shard_index"),
+            field_values=tuple(
+                FieldValue(value.field, value.component, value.unit or None, value.value) for value in point.field_values
+            ),
             **_copied(point, "depth", "surface_index", "block_id"),
         )
         if point.is_hit

@@ -370,7 +370,9 @@ def plane(request: pb.RenderIsosurfaceRequest, name: PlaneName) -> Call[Frame]:
     return frame(_request.plane(request, name))
 
 
-def points(request: pb.RenderIsosurfaceRequest, pixels: Any, timeout: float | None = None) -> Call[Any]:
+def points(
+    request: pb.RenderIsosurfaceRequest, pixels: Any, all_fields: bool = False, timeout: float | None = None
+) -> Call[Any]:
     """Asks for the points at pixels of a frame: a list in their order; for a single (column, row), its point."""
     several, is_one = as_pixels(pixels)
 
@@ -378,7 +380,7 @@ def points(request: pb.RenderIsosurfaceRequest, pixels: Any, timeout: float | No
         found = _answer.picked(response, several)
         return found[0] if is_one else found
 
-    return Call(_request.pick(request, several), One(decode), timeout)
+    return Call(_request.pick(request, several, all_fields), One(decode), timeout)
 
 
 _PICK_ARGUMENTS = (
@@ -393,6 +395,7 @@ def pick(
     isovalue: float | None = None,
     *,
     frame: Frame | None = None,
+    all_fields: bool = False,
     timeout: float | None = None,
     **look: Any,
 ) -> Call[PickedPoint | None | list[PickedPoint | None]]:
@@ -400,11 +403,13 @@ def pick(
 
         dataset.pick((512, 400), 60, azimuth=30)
         dataset.pick([(9, 8), (10, 8)], frame=frame)
+        flow.pick((512, 400), 310, field="temperature", all_fields=True).field_values
 
     Args:
         pixels: one (column, row), or a sequence or array of 1 to 1000; row 0 is the top.
         isovalue: as in `render`.
         frame: the frame whose pixels are meant, instead of isovalue and the rest.
+        all_fields: whether the points have the values of all fields; only for datasets with fields.
         look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
             step, as in `render`.
         timeout: deadline in seconds; default: the client's.
@@ -422,7 +427,7 @@ def pick(
         raise InvalidArgumentError(f"pick: {given} can't be given with frame, which has it")
     else:
         request = frame._request
-    return points(request, pixels, timeout)
+    return points(request, pixels, all_fields, timeout)
 
 
 def mesh(

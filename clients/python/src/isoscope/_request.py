@@ -413,9 +413,11 @@ def plane(request: pb.RenderIsosurfaceRequest, plane: PlaneName) -> pb.RenderIso
     return more
 
 
-def pick(request: pb.RenderIsosurfaceRequest, pixels: Sequence[tuple[int, int]]) -> pb.PickSurfaceRequest:
+def pick(
+    request: pb.RenderIsosurfaceRequest, pixels: Sequence[tuple[int, int]], all_fields: bool = False
+) -> pb.PickSurfaceRequest:
     """Returns the request for what pixels of the frame show, counted in its whole viewport."""
-    pick = pb.PickSurfaceRequest(frame=request)
+    pick = pb.PickSurfaceRequest(frame=request, with_field_values=all_fields)
     pick.frame.ClearField("output")
     pick.frame.ClearField("region")
     for pixel in pixels:

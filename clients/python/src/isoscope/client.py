@@ -138,12 +138,14 @@ class Dataset(_core.DatasetOfClient):
 
     @overload
     def pick(
-        self, pixels: tuple[int, int], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
+        self, pixels: tuple[int, int], isovalue: float | None = None, *, frame: Frame | None = None,
+        all_fields: bool = False, **look: Any,
     ) -> PickedPoint | None: ...
 
     @overload
     def pick(
-        self, pixels: Sequence[Sequence[int]], isovalue: float | None = None, *, frame: Frame | None = None, **look: Any
+        self, pixels: Sequence[Sequence[int]], isovalue: float | None = None, *, frame: Frame | None = None,
+        all_fields: bool = False, **look: Any,
     ) -> list[PickedPoint | None]: ...
 
     @_core.shaped_like(_core.pick)

@@ -34,6 +34,7 @@ __all__ = [
     "DatasetInfo",
     "Field",
     "FieldComponent",
+    "FieldValue",
     "Histogram",
     "Mesh",
     "PickedPoint",
@@ -484,6 +485,23 @@ class SurfaceColoring:
 
 
 @dataclass(frozen=True)
+class FieldValue:
+    """The value of a field's component at a picked point.
+
+    Attributes:
+        field: name of the field.
+        component: name of the component; "" for the only one.
+        unit: unit of the field; None if unknown.
+        value: the value that a colour by the field shows there; NaN where there is none.
+    """
+
+    field: str
+    component: str
+    unit: str | None
+    value: float
+
+
+@dataclass(frozen=True)
 class PickedPoint:
     """The point at one pixel, with the names of `isoscope pick --json`. For the background there is None instead.
 
@@ -496,6 +514,7 @@ class PickedPoint:
         gradient: of the field, field units per world unit; None where it is not finite.
         block_id: id of the block that drew it.
         shard_index: shard that holds the block; None if unknown.
+        field_values: values of all fields, in the dataset's order; empty unless `all_fields` asked for them.
     """
 
     pixel: tuple[int, int]
@@ -506,6 +525,7 @@ class PickedPoint:
     gradient: Vec3 | None
     block_id: int
     shard_index: int | None
+    field_values: tuple[FieldValue, ...] = ()
 
     @property
     def is_hit(self) -> bool:

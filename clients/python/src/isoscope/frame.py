@@ -120,7 +120,7 @@ class Frame:
         """(width, height), pixels."""
         return (self.width, self.height)
 
-    def pick(self, x: int, y: int) -> PickedPoint | None:
+    def pick(self, x: int, y: int, all_fields: bool = False) -> PickedPoint | None:
         """Returns what pixel (column x, row y) of the viewport shows; None: the background."""
         if self._do is None:
             raise IsoscopeError(
@@ -129,7 +129,7 @@ class Frame:
             )
         from isoscope import _core
 
-        return cast(Union[PickedPoint, None], self._do(_core.points(self._request, (x, y))))
+        return cast(Union[PickedPoint, None], self._do(_core.points(self._request, (x, y), all_fields)))
 
     def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
         """Writes the exact bytes: .png, .jpg or .jpeg (if rendered as JPEG), or .npy (the RGBA array)."""

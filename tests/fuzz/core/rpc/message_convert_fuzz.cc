@@ -168,12 +168,25 @@ void ReadAnswersOfAgents(absl::string_view bytes) {
       RequireRefusal(status);
     }
     Require(of_points.size() == 3, "an answer adds no points");
+    std::vector<std::vector<double>> values(3);
+    if (const absl::Status added = rpc::AddPointValues(gradients, 2, &values); !added.ok()) {
+      RequireRefusal(added);
+    }
+    for (const std::vector<double>& of_point : values) {
+      Require(of_point.empty() || of_point.size() == 2, "a point has the values of all volumes");
+    }
   }
   internal::GetGradientsRequest points;
   if (Parse(bytes, &points)) {
     const auto picked = rpc::PickedPointsFromProto(points);
     Require(!picked.ok() || picked->size() <= static_cast<std::size_t>(rpc::kMaxPickedPixels),
             "an accepted request has few points");
+    if (const absl::Status status = rpc::CheckPointValuesQuery(points); !status.ok()) {
+      RequireRefusal(status);
+    } else {
+      Require(points.values().isovalues_size() == points.points_size(),
+              "an accepted point has an isovalue");
+    }
   }
 }
 
@@ -311,6 +324,10 @@ std::vector<std::string> Seeds() {
   internal::GetGradientsResponse gradients;
   gradients.add_gradients()->set_point_index(1);
   gradients.mutable_gradients(0)->mutable_gradient()->set_x(1);
+  add('\4', gradients);
+  gradients.add_values()->set_point_index(2);
+  gradients.mutable_values(0)->add_values(1);
+  gradients.mutable_values(0)->add_values(2);
   add('\4', gradients);
   store::Manifest manifest;
   manifest.dataset_id = "0123456789abcdef0123456789abcdef";

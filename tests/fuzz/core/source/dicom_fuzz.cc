@@ -45,8 +45,29 @@ std::vector<std::string> Seeds() {
   open.is_signed = false;
   open.more = testing::DicomOpenElement(
       0x29, 0x1010, "SQ", testing::DicomOpenItem(testing::DicomElement(0x29, 0x1011, "LO", "x")));
+  // Two frames with positions of their own.
+  using testing::DicomElement;
+  using testing::DicomItem;
+  testing::DicomSlice framed;
+  framed.width = 4;
+  framed.height = 3;
+  framed.frames = 2;
+  framed.description = "frames";
+  std::string groups;
+  for (const char* position : {"10\\20\\30", "10\\20\\31"}) {
+    groups += DicomItem(
+        DicomElement(0x20, 0x9113, "SQ", DicomItem(DicomElement(0x20, 0x32, "DS", position))));
+  }
+  framed.more = DicomElement(0x5200, 0x9230, "SQ", groups);
+  testing::DicomSlice second;  // at the same place: a step
+  second.width = 4;
+  second.height = 3;
+  second.position = "10\\20\\31";
+  second.temporal_position = 2;
   return {std::string(1, '\0') + Slice(1), "\1" + Slice(1),
-          "\1" + testing::DicomBytes(open, std::string(24, 'b'))};
+          "\1" + testing::DicomBytes(open, std::string(24, 'b')),
+          std::string(1, '\0') + testing::DicomBytes(framed, std::string(48, 'c')),
+          "\1" + testing::DicomBytes(second, std::string(24, 'd'))};
 }
 
 }  // namespace isoscope::fuzz
@@ -64,7 +85,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   Require(isoscope::source::ScanDicomFile(InVolumeFolder("1.dcm")).ok(),
           "any bytes can be looked through");
   const std::string before = Children();
-  OpenAndReadVolume(VolumeFolder());
+  OpenAndReadSeries(VolumeFolder());
   Require(Children() == before, "the processes that decode end with their source");
   return 0;
 }

@@ -26,6 +26,9 @@ std::vector<std::string> Seeds() {
       std::string(1, '\0') +
       MetaHeader(dims, "MET_USHORT", "LOCAL", "BinaryDataByteOrderMSB = True\nHeaderSize = -1\n") +
       samples);
+  seeds.push_back(std::string(1, '\0') +
+                  MetaHeader(dims, "MET_SHORT", "LOCAL", "BinaryData = False\n") +
+                  std::string(240, '7'));
   seeds.push_back("\1" + MetaHeader(dims, "MET_UCHAR", "a0.raw"));
   seeds.push_back("\1" + MetaHeader(dims, "MET_UCHAR", "a%d.raw 0 2 1"));
   seeds.push_back("\1" + MetaHeader(dims, "MET_UCHAR", "LIST 2D\na0.raw\na1.raw\na2.raw"));

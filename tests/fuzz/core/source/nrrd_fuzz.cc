@@ -26,6 +26,18 @@ std::vector<std::string> Seeds() {
                   NrrdHeader(dims, "uint8", "gzip", "byte skip: 3\nline skip: 0\n") + packed);
   seeds.push_back(std::string(1, '\0') + NrrdHeader(dims, "uint8", "raw", "byte skip: -1\n") +
                   samples);
+  std::string numbers;
+  for (int i = 0; i < 60; ++i) {
+    numbers += std::to_string(i - 7) + (i % 5 == 4 ? "\n" : " ");
+  }
+  seeds.push_back(std::string(1, '\0') + NrrdHeader(dims, "short", "ascii") + numbers);
+  seeds.push_back(std::string(1, '\0') + NrrdHeader(dims, "uint8", "hex") + std::string(120, '7'));
+  // bzip2 of "hello".
+  const std::string bzip2(
+      "BZh91AY&SY\x19\x31\x65\x3d\x00\x00\x00\x81\x00\x02\x44\xa0\x00\x21\x9a\x68\x33\x4d\x07\x33"
+      "\x8b\xb9\x22\x9c\x28\x48\x0c\x98\xb2\x9e\x80",
+      41);
+  seeds.push_back(std::string(1, '\0') + NrrdHeader(dims, "uint8", "bzip2") + bzip2);
   seeds.push_back("\1" + NrrdHeader(dims, "uint8", "raw", "data file: a0.raw\n"));
   seeds.push_back("\1" + NrrdHeader(dims, "uint8", "raw", "data file: a%d.raw 0 2 1 2\n"));
   seeds.push_back("\1" +

@@ -90,6 +90,13 @@ TEST(ViewControlsTest, NamedViewsAndReset) {
   Type("5", &controls);
   EXPECT_EQ(controls.camera(),
             view::MakeNamedCamera(view::NamedView::kTop, kVolume.bounds, std::nullopt).value());
+  const ViewedVolume patient{
+      .bounds = kVolume.bounds, .patient_frame = volume::PatientFrame(), .values = {0, 255}};
+  ViewControls of_patient(patient, 60);
+  Type("5", &of_patient);
+  EXPECT_EQ(of_patient.camera(), view::MakeNamedCamera(view::NamedView::kSuperior, kVolume.bounds,
+                                                       volume::PatientFrame())
+                                     .value());
   Type("]+hr", &controls);
   EXPECT_EQ(controls.camera(), view::MakeDefaultCamera(kVolume.bounds));
   EXPECT_EQ(controls.isovalue(), 60);

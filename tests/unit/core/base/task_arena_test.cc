@@ -2,11 +2,16 @@
 
 #include <sched.h>
 
+#include <algorithm>
+#include <atomic>
 #include <barrier>
+#include <chrono>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <thread>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <oneapi/tbb/info.h>
@@ -33,13 +38,13 @@ std::set<int> CpusOfThisThread() {
 
 // Returns, by slot of the arena, the CPUs that its thread may use, while all threads are in the
 // arena.
-std::map<int, std::set<int>> CpusBySlot(tbb::task_arena* arena) {
+std::map<int, std::set<int>> CpusBySlot(TaskArena* arena) {
   std::map<int, std::set<int>> cpus_by_slot;
   Mutex mutex;
   const int count = arena->max_concurrency();
   // No thread leaves before all have arrived, so that each slot is seen once.
   std::barrier all_are_here(count);
-  arena->execute([&] {
+  RunIn(arena, [&] {
     tbb::parallel_for(
         tbb::blocked_range<int>(0, count),
         [&](const tbb::blocked_range<int>& /*one*/) {
@@ -55,13 +60,14 @@ std::map<int, std::set<int>> CpusBySlot(tbb::task_arena* arena) {
 }
 
 TEST(TaskArenaTest, HasAThreadForEachCpuUnlessToldOtherwise) {
-  EXPECT_EQ(MakeTaskArena()->max_concurrency(), tbb::info::default_concurrency());
-  EXPECT_EQ(MakeTaskArena(3)->max_concurrency(), 3);
+  EXPECT_EQ(std::make_shared<TaskArena>()->max_concurrency(), tbb::info::default_concurrency());
+  EXPECT_EQ(std::make_shared<TaskArena>(3)->max_concurrency(), 3);
 }
 
 TEST(TaskArenaTest, MoreThreadsThanCpusAllWork) {
   const int count = tbb::info::default_concurrency() + 2;
-  EXPECT_EQ(CpusBySlot(MakeTaskArena(count).get()).size(), static_cast<std::size_t>(count));
+  EXPECT_EQ(CpusBySlot(std::make_shared<TaskArena>(count).get()).size(),
+            static_cast<std::size_t>(count));
 }
 
 TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
@@ -69,7 +75,7 @@ TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
   if (allowed.size() < 2) {
     ISOSCOPE_SKIP("cpus", "one CPU: nothing to share out");
   }
-  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
+  const std::shared_ptr<TaskArena> arena = std::make_shared<TaskArena>();
   const std::map<int, std::set<int>> cpus_by_slot = CpusBySlot(arena.get());
   ASSERT_EQ(cpus_by_slot.size(), allowed.size());
   std::set<int> bound;
@@ -87,7 +93,7 @@ TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
 
 TEST(TaskArenaTest, TheCallerMayUseAllCpusAfterwards) {
   const std::set<int> before = CpusOfThisThread();
-  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
+  const std::shared_ptr<TaskArena> arena = std::make_shared<TaskArena>();
   for (int i = 0; i < 20; ++i) {
     CpusBySlot(arena.get());
     ASSERT_EQ(CpusOfThisThread(), before);
@@ -95,7 +101,7 @@ TEST(TaskArenaTest, TheCallerMayUseAllCpusAfterwards) {
 }
 
 // Returns the threads that take part in a loop that RunIn runs.
-std::set<std::thread::id> ThreadsOfRunIn(tbb::task_arena* arena) {
+std::set<std::thread::id> ThreadsOfRunIn(TaskArena* arena) {
   std::set<std::thread::id> threads;
   Mutex mutex;
   RunIn(arena, [&] {
@@ -109,31 +115,124 @@ std::set<std::thread::id> ThreadsOfRunIn(tbb::task_arena* arena) {
 }
 
 TEST(TaskArenaTest, InAOneThreadScopeALoopRunsOnItsThreadAlone) {
-  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena(4);
-  EXPECT_EQ(ConcurrencyOf(arena.get()), 4);
+  const std::shared_ptr<TaskArena> arena = std::make_shared<TaskArena>(4);
+  EXPECT_EQ(ConcurrencyOf(*arena), 4);
   {
     const OneThreadScope alone;
-    EXPECT_EQ(ConcurrencyOf(arena.get()), 1);
+    EXPECT_EQ(ConcurrencyOf(*arena), 1);
     for (int i = 0; i < 20; ++i) {
       EXPECT_EQ(ThreadsOfRunIn(arena.get()), std::set{std::this_thread::get_id()});
     }
     EXPECT_EQ(RunIn(arena.get(), [] { return 7; }), 7);
     { const OneThreadScope inner; }
-    EXPECT_EQ(ConcurrencyOf(arena.get()), 1) << "the inner scope ended both";
+    EXPECT_EQ(ConcurrencyOf(*arena), 1) << "the inner scope ended both";
   }
-  EXPECT_EQ(ConcurrencyOf(arena.get()), 4);
+  EXPECT_EQ(ConcurrencyOf(*arena), 4);
 }
 
 TEST(TaskArenaTest, AOneThreadScopeIsItsThreadsOwn) {
-  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena(2);
+  const std::shared_ptr<TaskArena> arena = std::make_shared<TaskArena>(2);
   const OneThreadScope alone;
-  std::thread([&] { EXPECT_EQ(ConcurrencyOf(arena.get()), 2); }).join();
+  std::thread([&] { EXPECT_EQ(ConcurrencyOf(*arena), 2); }).join();
 }
 
 TEST(TaskArenaTest, RunInWithinItselfNeedsNoSecondThread) {
-  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena(1);
+  const std::shared_ptr<TaskArena> arena = std::make_shared<TaskArena>(1);
   const OneThreadScope alone;
   EXPECT_EQ(RunIn(arena.get(), [&] { return RunIn(arena.get(), [] { return 8; }); }), 8);
+}
+
+// Counts the threads inside at a time, and the most there were.
+class Presence {
+ public:
+  void Work() {
+    const int now = inside_.fetch_add(1) + 1;
+    int most = most_.load();
+    while (now > most && !most_.compare_exchange_weak(most, now)) {
+    }
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+    inside_.fetch_sub(1);
+  }
+  [[nodiscard]] int most() const { return most_.load(); }
+
+ private:
+  std::atomic<int> inside_ = 0;
+  std::atomic<int> most_ = 0;
+};
+
+TEST(TaskArenaTest, SharedThreadsAreNeverMoreThanTheArenas) {
+  for (const int width : {1, 2, 3, 8}) {
+    SCOPED_TRACE(width);
+    TaskArena arena(width);
+    arena.SetSharesThreads(true);
+    Presence presence;
+    std::vector<std::thread> callers;
+    for (int i = 0; i < 12; ++i) {
+      callers.emplace_back([&, i] {
+        for (int round = 0; round < 30; ++round) {
+          std::optional<OneThreadScope> alone;
+          if ((i + round) % 3 > 0) {
+            alone.emplace();
+          }
+          RunIn(&arena, [&] { tbb::parallel_for(0, 4, [&](int) { presence.Work(); }); });
+        }
+      });
+    }
+    for (std::thread& caller : callers) {
+      caller.join();
+    }
+    EXPECT_LE(presence.most(), width);
+    EXPECT_GE(presence.most(), std::min(width, 2)) << "threads wait for each other";
+  }
+}
+
+TEST(TaskArenaTest, ACallerHasAllSharedThreadsWhenNobodyElseComputes) {
+  TaskArena arena(4);
+  arena.SetSharesThreads(true);
+  Mutex mutex;
+  CondVar changed;
+  int here = 0;
+  for (int round = 0; round < 3; ++round) {
+    here = 0;
+    RunIn(&arena, [&] {
+      tbb::parallel_for(
+          tbb::blocked_range<int>(0, 4),
+          [&](const tbb::blocked_range<int>& /*one*/) {
+            MutexLock lock(&mutex);
+            if (++here == 4) {
+              changed.SignalAll();
+            }
+            changed.Await(&mutex, [&] { return here == 4; });
+          },
+          tbb::simple_partitioner());
+    });
+  }
+  EXPECT_EQ(here, 4);
+}
+
+TEST(TaskArenaTest, ATaskOfASharedArenaMayCallRunIn) {
+  TaskArena arena(4);
+  arena.SetSharesThreads(true);
+  std::atomic<int> sum = 0;
+  for (int round = 0; round < 20; ++round) {
+    RunIn(&arena, [&] {
+      tbb::parallel_for(0, 100, [&](int) {
+        RunIn(&arena, [&] { tbb::parallel_for(0, 3, [&](int) { sum.fetch_add(1); }); });
+      });
+    });
+  }
+  EXPECT_EQ(sum.load(), 6000);
+}
+
+TEST(TaskArenaTest, ACallerThatAlwaysComesBackLeavesOthersTheirTurn) {
+  TaskArena arena(1);
+  arena.SetSharesThreads(true);
+  std::atomic<bool> has_run = false;
+  std::thread other([&] { RunIn(&arena, [&] { has_run = true; }); });
+  while (!has_run) {
+    RunIn(&arena, [] { std::this_thread::sleep_for(std::chrono::milliseconds(1)); });
+  }
+  other.join();
 }
 
 }  // namespace

@@ -1,7 +1,10 @@
 #include "core/image/fragment.h"
 
-#include <array>
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
+#include <ios>
+#include <numeric>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -72,6 +75,77 @@ TEST(FragmentOrderTest, OwnersTellSurfacesApart) {
   EXPECT_EQ(order.OwnerOf(2, 7), 2007U);
   EXPECT_EQ(order.SurfaceOf(2007), 2U);
   EXPECT_EQ(order.SurfaceOf(999), 0U);
+}
+
+// A pixel keeps the first of its fragments, whatever their order of arrival: compositing is
+// associative, commutative and idempotent.
+TEST(FragmentOrderTest, APixelKeepsTheFirstFragmentInEachOrderOfArrival) {
+  constexpr FragmentOrder kOrder{.block_count = 10};
+  const auto at = [&](float depth, std::uint32_t surface, std::uint32_t block) {
+    return FragmentKey(depth, kOrder.OwnerOf(surface, block));
+  };
+  struct Case {
+    const char* name;
+    std::vector<Fragment> fragments;
+    TieRule ties;
+    std::size_t first;  // among them
+  };
+  const std::vector<Case> cases = {
+      {"nothing", {{}}, TieRule::kColor, 0},
+      {"one", {{}, {at(kFarDepth, 1, 9), kLight}}, TieRule::kColor, 1},
+      {"the nearest", {{at(0.5F, 0, 0), kDark}, {at(0.25F, 1, 9), kLight}, {}}, TieRule::kColor, 1},
+      {"equal depths: the lower surface",
+       {{at(0.5F, 1, 0), kDark}, {at(0.5F, 0, 9), kLight}},
+       TieRule::kColor,
+       1},
+      {"equal surfaces: the darker colour",
+       {{at(0.5F, 0, 2), kLight}, {at(0.5F, 0, 9), kDark}, {at(0.75F, 0, 0), kDark}},
+       TieRule::kColor,
+       1},
+      {"equal colours: the lower block",
+       {{at(0.5F, 0, 3), kDark}, {at(0.5F, 0, 2), kDark}, {at(0.5F, 0, 1), kLight}},
+       TieRule::kColor,
+       1},
+      {"equal depths by owner: the lower block of any colour",
+       {{at(0.5F, 0, 3), kDark}, {at(0.5F, 0, 2), kLight}, {at(0.5F, 1, 1), kDark}},
+       TieRule::kOwner,
+       1},
+  };
+  for (const Case& c : cases) {
+    const FragmentOrder order{.block_count = kOrder.block_count, .ties = c.ties};
+    std::vector<std::size_t> arrivals(c.fragments.size());
+    std::iota(arrivals.begin(), arrivals.end(), 0);
+    do {
+      Fragment pixel;
+      for (const std::size_t i : arrivals) {
+        order.KeepFirst(c.fragments[i].key, c.fragments[i].color, &pixel.key, &pixel.color);
+      }
+      EXPECT_EQ(pixel.key, c.fragments[c.first].key) << c.name;
+      EXPECT_EQ(pixel.color, c.fragments[c.first].color) << c.name;
+      for (const Fragment& again : c.fragments) {
+        order.KeepFirst(again.key, again.color, &pixel.key, &pixel.color);
+      }
+      EXPECT_EQ(pixel.key, c.fragments[c.first].key) << c.name << ", twice";
+    } while (std::next_permutation(arrivals.begin(), arrivals.end()));
+  }
+}
+
+TEST(FragmentTest, KeysAreTiedIfTheyDifferInTheirOwnersAlone) {
+  struct Case {
+    std::uint64_t a;
+    std::uint64_t b;
+    bool are_tied;
+  };
+  for (const Case& c : std::vector<Case>{{FragmentKey(0.5F, 1), FragmentKey(0.5F, 2), true},
+                                         {FragmentKey(0.5F, 1), FragmentKey(0.5F, 1), false},
+                                         {FragmentKey(0.5F, 1), FragmentKey(0.25F, 1), false},
+                                         {FragmentKey(0.5F, 1), FragmentKey(0.25F, 2), false},
+                                         {FragmentKey(0.0F, 1), FragmentKey(-0.0F, 2), true},
+                                         {FragmentKey(kFarDepth, 1), kBackgroundKey, true},
+                                         {kBackgroundKey, kBackgroundKey, false}}) {
+    EXPECT_EQ(AreTied(c.a, c.b), c.are_tied) << std::hex << c.a << " " << c.b;
+    EXPECT_EQ(AreTied(c.b, c.a), c.are_tied) << std::hex << c.b << " " << c.a;
+  }
 }
 
 TEST(FragmentTest, NegativeZeroIsTheSameDepthAsZero) {

@@ -252,7 +252,7 @@ TEST_F(SeriesPartitionerTest, AnInterruptedRunIsResumed) {
   MemorySeries counted(FlowFields(), {0, 1});
   ISOSCOPE_ASSERT_OK(PartitionSeries(counted, Options("counted"), never_).status());
   fs::remove_all(dir_.Sub("counted"));
-  int resumed = 0;
+  std::vector<int> kept;
   for (int at = 1; at <= counted.open_count; at += 7) {
     MemorySeries source(FlowFields(), {0, 1});
     source.before_open = FailAt(at, absl::CancelledError("stop"));
@@ -261,7 +261,9 @@ TEST_F(SeriesPartitionerTest, AnInterruptedRunIsResumed) {
     EXPECT_FALSE(io::PathExists(dir_.Sub("flow")));
     const bool is_kept = io::PathExists(dir_.Sub("flow.partial"));
     EXPECT_EQ(absl::StrContains(status.message(), "--resume goes on"), is_kept);
-    resumed += is_kept ? 1 : 0;
+    if (is_kept) {
+      kept.push_back(at);
+    }
     SeriesPartitionOptions options = Options("flow");
     options.resumes = true;
     MemorySeries whole(FlowFields(), {0, 1});
@@ -270,7 +272,8 @@ TEST_F(SeriesPartitionerTest, AnInterruptedRunIsResumed) {
     EXPECT_THAT(EntriesOf(dir_.path()), ElementsAre("flow"));
     fs::remove_all(dir_.Sub("flow"));
   }
-  EXPECT_GE(resumed, 2);
+  // The first volume is finished between the 8th and the 15th time that a source is opened.
+  EXPECT_THAT(kept, ElementsAre(15, 22));
 }
 
 // The rows that are read tell which volumes are made again.
@@ -319,6 +322,61 @@ TEST_F(SeriesPartitionerTest, ResumingKeepsWhatMatchesAndNothingElse) {
   Make(MemorySeries(FlowFields(), {5}), "flow");
   EXPECT_FALSE(io::PathExists(dir_.Sub("flow.partial")));
   EXPECT_EQ(EntriesOf(dir_.Sub("flow/shard-00001-of-00002")).size(), 5 + 2);
+}
+
+// A volume that was finished is read before it is kept: every file of every shard.
+TEST_F(SeriesPartitionerTest, ResumingMakesADamagedVolumeAgain) {
+  Make(MemorySeries(Pressure(), {0, 1}), "flow");
+  const Files expected = FilesOf("flow");
+  fs::remove_all(dir_.Sub("flow"));
+  const auto resume_after = [&](const std::function<void(const std::string& folder)>& damage) {
+    MemorySeries source(Pressure(), {0, 1});
+    source.before_open = [opened = 0](int, int, int step) mutable {
+      opened += step == 1 ? 1 : 0;
+      return opened == 2 ? absl::CancelledError("stop") : absl::OkStatus();
+    };
+    EXPECT_FALSE(PartitionSeries(source, Options("flow"), never_).ok());
+    damage(dir_.Sub("flow.partial/"));
+    SeriesPartitionOptions options = Options("flow");
+    options.resumes = true;
+    int reports = 0;
+    options.volume.progress = [&](const PartitionProgress& progress) {
+      reports += absl::string_view(progress.phase) == "volume 1 of 2" ? 1 : 0;
+    };
+    MemorySeries whole(Pressure(), {0, 1});
+    EXPECT_THAT(PartitionSeries(whole, options, never_), testing::IsOk());
+    EXPECT_EQ(FilesOf("flow"), expected);
+    fs::remove_all(dir_.Sub("flow"));
+    return reports > 1;  // a volume that is kept reports its end alone
+  };
+  EXPECT_FALSE(resume_after([](const std::string&) {}));
+  int damaged = 0;
+  for (const auto& [path, bytes] : expected) {
+    if (!absl::StrContains(path, "step-00000/")) {
+      continue;
+    }
+    SCOPED_TRACE(path);
+    ++damaged;
+    EXPECT_TRUE(resume_after([&, name = path](const std::string& folder) {
+      std::string flipped = expected.at(name);
+      flipped[flipped.size() / 2] ^= 0x10;
+      fs::remove(folder + name);
+      ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder + name, flipped));
+    }));
+    EXPECT_TRUE(resume_after(
+        [name = path](const std::string& folder) { EXPECT_TRUE(fs::remove(folder + name)); }));
+  }
+  EXPECT_EQ(damaged, 2 * 7);  // shards and their files
+  // A whole volume, but another one.
+  EXPECT_TRUE(resume_after([&](const std::string& folder) {
+    Make(MemorySeries(Pressure(), {1}), "other");
+    for (const char* const shard : {"shard-00000-of-00002/", "shard-00001-of-00002/"}) {
+      const std::string name = absl::StrCat(shard, "field-000-component-0-step-00000");
+      fs::remove_all(folder + name);
+      fs::rename(dir_.Sub("other/" + name), folder + name);
+    }
+    fs::remove_all(dir_.Sub("other"));
+  }));
 }
 
 TEST_F(SeriesPartitionerTest, OnlyOneProcessWrites) {

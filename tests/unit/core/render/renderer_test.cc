@@ -867,7 +867,7 @@ TEST(CpuRendererTest, EveryInstructionSetDrawsTheSamePicture) {
 TEST(CpuRendererTest, PassesThatFillUpInOneArenaEndWithTheirPictures) {
   const Scene scene = MakeBumpySphere(48, 8, 18, 1);
   const view::View view = MakeView(scene, 200, 200, 10, 10);
-  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(8);
+  const std::shared_ptr<base::TaskArena> arena = std::make_shared<base::TaskArena>(8);
   const auto unbounded = MakeCpuRenderer(CpuRendererOptions{.arena = arena});
   const auto bounded = MakeCpuRenderer(CpuRendererOptions{.max_kept_bytes = 20000, .arena = arena});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto whole,
@@ -884,7 +884,7 @@ TEST(CpuRendererTest, PassesThatFillUpInOneArenaEndWithTheirPictures) {
                                     bounded->BeginPass(view, scene.layout, SpecOf()));
       std::atomic<std::size_t> next{0};
       while (next.load() < scene.meshes.size()) {
-        arena->execute([&] {
+        base::RunIn(arena.get(), [&] {
           tbb::parallel_for(0, 8, [&](int /*thread*/) {
             while (!pass->is_full()) {
               const std::size_t i = next.fetch_add(1);

@@ -38,6 +38,9 @@ TEST(PickSpecFromProtoTest, TheRegionIsTheSmallestAroundThePixels) {
   EXPECT_EQ(spec.frame.culling, frame::Culling::kDepth) << "picks are exact";
   EXPECT_EQ(spec.request.region().width_px(), 21);
   EXPECT_EQ(spec.request.culling(), isoscope::v1::CULLING_DEPTH);
+  EXPECT_FALSE(spec.with_field_values);
+  pick.set_with_field_values(true);
+  EXPECT_TRUE(PickSpecFromProto(pick)->with_field_values);
 }
 
 TEST(PickSpecFromProtoTest, WrongMembersAreNamedWithValueAndRange) {
@@ -116,6 +119,60 @@ TEST(GradientsTest, PointsOfARequestAreCheckedAndAnswersFindTheirPoints) {
   gradient->mutable_gradient()->set_z(std::numeric_limits<double>::quiet_NaN());
   EXPECT_THAT(AddGradients(response, &gradients),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("gradients[0].gradient")));
+}
+
+TEST(PointValuesTest, EveryPointNeedsItsIsovalueAndBlock) {
+  isoscope::internal::v1::GetGradientsRequest good;
+  for (int i = 0; i < 2; ++i) {
+    good.add_points();
+    good.add_block_ids(i);
+    good.mutable_values()->add_isovalues(i);
+    good.mutable_values()->add_on_caps(false);
+  }
+  good.mutable_values()->add_dataset_ids("a");
+  ISOSCOPE_EXPECT_OK(CheckPointValuesQuery(good));
+  const auto expect = [&](const char* what, const auto& change) {
+    isoscope::internal::v1::GetGradientsRequest bad = good;
+    change(&bad);
+    EXPECT_THAT(CheckPointValuesQuery(bad),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  using Request = isoscope::internal::v1::GetGradientsRequest;
+  expect("values.dataset_ids has 0 elements: must have 1 to 1000",
+         [](Request* bad) { bad->mutable_values()->clear_dataset_ids(); });
+  expect("values.dataset_ids has 1001", [](Request* bad) {
+    for (int i = 0; i < kMaxPickedVolumes; ++i) {
+      bad->mutable_values()->add_dataset_ids("a");
+    }
+  });
+  expect("values.isovalues has 3 elements: must have one for each of the 2 points",
+         [](Request* bad) { bad->mutable_values()->add_isovalues(0); });
+  expect("values.on_caps has 0", [](Request* bad) { bad->mutable_values()->clear_on_caps(); });
+  expect("block_ids has 0", [](Request* bad) { bad->clear_block_ids(); });
+  expect("values.isovalues[1] is nan", [](Request* bad) {
+    bad->mutable_values()->set_isovalues(1, std::numeric_limits<double>::quiet_NaN());
+  });
+}
+
+TEST(PointValuesTest, ValuesOfNoPointOrOfTooFewVolumesAreRefused) {
+  isoscope::internal::v1::GetGradientsResponse response;
+  std::vector<std::vector<double>> values(3);
+  response.add_values()->set_point_index(1);
+  response.mutable_values(0)->add_values(7);
+  response.mutable_values(0)->add_values(std::numeric_limits<double>::infinity());
+  ISOSCOPE_EXPECT_OK(AddPointValues(response, 2, &values));
+  EXPECT_THAT(values[1], ElementsAre(7, std::numeric_limits<double>::infinity()));
+  EXPECT_TRUE(values[0].empty());
+  EXPECT_THAT(
+      AddPointValues(response, 3, &values),
+      StatusIs(
+          absl::StatusCode::kInvalidArgument,
+          HasSubstr("values[0].values has 2 elements: must have one for each of the 3 volumes")));
+  for (const int bad : {-1, 3}) {
+    response.mutable_values(0)->set_point_index(bad);
+    EXPECT_THAT(AddPointValues(response, 2, &values),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("must be in [0, 3)")));
+  }
 }
 
 TEST(AddPointShardsTest, ShardsOfNoPointAndThoseThatNobodyAskedForAreRefused) {

@@ -8,6 +8,7 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -147,7 +148,7 @@ TEST(SurfaceConvertTest, LightsAndColorByArriveAndGoBack) {
   EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
 }
 
-TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
+TEST(ResolveGradientRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
   const frame::ColorBy by_gradient{.quantity = frame::ColorBy::Quantity::kGradientMagnitude,
@@ -165,7 +166,7 @@ TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
     dataset.set_max_gradient_magnitude(bound);
     isoscope::v1::RenderIsosurfaceRequest resolved = request;
     frame::FrameSpec resolved_spec = spec;
-    ISOSCOPE_ASSERT_OK(ResolveColorRanges(dataset, &resolved, &resolved_spec));
+    ISOSCOPE_ASSERT_OK(ResolveGradientRanges(dataset, &resolved, &resolved_spec));
     EXPECT_EQ(resolved_spec.surfaces[1].color_by->range,
               (frame::ColorRange{0, bound > 0 ? bound : 1}));
     EXPECT_EQ(resolved_spec.surfaces[2].color_by, with_range);
@@ -207,56 +208,20 @@ TEST(SurfaceConvertTest, AFieldIsNamedExactlyWhereItIsShown) {
   expect("surfaces[0].color_by.field is not set: required with surfaces[0].color_by.quantity 6");
 }
 
-TEST(ResolveColorRangesTest, TheMapOfAFieldHasTheRangeOfItsComponent) {
-  isoscope::v1::Dataset dataset;
-  dataset.set_name("flow");
-  isoscope::v1::Field* const pressure = dataset.add_fields();
-  pressure->set_name("pressure");
-  pressure->add_components()->mutable_value_range()->set_max(7);
-  isoscope::v1::Field* const velocity = dataset.add_fields();
-  velocity->set_name("velocity");
-  for (const auto& [name, min, max] :
-       {std::tuple("x", -1.0, 2.0), {"y", 3.0, 3.0}, {"magnitude", 0.0, 5.0}}) {
-    isoscope::v1::FieldComponent* const component = velocity->add_components();
-    component->set_name(name);
-    component->mutable_value_range()->set_min(min);
-    component->mutable_value_range()->set_max(max);
+TEST(ColorRangeOfTest, HoldsTheValuesOfAllSteps) {
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  for (const auto& [min, max] : {std::pair(-1.0, 2.0), {3.0, 3.0}, {0.0, kInf}, {-kInf, kInf}}) {
+    isoscope::v1::FieldComponent component;
+    component.mutable_value_range()->set_min(min);
+    component.mutable_value_range()->set_max(max);
+    const isoscope::v1::ColorRange range = ColorRangeOf(component);
+    EXPECT_EQ((frame::ColorRange{range.min(), range.max()}), frame::ColorRangeOfSamples(min, max));
   }
-  velocity->add_components()->set_name("nan");
-  const auto resolve = [&](const std::string& field, const std::string& component) {
-    isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
-    request.set_isovalue(0);
-    *request.add_surfaces()->mutable_color_by() = ToProto(
-        {.quantity = frame::ColorBy::Quantity::kField, .field = field, .component = component});
-    frame::FrameSpec spec = FrameSpecFromProto(request).value();
-    const absl::Status status = ResolveColorRanges(dataset, &request, &spec);
-    if (status.ok()) {
-      EXPECT_EQ(FrameSpecFromProto(request).value(), spec) << "agents read the same";
-    }
-    return std::pair(status, spec.surfaces[0].color_by->range);
-  };
-  EXPECT_EQ(resolve("pressure", "").second, (frame::ColorRange{0, 7}));
-  EXPECT_EQ(resolve("velocity", "x").second, (frame::ColorRange{-1, 2}));
-  EXPECT_EQ(resolve("velocity", "magnitude").second, (frame::ColorRange{0, 5}));
-  EXPECT_EQ(resolve("velocity", "y").second, (frame::ColorRange{3, std::nextafter(3.0, 4.0)}));
-  EXPECT_EQ(resolve("velocity", "nan").second, (frame::ColorRange{0, 1}));
-  velocity->mutable_components()->RemoveLast();
-  EXPECT_EQ(resolve("velocity", "").second, (frame::ColorRange{0, 5})) << "the magnitude";
-  EXPECT_THAT(
-      resolve("temperature", "").first,
-      StatusIs(absl::StatusCode::kInvalidArgument,
-               HasSubstr("surfaces[0].color_by.field is \"temperature\": dataset 'flow' has "
-                         "\"pressure\", \"velocity\"")));
-  EXPECT_THAT(resolve("velocity", "w").first,
-              StatusIs(absl::StatusCode::kInvalidArgument,
-                       HasSubstr("surfaces[0].color_by.component is \"w\": field \"velocity\" has "
-                                 "\"x\", \"y\", \"magnitude\"")));
-  dataset.clear_fields();
-  EXPECT_THAT(resolve("pressure", "").first,
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("has no fields")));
+  const isoscope::v1::ColorRange of_nan = ColorRangeOf({});
+  EXPECT_EQ((frame::ColorRange{of_nan.min(), of_nan.max()}), (frame::ColorRange{0, 1}));
 }
 
-TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
+TEST(ResolveGradientRangesTest, ADatasetWithoutTheBoundNeedsARange) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
   request.add_surfaces()->mutable_color_by()->set_quantity(
@@ -264,13 +229,13 @@ TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
   isoscope::v1::Dataset dataset;
   dataset.set_name("ct");
-  EXPECT_THAT(ResolveColorRanges(dataset, &request, &spec),
+  EXPECT_THAT(ResolveGradientRanges(dataset, &request, &spec),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr("surfaces[0].color_by.range is not set: required, because dataset "
                                  "'ct'")));
   request.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_max(2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
-  ISOSCOPE_EXPECT_OK(ResolveColorRanges(dataset, &request, &spec));
+  ISOSCOPE_EXPECT_OK(ResolveGradientRanges(dataset, &request, &spec));
 }
 
 TEST(SurfaceConvertTest, EveryColorMapIsKnown) {

@@ -18,12 +18,17 @@ namespace {
 using ::isoscope::testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 TEST(SeriesFormatTest, EndingsAreInLowerCaseAndBelongToOneFormat) {
   std::set<std::string> endings;
   for (const SeriesFormat& format : SeriesFormats()) {
     EXPECT_NE(format.open, nullptr) << format.name;
-    EXPECT_THAT(ListedSeriesFormats(), HasSubstr(std::string(format.name)));
+    if (!format.endings.empty()) {
+      EXPECT_THAT(ListedSeriesFormats(), HasSubstr(std::string(format.name)));
+    }
+    EXPECT_EQ(FindSeriesFormat(FormatNameOf(format)), &format);
+    EXPECT_THAT(FormatNameOf(format), Not(HasSubstr(" ")));
     for (const std::string& ending : format.endings) {
       EXPECT_TRUE(endings.insert(ending).second) << ending;
       EXPECT_EQ(ending, absl::AsciiStrToLower(ending));

@@ -497,8 +497,8 @@ TEST_F(VolumeSourceTest, LayoutsThatAreNotReadAreNamed) {
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)))
         << name;
   };
-  expect("a.nrrd", NrrdHeader(kDims, "short", "ascii") + "1 2 3", "encoding \"ascii\"");
-  expect("b.nrrd", NrrdHeader(kDims, "short", "bzip2") + "BZh", "encoding \"bzip2\"");
+  expect("a.nrrd", NrrdHeader(kDims, "short", "ascii", "byte skip: 3\n") + "1 2 3", "byte skip 3");
+  expect("b.nrrd", NrrdHeader(kDims, "short", "zrl") + "BZh", "encoding \"zrl\"");
   expect("l.nhdr", NrrdHeader(kDims, "short", "raw", "data file: LIST\na.raw\n"),
          "1 data files of 2 axes each; 7 x 6 x 5 samples need 5");
   expect("m.nhdr", NrrdHeader(kDims, "short", "raw", "data file: LIST x\na.raw\n"), "LIST SUBDIM");

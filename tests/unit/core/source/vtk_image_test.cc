@@ -139,6 +139,32 @@ TEST_F(VtkImageTest, PathMayNameAnArrayOrAComponent) {
   EXPECT_THAT(OpenVtkImage(path, "q"), StatusIs(absl::StatusCode::kNotFound, HasSubstr("\"p\"")));
 }
 
+// The id of a dataset of version 1 holds the name.
+TEST_F(VtkImageTest, ANameSaysNoMoreThanThePathWhereThatNamesOneScalar) {
+  VtiImageFile one = Points();
+  one.fields.erase(one.fields.begin() + 2, one.fields.end());
+  Write("one.vti", VtiBytes(one));
+  Write("all.vti", VtiBytes(Points()));
+  const struct {
+    const char* file;
+    const char* part;
+    std::size_t array;
+    std::int64_t component;
+    const char* name;
+  } cases[] = {{"one.vti", "", 0, 0, "one.vti"},
+               {"one.vti", "p", 0, 0, "one.vti:p"},
+               {"one.vti", "p:0", 0, 0, "one.vti:p:0"},
+               {"all.vti", "", 0, 0, "all.vti:p"},
+               {"all.vti", "", 1, 2, "all.vti:velocity:2"},
+               {"all.vti", "velocity", 0, 2, "all.vti:velocity:2"},
+               {"all.vti", "velocity:2", 0, 2, "all.vti:velocity:2"}};
+  for (const auto& c : cases) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto image, OpenVtkImage(dir_.Sub(c.file), c.part));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, image->Open(c.array, c.component));
+    EXPECT_EQ(source->name(), dir_.Sub(c.name)) << c.file << " " << c.part;
+  }
+}
+
 TEST_F(VtkImageTest, NamesOfComponentsAreTheFilesIfTheyDiffer) {
   VtiArray array{.name = "v", .type = "Int8", .components = 2};
   EXPECT_THAT(FieldOfVtiArray(array).components, ElementsAre("0", "1"));

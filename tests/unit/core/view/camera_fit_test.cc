@@ -1,7 +1,9 @@
 #include "core/view/camera_fit.h"
 
 #include <cmath>
+#include <string>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -71,6 +73,17 @@ TEST(NamedCameraTest, EverySideLooksAtTheCentreFromOneDistance) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PatientFrame ras, PatientFrame::FromName("RAS"));
   expect({NamedView::kAnterior, {0, 1, 0}, {0, 0, 1}}, ras);
   expect({NamedView::kLeft, {-1, 0, 0}, {0, 0, 1}}, ras);
+}
+
+TEST(NamedCameraTest, KeysChooseTheTablesRowsInTheirOrder) {
+  std::string world;
+  std::string patient;
+  for (const NamedViewRow& row : NamedViewTable()) {
+    absl::StrAppend(&world, row.has_world() ? row.name : "", row.has_world() ? " " : "");
+    absl::StrAppend(&patient, row.has_patient() ? row.name : "", row.has_patient() ? " " : "");
+  }
+  EXPECT_EQ(world, "front back left right top bottom ");
+  EXPECT_EQ(patient, "anterior posterior left right superior inferior ");
 }
 
 TEST(NamedCameraTest, ASideOfAPatientNeedsAPatient) {

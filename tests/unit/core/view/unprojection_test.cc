@@ -82,6 +82,25 @@ TEST(UnprojectionTest, ACoordinateIsThePositionsToTheBit) {
   }
 }
 
+TEST(UnprojectionTest, ThePointOfAPixelLiesOnItsRay) {
+  const Region region{17, 400, 50, 60};
+  for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const View view, View::Make(MakeCamera(projection), {640, 480}, MakeGeometry(), region));
+    const PixelRays& rays = view.image_plane().rays;
+    const PixelRays index_rays = rays.TransformedBy(view.index_from_world());
+    for (int i = 0; i < 50; ++i) {
+      const math::Vec3d p = Unprojection(view).PositionOf(i, 2 * i, 90);
+      const double x = region.x + i + 0.5;
+      const double y = region.y + 2 * i + 0.5;
+      EXPECT_LE(math::Length(rays.origin.At(x, y) + rays.direction.At(x, y) * 90.0 - p), 1e-9);
+      EXPECT_LE(math::Length(index_rays.origin.At(x, y) + index_rays.direction.At(x, y) * 90.0 -
+                             math::TransformPoint(view.index_from_world(), p)),
+                1e-9);
+    }
+  }
+}
+
 TEST(UnprojectionTest, ARegionsPixelIsTheWholesToTheBit) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View whole, View::Make(MakeCamera(Projection::kPerspective),
                                                              {640, 480}, MakeGeometry()));

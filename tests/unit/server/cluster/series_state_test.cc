@@ -138,6 +138,32 @@ TEST(SeriesStateTest, AStepIsOfferedOnceAllShardsHaveIt) {
   EXPECT_THAT(StepsOf(later->dataset), ElementsAre(0, 1, 2));
 }
 
+// Series with one dataset id may differ in later steps.
+TEST(SeriesStateTest, TheDigestOfAStepTellsItsVolumes) {
+  const auto digests_of = [](const std::vector<internal::ShardDescription>& shards) {
+    const auto flow = Flow({Agent("a:1", shards)});
+    std::vector<std::string> digests;
+    for (const v1::TimeStep& step : flow->dataset.time_steps()) {
+      digests.push_back(step.volumes_digest());
+    }
+    return digests;
+  };
+  const std::vector<std::string> digests = digests_of({Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})});
+  ASSERT_EQ(digests.size(), 3U);
+  for (const std::string& digest : digests) {
+    EXPECT_THAT(digest, ::testing::MatchesRegex("[0-9a-f]{32}"));
+  }
+  EXPECT_NE(digests[0], digests[1]);
+  const std::vector<std::string> fewer = digests_of({Shard(0, {0, 1}), Shard(1, {0, 1, 2})});
+  EXPECT_THAT(fewer, ElementsAre(digests[0], digests[1]));
+  std::vector<internal::ShardDescription> other = {Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})};
+  for (internal::ShardDescription& shard : other) {
+    shard.mutable_volumes(2 * 3 + 1)->set_dataset_id(IdOf(9, 9, 9));  // velocity x, step 2
+  }
+  const std::vector<std::string> changed = digests_of(other);
+  EXPECT_THAT(changed, ElementsAre(digests[0], digests[1], ::testing::Ne(digests[2])));
+}
+
 TEST(SeriesStateTest, AnAgentThatLagsIsNotUsedForTheNewStepAndIsForTheOthers) {
   // The second one has an older manifest, too.
   const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1, 2}), Shard(1, {0, 1, 2})}),
@@ -264,6 +290,51 @@ TEST(SeriesStateTest, AFrameOfTwoFieldsNeedsAgentsThatHaveBoth) {
   surfaces[0].mutable_color_by()->set_field("velocity");
   EXPECT_THAT(SelectVolume(flow, nullptr, &surfaces),
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("shard 1")));
+}
+
+TEST(SeriesStateTest, AllFieldsAreThoseOfTheStepOnAgentsThatHaveThemAll) {
+  const google::protobuf::RepeatedPtrField<v1::Surface> none;
+  const auto select = [&](const std::shared_ptr<const DatasetState>& dataset,
+                          const std::string& text) {
+    auto surfaces = none;
+    const v1::FieldSelection selection = Selection(text);
+    return SelectVolume(dataset, &selection, &surfaces, /*with_all_fields=*/true);
+  };
+  const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1}), Shard(1, {0, 1})})});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
+                                select(flow, "field: 'velocity' time_step: 0"));
+  std::vector<std::string> fields;
+  for (const FieldVolume& field : selected.all_fields) {
+    fields.push_back(absl::StrCat(field.field, ":", field.component, " ", field.dataset_id));
+  }
+  EXPECT_THAT(fields, ElementsAre("pressure: " + IdOf(0, 0, 0), "velocity:x " + IdOf(1, 0, 0),
+                                  "velocity:magnitude " + IdOf(1, 1, 0)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume without, Select(flow, ""));
+  EXPECT_TRUE(without.all_fields.empty());
+
+  // One agent lags with a field, at the only step that the other field has.
+  internal::ShardDescription pressure = Shard(1, {0});
+  pressure.mutable_volumes()->DeleteSubrange(1, 2);
+  const auto lagging =
+      Flow({Agent("a:1", {Shard(0, {0}), pressure}), Agent("b:1", {Shard(1, {0})})});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume of_both, select(lagging, ""));
+  EXPECT_THAT(SetsOf(*of_both.dataset), ElementsAre("0: a:1", "1: b:1"));
+  const auto missing = Flow({Agent("a:1", {Shard(0, {0}), pressure})});
+  EXPECT_THAT(select(missing, ""),
+              StatusIs(absl::StatusCode::kNotFound,
+                       HasSubstr("with_field_values: field is \"velocity\": served at steps none, "
+                                 "the surfaces are of step 0")));
+  internal::ShardDescription velocity = Shard(1, {0});
+  velocity.mutable_volumes()->DeleteSubrange(0, 1);
+  EXPECT_THAT(
+      select(Flow({Agent("a:1", {Shard(0, {0}), pressure}), Agent("b:1", {velocity})}), ""),
+      StatusIs(absl::StatusCode::kUnavailable, HasSubstr("no agent has all fields for shard 1")));
+  const auto head = std::make_shared<DatasetState>(
+      DatasetsOf({Agent("a:1", {MakeShard("head", 0, 1)})}).at("head"));
+  auto surfaces = none;
+  EXPECT_THAT(SelectVolume(head, nullptr, &surfaces, /*with_all_fields=*/true),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("with_field_values is set: dataset \"head\" has one field")));
 }
 
 TEST(SeriesStateTest, OfTwoVolumesOfOneKeyThatOfMostAgentsIsTaken) {

@@ -19,12 +19,12 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/task_arena.h>
 #include <sys/resource.h>
 
 #include "core/base/memory_budget.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/frame/frame_pieces.h"
@@ -264,8 +264,8 @@ class FrameCoordinatorTest : public ::testing::Test {
   const view::View view_ = MakeView();
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
-  tbb::task_arena arena_{2};
-  tbb::task_arena* used_arena_ = &arena_;
+  base::TaskArena arena_{2};
+  base::TaskArena* used_arena_ = &arena_;
   const image::FragmentOrder order_{
       .block_count = static_cast<std::uint32_t>(layout_.block_count()),
       .ties = image::TieRule::kColor};
@@ -373,7 +373,7 @@ TEST_F(FrameCoordinatorTest, AgentsThatWaitForTheMemoryOfQueuedPixelsGoOnWithout
   for (const int arena_width : {1, 2}) {
     for (const frame::Culling culling : {frame::Culling::kDepth, frame::Culling::kNone}) {
       SCOPED_TRACE(absl::StrCat("arena of ", arena_width, ", culling ", static_cast<int>(culling)));
-      tbb::task_arena arena(arena_width);
+      base::TaskArena arena(arena_width);
       used_arena_ = &arena;
       // A frame that hangs fails then.
       cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(20));

@@ -15,7 +15,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -25,6 +24,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/retry_delay.h"
+#include "tests/support/event_table.h"
 
 namespace isoscope::server {
 namespace {
@@ -218,30 +218,19 @@ std::vector<std::string> Prelude(absl::string_view name) {
   return events;
 }
 
-// A row is `event -> commands`. It goes on in the next line if that has no arrow.
+// Tells a new protocol the rows, and expects that its report has been read.
 void Check(FrameStage first_stage, const std::vector<int>& replica_counts, absl::string_view rows,
            absl::Time deadline = absl::InfiniteFuture()) {
   Table table(replica_counts, first_stage, deadline);
-  std::vector<std::pair<std::string, std::string>> parsed;
-  for (absl::string_view line : absl::StrSplit(rows, '\n')) {
-    line = absl::StripAsciiWhitespace(line);
-    const std::vector<std::string> columns = absl::StrSplit(line, "->");
-    if (columns.size() == 2 || absl::StartsWith(line, "[")) {
-      parsed.emplace_back(absl::StripAsciiWhitespace(columns[0]),
-                          absl::StripAsciiWhitespace(columns.back()));
-    } else if (!line.empty()) {
-      absl::StrAppend(&parsed.back().second, " ", line);
+  testing::CheckEvents(rows, [&](const std::string& event) {
+    if (!absl::StartsWith(event, "[")) {
+      return table.Tell(event);
     }
-  }
-  for (const auto& [event, commands] : parsed) {
-    if (absl::StartsWith(event, "[")) {
-      for (const std::string& step : Prelude(event)) {
-        table.Tell(step);
-      }
-      continue;
+    for (const std::string& step : Prelude(event)) {
+      table.Tell(step);
     }
-    EXPECT_EQ(table.Tell(event), commands) << event << ", in" << rows;
-  }
+    return std::string();
+  });
   EXPECT_EQ(table.Tell("report"), "") << rows;
 }
 

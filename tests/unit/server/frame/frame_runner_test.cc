@@ -24,7 +24,7 @@ FrameRunnerOptions Options() {
   FrameRunnerOptions options;
   options.max_concurrent_frames = 1;
   options.max_queued_frames = 1;
-  options.arena = base::MakeTaskArena(1);
+  options.arena = std::make_shared<base::TaskArena>(1);
   options.memory_limit_bytes = CoordinatorMemory::kMinLimitBytes;
   return options;
 }
@@ -78,8 +78,8 @@ TEST(FrameRunnerTest, RefusalsAreCountedByReason) {
   const auto second = runner.Admit(kClient, SpecOf(64), Delivery::kWhole);
   EXPECT_FALSE(runner.Admit("b", SpecOf(64), Delivery::kWhole).ok());
   EXPECT_FALSE(runner.Admit("b", SpecOf(16384), Delivery::kWhole).ok());
-  EXPECT_EQ(runner.metrics()->refused_frames.value(), 1);
-  EXPECT_EQ(runner.metrics()->too_large_frames.value(), 1);
+  EXPECT_EQ(runner.metrics()->frames.refused.value(), 1);
+  EXPECT_EQ(runner.metrics()->frames.too_large.value(), 1);
   EXPECT_EQ(runner.gauges().outside_clients, 1);
 }
 

@@ -9,8 +9,8 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <oneapi/tbb/task_arena.h>
 
+#include "core/base/task_arena.h"
 #include "core/visibility/occlusion_map.h"
 #include "core/visibility/open_pixels.h"
 #include "tests/support/status_matchers.h"
@@ -46,7 +46,7 @@ class ReductionTest : public ::testing::Test {
   const view::View view_ = MakeView();
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
-  tbb::task_arena arena_{2};
+  base::TaskArena arena_{2};
   frame::FrameSpec spec_;
   std::vector<Blocks> active_ = {Every(3, 0), Every(3, 1), Every(3, 2)};
 };

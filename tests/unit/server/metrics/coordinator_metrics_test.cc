@@ -36,7 +36,7 @@ TEST(CoordinatorMetricsTest, FramesAreCountedByOutcomeAndCancelledOnesHaveNoDura
   metrics.CountFrame(absl::CancelledError(""), absl::Seconds(1), false, "a");
   metrics.CountFrame(absl::OkStatus(), absl::Milliseconds(20), true, "");
   metrics.CountRefused("a");
-  metrics.refused_frames.Add();
+  metrics.frames.refused.Add();
   auto values = ValuesOf(metrics.Collect({}));
   EXPECT_EQ(values["isoscope_frames_total outcome=done"], 2);
   EXPECT_EQ(values["isoscope_frames_total outcome=failed"], 1);
@@ -51,10 +51,10 @@ TEST(CoordinatorMetricsTest, FramesAreCountedByOutcomeAndCancelledOnesHaveNoDura
 
 TEST(CoordinatorMetricsTest, FramesThatWereNotDrawnAreCountedByReason) {
   CoordinatorMetrics metrics;
-  metrics.refused_frames.Add(5);
-  metrics.displaced_frames.Add(2);
-  metrics.expired_frames.Add();
-  metrics.too_large_frames.Add(7);
+  metrics.frames.refused.Add(5);
+  metrics.frames.displaced.Add(2);
+  metrics.frames.expired.Add();
+  metrics.frames.too_large.Add(7);
   auto values = ValuesOf(metrics.Collect({}));
   EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=queue_full"], 3);
   EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=made_room"], 2);

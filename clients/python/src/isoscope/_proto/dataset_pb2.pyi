@@ -115,12 +115,14 @@ class GridGeometry(_message.Message):
     def __init__(self, sample_dims: _Optional[_Union[Dimensions, _Mapping]] = ..., spacing: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., origin: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., direction_columns: _Optional[_Iterable[_Union[_geometry_pb2.Vec3, _Mapping]]] = ...) -> None: ...
 
 class TimeStep(_message.Message):
-    __slots__ = ["number", "value"]
+    __slots__ = ["number", "value", "volumes_digest"]
     NUMBER_FIELD_NUMBER: _ClassVar[int]
     VALUE_FIELD_NUMBER: _ClassVar[int]
+    VOLUMES_DIGEST_FIELD_NUMBER: _ClassVar[int]
     number: int
     value: float
-    def __init__(self, value: _Optional[float] = ..., number: _Optional[int] = ...) -> None: ...
+    volumes_digest: str
+    def __init__(self, value: _Optional[float] = ..., number: _Optional[int] = ..., volumes_digest: _Optional[str] = ...) -> None: ...
 
 class ValueRange(_message.Message):
     __slots__ = ["max", "min"]

@@ -105,6 +105,18 @@ class ExportIsosurfaceResponse(_message.Message):
     triangles: bytes
     def __init__(self, positions: _Optional[bytes] = ..., normals: _Optional[bytes] = ..., triangles: _Optional[bytes] = ..., surface_index: _Optional[int] = ...) -> None: ...
 
+class FieldValue(_message.Message):
+    __slots__ = ["component", "field", "unit", "value"]
+    COMPONENT_FIELD_NUMBER: _ClassVar[int]
+    FIELD_FIELD_NUMBER: _ClassVar[int]
+    UNIT_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    component: str
+    field: str
+    unit: str
+    value: float
+    def __init__(self, field: _Optional[str] = ..., component: _Optional[str] = ..., unit: _Optional[str] = ..., value: _Optional[float] = ...) -> None: ...
+
 class HalfSpace(_message.Message):
     __slots__ = ["normal", "offset"]
     NORMAL_FIELD_NUMBER: _ClassVar[int]
@@ -174,27 +186,34 @@ class OutputOptions(_message.Message):
     def __init__(self, image_format: _Optional[_Union[OutputOptions.ImageFormat, str]] = ..., jpeg_quality: _Optional[int] = ..., depth: bool = ..., surface_index: bool = ..., position: bool = ..., normal: bool = ...) -> None: ...
 
 class PickSurfaceRequest(_message.Message):
-    __slots__ = ["frame", "pixels"]
+    __slots__ = ["frame", "pixels", "with_field_values"]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     PIXELS_FIELD_NUMBER: _ClassVar[int]
+    WITH_FIELD_VALUES_FIELD_NUMBER: _ClassVar[int]
     frame: RenderIsosurfaceRequest
     pixels: _containers.RepeatedCompositeFieldContainer[Pixel]
-    def __init__(self, frame: _Optional[_Union[RenderIsosurfaceRequest, _Mapping]] = ..., pixels: _Optional[_Iterable[_Union[Pixel, _Mapping]]] = ...) -> None: ...
+    with_field_values: bool
+    def __init__(self, frame: _Optional[_Union[RenderIsosurfaceRequest, _Mapping]] = ..., pixels: _Optional[_Iterable[_Union[Pixel, _Mapping]]] = ..., with_field_values: bool = ...) -> None: ...
 
 class PickSurfaceResponse(_message.Message):
-    __slots__ = ["camera", "points", "statistics"]
+    __slots__ = ["camera", "points", "selection", "statistics", "time"]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     POINTS_FIELD_NUMBER: _ClassVar[int]
+    SELECTION_FIELD_NUMBER: _ClassVar[int]
     STATISTICS_FIELD_NUMBER: _ClassVar[int]
+    TIME_FIELD_NUMBER: _ClassVar[int]
     camera: _geometry_pb2.Camera
     points: _containers.RepeatedCompositeFieldContainer[PickedPoint]
+    selection: _dataset_pb2.FieldSelection
     statistics: _frame_pb2.RenderStatistics
-    def __init__(self, points: _Optional[_Iterable[_Union[PickedPoint, _Mapping]]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ...) -> None: ...
+    time: float
+    def __init__(self, points: _Optional[_Iterable[_Union[PickedPoint, _Mapping]]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ...) -> None: ...
 
 class PickedPoint(_message.Message):
-    __slots__ = ["block_id", "depth", "gradient", "is_hit", "normal", "position", "shard_index", "surface_index"]
+    __slots__ = ["block_id", "depth", "field_values", "gradient", "is_hit", "normal", "position", "shard_index", "surface_index"]
     BLOCK_ID_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
+    FIELD_VALUES_FIELD_NUMBER: _ClassVar[int]
     GRADIENT_FIELD_NUMBER: _ClassVar[int]
     IS_HIT_FIELD_NUMBER: _ClassVar[int]
     NORMAL_FIELD_NUMBER: _ClassVar[int]
@@ -203,13 +222,14 @@ class PickedPoint(_message.Message):
     SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
     block_id: int
     depth: float
+    field_values: _containers.RepeatedCompositeFieldContainer[FieldValue]
     gradient: _geometry_pb2.Vec3
     is_hit: bool
     normal: _geometry_pb2.Vec3
     position: _geometry_pb2.Vec3
     shard_index: int
     surface_index: int
-    def __init__(self, is_hit: bool = ..., position: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., depth: _Optional[float] = ..., surface_index: _Optional[int] = ..., normal: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., block_id: _Optional[int] = ..., shard_index: _Optional[int] = ..., gradient: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ...) -> None: ...
+    def __init__(self, is_hit: bool = ..., position: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., depth: _Optional[float] = ..., surface_index: _Optional[int] = ..., normal: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., block_id: _Optional[int] = ..., shard_index: _Optional[int] = ..., gradient: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., field_values: _Optional[_Iterable[_Union[FieldValue, _Mapping]]] = ...) -> None: ...
 
 class Pixel(_message.Message):
     __slots__ = ["x", "y"]

@@ -109,6 +109,44 @@ TEST_F(MeshExportTest, AMeshFileHasAllSurfaces) {
   EXPECT_EQ(two.triangle_count, 2);
 }
 
+TEST(PinSelectionTest, TheRequestNamesTheStepThatItMeansNow) {
+  v1::Dataset dataset;
+  EXPECT_FALSE(PinSelection(dataset, std::make_unique<v1::ExportIsosurfaceRequest>().get()));
+  dataset.set_time_unit("s");
+  for (const int number : {0, 2}) {
+    v1::TimeStep* const step = dataset.add_time_steps();
+    step->set_number(number);
+    step->set_value(number * 0.5);
+  }
+  v1::Field* const velocity = dataset.add_fields();
+  velocity->set_name("velocity");
+  velocity->set_unit("m/s");
+  velocity->add_time_steps(0);
+  velocity->add_time_steps(1);
+  velocity->add_components()->set_name("x");
+  velocity->add_components()->set_name("magnitude");
+  v1::ExportIsosurfaceRequest request;
+  const std::optional<MeshField> last = PinSelection(dataset, &request);
+  ASSERT_TRUE(last.has_value());
+  EXPECT_THAT(LinesOf(*last),
+              ElementsAre("field velocity:magnitude", "unit m/s", "step 2", "time 1 s"));
+  EXPECT_EQ(request.selection().ShortDebugString(),
+            R"(field: "velocity" component: "magnitude" time_step: 2)");
+  request.mutable_selection()->set_component("0");
+  request.mutable_selection()->set_time(0.2);
+  EXPECT_THAT(LinesOf(*PinSelection(dataset, &request)),
+              ElementsAre("field velocity:x", "unit m/s", "step 0", "time 0 s"));
+  request.mutable_selection()->set_field("heat");
+  const std::string before = request.DebugString();
+  EXPECT_FALSE(PinSelection(dataset, &request).has_value());
+  EXPECT_EQ(request.DebugString(), before) << "the server says what there is";
+  dataset.clear_time_steps();
+  request.mutable_selection()->set_field("velocity");
+  request.mutable_selection()->clear_when();
+  EXPECT_THAT(LinesOf(*PinSelection(dataset, &request)),
+              ElementsAre("field velocity:x", "unit m/s"));
+}
+
 TEST_F(MeshExportTest, AnErrorLeavesNoFile) {
   EXPECT_THAT(WriteMeshFile({}, folder_.Sub("mesh.xyz"), absl::Seconds(60), client_.get()),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("xyz")));

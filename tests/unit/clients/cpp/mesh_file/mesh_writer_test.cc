@@ -388,6 +388,53 @@ TEST(MeshWriterTest, HeadersHaveRoomForAllSurfaces) {
   }
 }
 
+TEST(MeshWriterTest, FilesOfASeriesSayFieldAndStepAndOthersAreAsEver) {
+  const TempDir folder;
+  const MeshPiece sphere = MakeSphere(1, {0, 0, 0}, 1);
+  const MeshField field{.name = "velocity",
+                        .component = "x",
+                        .unit = "m/s",
+                        .step = 3,
+                        .time = 0.25,
+                        .time_unit = "s"};
+  const auto write = [&](MeshFormat format, const std::optional<MeshField>& of) {
+    return Write(sphere, {.path = folder.Sub("mesh"), .format = format, .field = of}).value();
+  };
+  for (const MeshFormat format : kParsed) {
+    SCOPED_TRACE(NameOf(format));
+    const std::string bytes = write(format, field);
+    EXPECT_EQ(Read(format, bytes).triangles.size(), sphere.triangles.size());
+    EXPECT_EQ(bytes.find("velocity") != std::string::npos, format != MeshFormat::kVtp);
+    EXPECT_EQ(write(format, std::nullopt).find("velocity"), std::string::npos);
+  }
+  EXPECT_THAT(write(MeshFormat::kPly, field),
+              HasSubstr("\ncomment field velocity:x\ncomment unit m/s\ncomment step 3\n"
+                        "comment time 0.25 s\nelement vertex 18\n"));
+  EXPECT_THAT(write(MeshFormat::kObj, field),
+              ::testing::StartsWith("# isoscope\n# field velocity:x\n# unit m/s\n# step 3\n"
+                                    "# time 0.25 s\nv "));
+  EXPECT_EQ(write(MeshFormat::kStl, field).substr(0, 80),
+            "isoscope, binary STL, field velocity:x, unit m/s, step 3, time 0.25 s           ");
+  EXPECT_EQ(write(MeshFormat::kStl, MeshField{.name = std::string(200, 'a')}).size(),
+            write(MeshFormat::kStl, std::nullopt).size());
+  const std::string glb = write(MeshFormat::kGlb, field);
+  const nlohmann::json extras =
+      nlohmann::json::parse(glb.substr(20, Load<std::uint32_t>(glb, 12))).at("asset").at("extras");
+  EXPECT_EQ(extras, nlohmann::json::parse(R"({"field": "velocity", "component": "x", "unit": "m/s",
+                                              "step": 3, "time": 0.25, "time_unit": "s"})"));
+  const std::string vtp = write(MeshFormat::kVtp, field);
+  for (const char* const array :
+       {"Name=\"Field\" NumberOfTuples=\"1\" format=\"ascii\">118 101 108 111 99 105 116 121 0<",
+        "Name=\"FieldComponent\" NumberOfTuples=\"1\" format=\"ascii\">120 0<",
+        "Name=\"FieldUnit\" NumberOfTuples=\"1\" format=\"ascii\">109 47 115 0<",
+        "<DataArray type=\"Int32\" Name=\"TimeStep\" NumberOfTuples=\"1\" format=\"ascii\">3<",
+        "<DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" "
+        "format=\"ascii\">0.25<",
+        "Name=\"TimeUnit\" NumberOfTuples=\"1\" format=\"ascii\">115 0<"}) {
+    EXPECT_THAT(vtp, HasSubstr(array));
+  }
+}
+
 TEST(MeshWriterTest, EmptySurfaceIsAValidFileOfEveryFormat) {
   const TempDir folder;
   for (const MeshFormat format : kParsed) {

@@ -1,0 +1,180 @@
+#include "client-cli/output/source_json.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include <nlohmann/json.hpp>
+
+#include "core/base/printable.h"
+#include "core/base/units.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::cli {
+namespace {
+
+// Samples of all blocks along an axis: each has its cells, one sample more, and one on either side
+// for gradients, as far as the volume goes.
+double StoredSamples(std::int64_t size, std::int64_t cells) {
+  const std::int64_t blocks = (size - 2) / cells + 1;
+  return static_cast<double>(size - 1 + 3 * blocks - 2);
+}
+
+void AddSourceLine(absl::string_view name, const std::string& value, std::string* text) {
+  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
+}
+
+std::string FieldsText(const Json& fields) {
+  std::vector<std::string> texts;
+  for (const Json& field : fields) {
+    const std::string unit = field.at("unit").get<std::string>();
+    const auto components = field.at("components").get<std::vector<std::string>>();
+    texts.push_back(base::Printable(absl::StrCat(
+        field.at("name").get<std::string>(), unit.empty() ? "" : absl::StrCat(" [", unit, "]"),
+        components.size() < 2 ? "" : absl::StrCat(" (", absl::StrJoin(components, ", "), ")"))));
+  }
+  return absl::StrJoin(texts, ", ");
+}
+
+std::string StepsText(const Json& volume) {
+  const auto times = volume.at("time_steps").get<std::vector<double>>();
+  if (times.empty()) {
+    return "1, without a time";
+  }
+  const std::string unit = base::Printable(volume.at("time_unit").get<std::string>());
+  return absl::StrCat(times.size(), ", from ", times.front(), " to ", times.back(),
+                      unit.empty() ? "" : " ", unit);
+}
+
+}  // namespace
+
+PartitionNeeds EstimatePartition(const math::Index3& dims, volume::ScalarType type,
+                                 std::int64_t volume_count) {
+  constexpr double kProcessBytes = 52.0 * base::kMiB;
+  constexpr double kMemoryLimitBytes = 1.0 * base::kGiB;  // of partition, by default
+  constexpr double kIndexBytes = 40;                      // of a block
+  constexpr double kBytesPerSecond = 100.0 * base::kMiB;
+  const math::Index3 cells = volume::DefaultBlockCells(dims);
+  const auto sample_bytes = static_cast<double>(volume::SizeOf(type));
+  double stored = sample_bytes;
+  double blocks = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    stored *= StoredSamples(dims[axis], cells[axis]);
+    blocks *= static_cast<double>((dims[axis] - 2) / cells[axis] + 1);
+  }
+  const double source_bytes = static_cast<double>(math::Volume(dims)) * sample_bytes;
+  const auto volumes = static_cast<double>(volume_count);
+  constexpr double kMaxBytes = 0x1p62;
+  return {
+      .disk_bytes =
+          static_cast<std::int64_t>(std::min((stored + kIndexBytes * blocks) * volumes, kMaxBytes)),
+      .memory_bytes =
+          static_cast<std::int64_t>(std::min(kProcessBytes + source_bytes / 4, kMemoryLimitBytes)),
+      .seconds = source_bytes * volumes / kBytesPerSecond};
+}
+
+void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
+               const std::string& input, Json* volume) {
+  (*volume)["fields"] = Json::array();
+  std::int64_t volumes = 0;
+  for (const source::SourceField& field : series.fields()) {
+    (*volume)["fields"].push_back(
+        {{"name", field.name}, {"unit", field.unit}, {"components", field.components}});
+    volumes += static_cast<std::int64_t>(field.components.size()) +
+               (field.components.size() > 1 ? 1 : 0);  // and the magnitude
+  }
+  volumes *= series.step_count();
+  (*volume)["time_steps"] = series.times();
+  (*volume)["time_unit"] = series.time_unit();
+  (*volume)["length_unit"] = series.length_unit();
+  const PartitionNeeds needs =
+      EstimatePartition(first.geometry().sample_dims, first.scalar_type(), volumes);
+  (*volume)["partition"] = {{"disk_bytes", needs.disk_bytes},
+                            {"memory_bytes", needs.memory_bytes},
+                            {"seconds", needs.seconds}};
+  std::string isovalue = "VALUE";
+  if (volume->contains("value_range") && volume->at("value_range").is_array()) {
+    const Json& range = volume->at("value_range");
+    isovalue = absl::StrCat((range.at(0).get<double>() + range.at(1).get<double>()) / 2);
+  }
+  Json commands = Json::array();
+  if (volumes == 1) {
+    commands.push_back(absl::StrCat("isoscope render ", input, " --isovalue ", isovalue));
+  } else {
+    const source::SourceField& field = series.fields().front();
+    commands.push_back(absl::StrCat("isoscope partition ", input, " --output DIR"));
+    commands.push_back(absl::StrCat(
+        "isoscope render DIR",
+        series.fields().size() > 1 ? absl::StrCat(" --field ", ShellWord(field.name)) : "",
+        " --isovalue ", isovalue));
+  }
+  (*volume)["commands"] = std::move(commands);
+}
+
+std::string DescribeSource(const Json& volume) {
+  std::string text;
+  AddSourceLine("fields", FieldsText(volume.at("fields")), &text);
+  AddSourceLine("steps", StepsText(volume), &text);
+  const std::string unit = base::Printable(volume.at("length_unit").get<std::string>());
+  if (!unit.empty()) {
+    AddSourceLine("unit", absl::StrCat(unit, " of spacing and origin"), &text);
+  }
+  const Json& needs = volume.at("partition");
+  const double seconds = needs.at("seconds").get<double>();
+  AddSourceLine("partition",
+                absl::StrFormat("about %s on disk, %s of memory at most, %s",
+                                FormatMebibytes(needs.at("disk_bytes").get<std::int64_t>()),
+                                FormatMebibytes(needs.at("memory_bytes").get<std::int64_t>()),
+                                seconds < 1 ? "a second" : absl::StrFormat("%.0f s", seconds)),
+                &text);
+  const char* name = "draw";
+  for (const Json& command : volume.at("commands")) {
+    AddSourceLine(name, base::Printable(command.get<std::string>()), &text);
+    name = "";
+  }
+  return text;
+}
+
+Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries) {
+  Json json;
+  json["series"] = Json::array();
+  for (const source::DicomSeriesEntry& entry : entries) {
+    json["series"].push_back({{"number", entry.number},
+                              {"description", entry.description},
+                              {"uid", entry.uid},
+                              {"width", entry.width},
+                              {"height", entry.height},
+                              {"images", entry.images},
+                              {"first_file", entry.first_file}});
+  }
+  return json;
+}
+
+std::string DescribeDicomSeries(const Json& json, const std::string& input) {
+  Table table({"series", "description", "images", "width", "height", "UID"});
+  for (const Json& series : json.at("series")) {
+    table.AddRow({series.at("number").dump(),
+                  base::Printable(series.at("description").get<std::string>()),
+                  series.at("images").dump(), series.at("width").dump(), series.at("height").dump(),
+                  series.at("uid").get<std::string>()});
+  }
+  return absl::StrCat(table.ToString(), "\nchoose one, as in: isoscope info ", input, " --series ",
+                      json.at("series").front().at("number").dump(), "\n");
+}
+
+std::string ShellWord(const std::string& text) {
+  constexpr absl::string_view kPlain =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./:,+=@%";
+  if (!text.empty() && text.find_first_not_of(std::string(kPlain)) == std::string::npos) {
+    return text;
+  }
+  return absl::StrCat("'", absl::StrReplaceAll(text, {{"'", "'\\''"}}), "'");
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,50 @@
+// What `info` says of a source beside its grid: fields, steps, what partitioning takes, and the
+// command that draws it.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_SOURCE_JSON_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_SOURCE_JSON_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "client-cli/output/dataset_json.h"
+#include "core/math/vec.h"
+#include "core/source/dicom_source.h"
+#include "core/source/volume_series.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::cli {
+
+// What `partition` takes with its defaults; rules of thumb, from measurements (docs/formats.md).
+struct PartitionNeeds {
+  std::int64_t disk_bytes = 0;
+  std::int64_t memory_bytes = 0;  // of the process, at most
+  double seconds = 0;
+};
+// `volume_count` scalar volumes: components, their magnitudes, steps.
+PartitionNeeds EstimatePartition(const math::Index3& dims, volume::ScalarType type,
+                                 std::int64_t volume_count);
+
+// Adds to `volume`, the JSON of the first volume (VolumeToJson): "fields": [{"name", "unit",
+// "components"}], "time_steps", "time_unit", "length_unit", "partition": {"disk_bytes",
+// "memory_bytes", "seconds"} and "commands". `input` is the path with the flags that it needs, as
+// one types them.
+void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
+               const std::string& input, Json* volume);
+// Lines for these members.
+std::string DescribeSource(const Json& volume);
+
+// {"series": [{"number", "description", "uid", "width", "height", "images", "first_file"}]}.
+Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries);
+// A line for each, and the command that chooses one.
+std::string DescribeDicomSeries(const Json& json, const std::string& input);
+
+// The text as a word of a shell: in quotation marks where it needs them.
+std::string ShellWord(const std::string& text);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_SOURCE_JSON_H_

@@ -1,0 +1,190 @@
+// The clip region: a box by sliders with two thumbs, planes, and what its cuts show.
+// @ts-check
+
+import { afterKey, byId, describeSlider, make, page } from './elements.js';
+import { basisOf, boxOfDataset, roundLength } from './isoscope-view.js';
+import { say } from './messages.js';
+import { change, shown, unit } from './page-view.js';
+import { format, format12 } from './values.js';
+import { otherSideOf } from './view-state.js';
+
+/** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
+
+/** @type {Record<string, any>} */
+const CAPS = { open: undefined, filled: {}, slice: { colorMap: 'COLOR_MAP_GREY' } };
+
+/** @param {any} clip @param {boolean} [isMoving] */
+function changeClip(clip, isMoving) {
+  const isCut = Object.keys(clip).length > 0;
+  // Without a cut there is nothing to fill, and the server refuses caps.
+  change(isCut ? { clip } : { clip: undefined, caps: undefined }, isMoving);
+}
+
+/** @type {{element: HTMLElement, draw: () => void}[]} */
+let clipSliders = [];
+let clipSlidersOf = '';
+
+/**
+ * A slider with two thumbs.
+ * @param {string} name @param {number} axis
+ */
+function makeClipSlider(name, axis) {
+  const between = make('div', { className: 'between' });
+  const key = /** @type {'x' | 'y' | 'z'} */ ('xyz'[axis]);
+  const range = () => {
+    const whole = boxOfDataset(shown.dataset) ?? { min: [0, 0, 0], max: [1, 1, 1] };
+    const box = shown.state.clip?.box;
+    return { min: whole.min[axis], max: whole.max[axis], low: box ? box.min?.[key] ?? 0 : whole.min[axis],
+      high: box ? box.max?.[key] ?? 0 : whole.max[axis] };
+  };
+  const thumbs = ['low', 'high'].map((end) => make('div', { className: 'thumb', tabIndex: 0, role: 'slider', 'data-end': end,
+    'data-axis': key, 'aria-orientation': 'horizontal', 'aria-label': `${end === 'low' ? 'Least' : 'Greatest'} ${name}` }));
+  const figures = make('span', { className: 'ends', 'aria-hidden': 'true' });
+  const bar = make('div', { className: 'slider' }, between, ...thumbs);
+  /**
+   * Thumbs stay a two-hundredth of the range apart.
+   * @param {number} which
+   */
+  const limits = (which) => {
+    const { min, max, low, high } = range();
+    const least = (max - min) / 200;
+    return which === 0 ? { min, max: Math.max(min, high - least), now: low } : { min: Math.min(max, low + least), max, now: high };
+  };
+  /** @param {number} which @param {number} value @param {boolean} isMoving */
+  const set = (which, value, isMoving) => {
+    const now = range();
+    const whole = /** @type {{min: Vec3, max: Vec3}} */ (boxOfDataset(shown.dataset));
+    const clip = structuredClone(shown.state.clip ?? {});
+    const toJson = (/** @type {Vec3} */ v) => ({ x: v[0], y: v[1], z: v[2] });
+    clip.box ??= { min: toJson(whole.min), max: toJson(whole.max) };
+    const step = 10 ** Math.floor(Math.log10((now.max - now.min) / 400));
+    const rounded = Number((Math.round(value / step) * step).toPrecision(12));
+    const { min, max } = limits(which);
+    clip.box[which === 0 ? 'min' : 'max'][key] = Math.max(min, Math.min(max, rounded));
+    const isWhole = ['x', 'y', 'z'].every((one, i) => (clip.box.min[one] ?? 0) <= whole.min[i] && (clip.box.max[one] ?? 0) >= whole.max[i]);
+    if (isWhole) {
+      delete clip.box;
+    }
+    changeClip(clip, isMoving);
+  };
+  let dragged = -1;
+  /** @param {PointerEvent} event */
+  const valueAt = (event) => {
+    const place = bar.getBoundingClientRect();
+    const { min, max } = range();
+    return min + Math.max(0, Math.min(1, (event.clientX - place.left) / place.width)) * (max - min);
+  };
+  bar.addEventListener('pointerdown', (event) => {
+    if (!boxOfDataset(shown.dataset)) {
+      return;
+    }
+    const value = valueAt(event);
+    const { low, high } = range();
+    dragged = Math.abs(value - low) < Math.abs(value - high) || value < low ? 0 : 1;
+    bar.setPointerCapture(event.pointerId);
+    set(dragged, value, true);
+  });
+  bar.addEventListener('pointermove', (event) => dragged >= 0 && set(dragged, valueAt(event), true));
+  const end = () => {
+    if (dragged >= 0) {
+      dragged = -1;
+      change({});
+    }
+  };
+  bar.addEventListener('pointerup', end);
+  bar.addEventListener('pointercancel', end);
+  thumbs.forEach((thumb, which) => thumb.addEventListener('keydown', (event) => {
+    const { min, max, now } = limits(which);
+    const value = boxOfDataset(shown.dataset) ? afterKey(event.key, now, min, max) : null;
+    if (value !== null) {
+      set(which, value, true);
+      event.preventDefault();
+    }
+  }));
+  return { element: make('div', { className: 'double' }, make('span', { 'aria-hidden': 'true' }, name), bar, figures), draw: () => {
+    const { min, max, low, high } = range();
+    /** @param {number} value */
+    const share = (value) => `${Math.max(0, Math.min(100, 100 * (value - min) / (max - min)))}%`;
+    thumbs[0].style.left = share(low);
+    thumbs[1].style.left = share(high);
+    between.style.left = share(low);
+    between.style.right = share(min + max - high);
+    thumbs.forEach((thumb, i) => {
+      const value = limits(i);
+      describeSlider(thumb, { ...value, text: `${format(value.now, 4)}${unit()}` });
+    });
+    figures.textContent = `${format(low, 4)} – ${format(high, 4)}`;
+  } };
+}
+
+export function listenToClip() {
+  byId('clear-clip', HTMLElement).onclick = () => changeClip({});
+  page.caps.onchange = () => change({ caps: CAPS[page.caps.value] });
+  byId('add-plane', HTMLElement).onclick = () => {
+    const { camera } = shown;
+    const planes = shown.state.clip?.halfSpaces ?? [];
+    if (!camera || planes.length >= 6) {
+      say(camera ? 'A picture has at most 6 clip planes.' : 'Wait for the first picture.', true);
+      return;
+    }
+    const normal = basisOf(camera).forward.map((value) => Math.round(value * 1000) / 1000);
+    const box = boxOfDataset(shown.dataset);
+    const middle = box ? box.min.map((value, axis) => (value + box.max[axis]) / 2) : camera.target;
+    const offset = Number(normal.reduce((sum, value, axis) => sum + value * middle[axis], 0).toPrecision(6));
+    change({ clip: { ...shown.state.clip, halfSpaces: [...planes, { normal: { x: normal[0], y: normal[1], z: normal[2] }, offset }] } });
+  };
+}
+
+let planesDrawn = -1;
+export function drawClip() {
+  const key = JSON.stringify(shown.dataset?.geometry ?? null) + (shown.dataset?.patientFrame ?? '');
+  if (key !== clipSlidersOf) {
+    clipSlidersOf = key;
+    clipSliders = [0, 1, 2].map((axis) => makeClipSlider(shown.dataset?.patientFrame?.[axis] ?? 'xyz'[axis], axis));
+    page.clip.replaceChildren(...clipSliders.map((slider) => slider.element));
+  }
+  clipSliders.forEach((slider) => slider.draw());
+  const { caps, clip } = shown.state;
+  page.caps.value = !caps ? 'open' : caps.colorMap ? 'slice' : 'filled';
+  page.caps.disabled = !clip;
+  const planes = shown.state.clip?.halfSpaces ?? [];
+  /** @param {number} i @param {any} part @param {boolean} isMoving */
+  const setPlane = (i, part, isMoving) => {
+    const halfSpaces = structuredClone(shown.state.clip.halfSpaces);
+    Object.assign(halfSpaces[i], part);
+    change({ clip: { ...shown.state.clip, halfSpaces } }, isMoving);
+  };
+  if (planes.length !== planesDrawn) {
+    planesDrawn = planes.length;
+    page.planes.replaceChildren(...planes.map((/** @type {any} */ _, /** @type {number} */ i) => make('li', {},
+      make('span', { className: 'hint' }), make('input', { type: 'range', 'aria-label': `Place of plane ${i + 1}`,
+        oninput: (/** @type {any} */ event) => setPlane(i, { offset: Number(event.target.valueAsNumber.toPrecision(6)) }, true) }),
+      make('button', { className: 'small', title: 'Keep the other side', onclick: () => {
+        setPlane(i, otherSideOf(shown.state.clip.halfSpaces[i]), false);
+      } }, 'Flip'),
+      make('button', { className: 'remove', 'aria-label': `Remove plane ${i + 1}`, onclick: () => {
+        const halfSpaces = shown.state.clip.halfSpaces.filter((/** @type {any} */ __, /** @type {number} */ k) => k !== i);
+        const { halfSpaces: gone, ...rest } = shown.state.clip;
+        changeClip(halfSpaces.length > 0 ? { ...rest, halfSpaces } : rest);
+      } }, '✕'))));
+  }
+  const box = boxOfDataset(shown.dataset);
+  planes.forEach((/** @type {any} */ plane, /** @type {number} */ i) => {
+    const normal = [plane.normal?.x ?? 0, plane.normal?.y ?? 0, plane.normal?.z ?? 0];
+    const item = page.planes.children[i];
+    const [name, input] = item.children;
+    name.textContent = `${normal.map((value) => format(value, 2)).join(', ')}`;
+    if (box && input instanceof HTMLInputElement) {
+      const ends = normal.map((value, axis) => [value * box.min[axis], value * box.max[axis]]);
+      const least = ends.reduce((sum, pair) => sum + Math.min(...pair), 0);
+      const greatest = ends.reduce((sum, pair) => sum + Math.max(...pair), 0);
+      const step = roundLength((greatest - least || 1) / 400);
+      // A range input takes only whole steps from its minimum on.
+      input.step = String(step);
+      input.min = format12(Math.floor(least / step) * step);
+      input.max = format12(Math.ceil(greatest / step) * step);
+      input.value = String(plane.offset ?? 0);
+      input.setAttribute('aria-valuetext', `${format(plane.offset ?? 0)}${unit()}`);
+    }
+  });
+}

@@ -1,0 +1,92 @@
+// Links and downloads: pictures, meshes, and the command that draws the same picture.
+// @ts-check
+
+import { byId, make, page } from './elements.js';
+import { announcer, copy } from './messages.js';
+import { client, shown } from './page-view.js';
+import { formatBytes } from './values.js';
+import { stateToCommand, stateToHash } from './view-state.js';
+
+/** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
+
+/** @param {Blob} blob @param {string} name */
+function saveAs(blob, name) {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}
+
+/** @param {HTMLElement} note @param {string} text @param {'begin' | 'end' | 'error'} stage the end is for screen readers, too */
+function tellOfDownload(note, text, stage) {
+  note.textContent = text;
+  note.classList.toggle('error', stage === 'error');
+  if (stage !== 'begin') {
+    announcer.say(stage === 'end' ? `Downloaded ${text}.` : text);
+  }
+}
+
+/**
+ * Saves the result of `ask`. The note shows the progress, and the button is disabled meanwhile.
+ * @param {HTMLButtonElement} button @param {HTMLElement} note @param {string} verb @param {string} name of the file
+ * @param {() => Promise<Response>} ask
+ */
+async function download(button, note, verb, name, ask) {
+  button.disabled = true;
+  tellOfDownload(note, verb, 'begin');
+  try {
+    const blob = await (await ask()).blob();
+    saveAs(blob, name);
+    tellOfDownload(note, formatBytes(blob.size), 'end');
+  } catch (error) {
+    tellOfDownload(note, /** @type {Error} */ (error).message, 'error');
+  }
+  button.disabled = false;
+}
+
+/** @param {import('./series.js').SeriesControls} series */
+export function listenToDownloads(series) {
+  byId('link', HTMLElement).onclick = () => {
+    history.replaceState(null, '', `#${stateToHash(series.pinned(shown.getState()))}`);
+    copy(location.href, 'The link is copied: it opens this view again.');
+  };
+  function drawCommand() {
+    page.command.textContent = stateToCommand(series.pinned(shown.getState()), 'picture.png', shown);
+  }
+  // The server sends the camera of a view that is being fitted.
+  shown.addEventListener('state', () => page.dialog.open && drawCommand());
+  byId('save', HTMLElement).onclick = () => {
+    page.width.value ||= String(shown.width);
+    page.height.value ||= String(shown.height);
+    drawCommand();
+    page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
+    page.dialog.showModal();
+  };
+  byId('copy-command', HTMLElement).onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
+  byId('sizes', HTMLElement).append(...[['As shown', 0], ['1080p', 1080], ['4K', 2160], ['Print, 8K', 4320]].map(([name, side]) =>
+    make('button', { className: 'small', onclick: () => {
+      const tall = Number(side) || shown.height;
+      page.height.value = String(tall);
+      page.width.value = String(Math.round(tall * shown.aspect));
+    } }, String(name))));
+
+  page.savePng.onclick = () => {
+    const state = series.pinned(shown.getState());
+    /** @type {FrameRequest} */
+    const request = { ...state, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
+      samples: Number(page.saveSamples.value) };
+    if (page.transparent.checked) {
+      request.backgroundColor = { red: 0, green: 0, blue: 0, alpha: 0 };
+    }
+    download(page.savePng, page.saveNote, 'Drawing …', `${state.dataset || 'isoscope'}.png`,
+      () => client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, request));
+  };
+  byId('save-mesh', HTMLElement).onclick = (event) => {
+    const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
+    const state = series.pinned(shown.getState());
+    const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
+    download(button, page.meshNote, 'Extracting …', `${state.dataset || 'isoscope'}.glb`,
+      () => client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`));
+  };
+}

@@ -1,0 +1,228 @@
+// The histogram: its counts, and its chart with a handle for each surface.
+// @ts-check
+
+import { afterKey, byId, describeSlider, page, svg } from './elements.js';
+import { say } from './messages.js';
+import { change, client, redraw, samplesOf, shown } from './page-view.js';
+import { histogramWords } from './series.js';
+import { PALETTE, format, fromHex, toHex } from './values.js';
+
+// ---- counts ----
+
+/** @type {any} */
+let histogram = null;
+let histogramOf = '';
+
+/** @param {any} dataset @param {any} selection */
+export function suggestedIsovalue(dataset, selection) {
+  const suggestions = histogram?.suggestions ?? [];
+  const best = suggestions.find((/** @type {any} */ one) => one.method === 'METHOD_BETWEEN_CLASSES') ?? suggestions[0];
+  const { min = 0, max = 1 } = samplesOf(dataset, selection).valueRange ?? {};
+  return best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2;
+}
+
+function chartHint() {
+  return !histogram ? '' : histogram.hasSampleCounts ? 'Drag a line; double-click adds a surface.'
+    : 'Active blocks by isovalue: partition this dataset anew to count its samples.';
+}
+
+/** @param {any} dataset @param {any} selection */
+const histogramAddress = (dataset, selection) =>
+  `v1/datasets/${encodeURIComponent(dataset.name)}/histogram?bins=256${histogramWords(dataset, selection)}`;
+
+/** @param {any} dataset @param {any} selection */
+export async function loadHistogram(dataset, selection) {
+  const address = histogramAddress(dataset, selection);
+  if (histogramOf === address && histogram) {
+    return;
+  }
+  // The curve of another step stays until the new one is here.
+  histogram = histogramOf.startsWith(`v1/datasets/${encodeURIComponent(dataset.name)}/`) ? histogram : null;
+  histogramOf = address;
+  try {
+    const answer = await client.get(address);
+    if (histogramOf !== address) {
+      return;  // another one was asked for meanwhile
+    }
+    histogram = answer;
+    page.hover.textContent = chartHint();
+    page.hover.classList.remove('error');
+  } catch (error) {
+    page.hover.textContent = `No histogram: ${/** @type {Error} */ (error).message}`;
+    page.hover.classList.add('error');
+  }
+  redraw();
+}
+
+let histogramTimer = 0;
+/**
+ * Counts of another step are asked for once the time rests.
+ * @param {boolean} isPlaying
+ */
+export function followHistogram(isPlaying) {
+  clearTimeout(histogramTimer);
+  const { dataset, state } = shown;
+  if (dataset && dataset.name === state.dataset && !isPlaying && histogramOf !== histogramAddress(dataset, state.selection)) {
+    histogramTimer = window.setTimeout(() => loadHistogram(dataset, state.selection), 250);
+  }
+}
+
+// ---- chart ----
+
+const CHART = { width: 294, height: 132, left: 6, right: 6, top: 16, bottom: 18 };
+
+function valueRange() {
+  // A field has its range over all steps, so that a surface's line stands still during play.
+  const bins = (shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [];
+  const { min = 0, max = 1 } = samplesOf(shown.dataset, shown.state.selection).valueRange ?? {};
+  const low = bins.length > 0 ? Number(bins[0].min ?? 0) : Number(min);
+  const high = bins.length > 0 ? Number(bins.at(-1).max ?? 0) : Number(max);
+  return high > low ? { min: low, max: high } : { min: low - 0.5, max: low + 0.5 };
+}
+
+/** @param {number} value */
+function toChart(value) {
+  const { min, max } = valueRange();
+  return CHART.left + (value - min) / (max - min) * (CHART.width - CHART.left - CHART.right);
+}
+
+/** @param {number} x of the chart */
+function fromChart(x) {
+  const { min, max } = valueRange();
+  const share = (x - CHART.left) / (CHART.width - CHART.left - CHART.right);
+  const step = 10 ** Math.floor(Math.log10((max - min) / 500));
+  const value = min + Math.max(0, Math.min(1, share)) * (max - min);
+  return Number((Math.round(value / step) * step).toPrecision(12));
+}
+
+export function drawHistogram() {
+  CHART.width = page.histogram.clientWidth || CHART.width;
+  const bins = histogram?.bins ?? [];
+  const counts = bins.map((/** @type {any} */ bin) => Number(histogram.hasSampleCounts ? bin.sampleCount ?? 0 : bin.activeBlockCount ?? 0));
+  const top = Math.log1p(Math.max(1, ...counts));
+  const floor = CHART.height - CHART.bottom;
+  /** @param {number} count */
+  const y = (count) => floor - Math.log1p(count) / top * (floor - CHART.top);
+  const begin = bins.length > 0 ? Number(bins[0].min ?? 0) : valueRange().min;
+  let path = `M${toChart(begin).toFixed(1)},${floor}`;
+  bins.forEach((/** @type {any} */ bin, /** @type {number} */ i) => {
+    path += `V${y(counts[i]).toFixed(1)}H${toChart(Number(bin.max ?? 0)).toFixed(1)}`;
+  });
+  path += `V${floor}Z`;
+  const { min, max } = valueRange();
+  const parts = [svg('path', { class: 'area', d: path })];
+  for (const [value, anchor] of /** @type {[number, string][]} */ ([[min, 'start'], [(min + max) / 2, 'middle'], [max, 'end']])) {
+    parts.push(svg('text', { class: 'tick', x: toChart(value), y: CHART.height - 5, 'text-anchor': anchor }, format(value, 4)));
+  }
+  for (const suggestion of histogram?.suggestions ?? []) {
+    const x = toChart(suggestion.isovalue ?? 0);
+    parts.push(svg('path', { class: 'suggestion', d: `M${x - 4},${floor + 5}h8l-4,-5z` }, svg('title', {},
+      `Suggested: ${format(suggestion.isovalue ?? 0)}`)));
+  }
+  page.histogram.setAttribute('viewBox', `0 0 ${CHART.width} ${CHART.height}`);
+  page.chart.replaceChildren(...parts);
+  const { surfaces = [] } = shown.state;
+  // A focused handle must not be replaced: screen readers would read it again.
+  if (page.handles.children.length !== surfaces.length) {
+    page.handles.replaceChildren(...surfaces.map((/** @type {any} */ _, /** @type {number} */ i) =>
+      svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'data-surface': i, 'aria-label': `Isovalue ${i + 1}`,
+        'aria-orientation': 'horizontal' }, svg('line', { y1: 10, y2: floor }), svg('circle', { cy: 9, r: 6.5 }))));
+  }
+  surfaces.forEach((/** @type {any} */ { isovalue = 0, color }, /** @type {number} */ i) => {
+    const handle = page.handles.children[i];
+    const [line, circle] = handle.children;
+    const x = String(toChart(isovalue));
+    const paint = toHex(color ?? fromHex(PALETTE[0]));
+    for (const [element, name, value] of /** @type {[Element, string, string][]} */ ([[line, 'x1', x], [line, 'x2', x],
+      [line, 'stroke', paint], [circle, 'cx', x], [circle, 'fill', paint]])) {
+      element.setAttribute(name, value);
+    }
+    describeSlider(handle, { min, max, now: isovalue, text: format(isovalue) });
+  });
+}
+
+// ---- surfaces by the chart ----
+
+/** @param {number} index @param {Record<string, any>} part @param {boolean} [isMoving] */
+export function changeSurface(index, part, isMoving = false) {
+  const surfaces = structuredClone(shown.state.surfaces ?? []);
+  Object.assign(surfaces[index], part);
+  change({ surfaces }, isMoving);
+}
+
+/** @param {number} isovalue */
+function addSurface(isovalue) {
+  const surfaces = structuredClone(shown.state.surfaces ?? []);
+  if (surfaces.length >= 16) {
+    say('A picture has at most 16 surfaces.', true);
+    return;
+  }
+  const color = PALETTE.find((one) => surfaces.every((/** @type {any} */ surface) => toHex(surface.color) !== one)) ?? PALETTE[0];
+  // The outer surface becomes translucent, so that the new one is visible.
+  for (const surface of surfaces) {
+    surface.color ??= fromHex(PALETTE[0]);
+    if (surfaces.length === 1 && isovalue > (surface.isovalue ?? 0) && surface.color.alpha === 1) {
+      surface.color.alpha = 0.4;
+    }
+  }
+  const isClear = surfaces.some((/** @type {any} */ surface) => isovalue < (surface.isovalue ?? 0));
+  surfaces.push({ isovalue, color: fromHex(color, isClear ? 0.4 : 1), ...(surfaces[0]?.colorBy ? { colorBy: surfaces[0].colorBy } : {}) });
+  change({ surfaces });
+}
+
+/** Adds a surface at a suggestion that has none near it, else above the others. */
+function addSuggestedSurface() {
+  const values = (shown.state.surfaces ?? []).map((/** @type {any} */ surface) => surface.isovalue ?? 0);
+  const { min, max } = valueRange();
+  const free = (histogram?.suggestions ?? []).map((/** @type {any} */ one) => one.isovalue ?? 0)
+    .find((/** @type {number} */ value) => values.every((/** @type {number} */ used) => Math.abs(used - value) > (max - min) / 50));
+  addSurface(free ?? fromChart(toChart((Math.max(min, ...values) + max) / 2)));
+}
+
+export function listenToHistogram() {
+  const chart = page.histogram;
+  let dragged = -1;
+  /** @param {MouseEvent} event */
+  const x = (event) => {
+    const box = chart.getBoundingClientRect();
+    return (event.clientX - box.left) / box.width * CHART.width;
+  };
+  chart.addEventListener('pointerdown', (event) => {
+    const distances = (shown.state.surfaces ?? []).map((/** @type {any} */ surface) => Math.abs(toChart(surface.isovalue ?? 0) - x(event)));
+    const nearest = distances.indexOf(Math.min(...distances));
+    dragged = distances[nearest] < 12 ? nearest : -1;
+    if (dragged >= 0) {
+      chart.setPointerCapture(event.pointerId);
+      event.preventDefault();
+    }
+  });
+  chart.addEventListener('pointermove', (event) => {
+    const value = fromChart(x(event));
+    if (dragged >= 0) {
+      changeSurface(dragged, { isovalue: value }, true);
+    }
+    const bin = (histogram?.bins ?? []).find((/** @type {any} */ one) => value >= (one.min ?? 0) && value < (one.max ?? 0));
+    page.hover.textContent = bin ? `${format(value)} · ${histogram.hasSampleCounts ? `${Number(bin.sampleCount ?? 0).toLocaleString('en')} samples · ` : ''}` +
+      `about ${Number(bin.estimatedTriangleCount ?? 0).toLocaleString('en', { notation: 'compact' })} triangles` : '';
+  });
+  const end = () => {
+    if (dragged >= 0) {
+      dragged = -1;
+      change({});
+    }
+  };
+  chart.addEventListener('pointerup', end);
+  chart.addEventListener('pointercancel', end);
+  chart.addEventListener('pointerleave', () => { page.hover.textContent = chartHint() || page.hover.textContent; });
+  chart.addEventListener('dblclick', (event) => addSurface(fromChart(x(event))));
+  chart.addEventListener('keydown', (event) => {
+    const index = Number(/** @type {Element} */ (event.target).getAttribute('data-surface') ?? NaN);
+    const { min, max } = valueRange();
+    const isovalue = Number.isInteger(index) ? afterKey(event.key, shown.state.surfaces[index].isovalue ?? 0, min, max) : null;
+    if (isovalue !== null) {
+      changeSurface(index, { isovalue: fromChart(toChart(isovalue)) }, true);
+      event.preventDefault();
+    }
+  });
+  byId('add', HTMLElement).onclick = addSuggestedSurface;
+}

@@ -1,0 +1,116 @@
+// The one view of the page: its address, token and theme, and how a control changes it.
+//
+// The view's state (a RenderIsosurfaceRequest as JSON) is the only state. A control changes it by
+// `change`. Controls are drawn from it by `redraw`, once in an animation frame.
+// @ts-check
+
+import { Client, lengthUnitOf, mount } from './isoscope-view.js';
+import { stateFromHash } from './view-state.js';
+import { choiceOf } from './series.js';
+import { byId } from './elements.js';
+import { announcer } from './messages.js';
+import { BACKGROUNDS, fromHex, toHex } from './values.js';
+
+/** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
+
+/**
+ * Removes the token from the address, so that no link and no screenshot shows it, and keeps it for
+ * reloads of this tab. It is not stored as a cookie: browsers send those to every port of a host,
+ * and other users may listen there.
+ */
+function takeToken() {
+  const address = new URL(location.href);
+  const given = address.searchParams.get('token') ?? '';
+  const key = `isoscope-token ${new URL('./', document.baseURI).pathname}`;
+  if (address.searchParams.has('token')) {
+    address.searchParams.delete('token');
+    history.replaceState(null, '', address);
+  }
+  try {
+    if (given) {
+      sessionStorage.setItem(key, given);
+    }
+    return given || (sessionStorage.getItem(key) ?? '');
+  } catch {
+    return given;  // the browser stores nothing for pages
+  }
+}
+
+const token = takeToken();
+export const client = new Client('', token);
+const query = new URLSearchParams(location.search);
+/** @type {any} */
+const renderer = query.get('renderer') ?? 'auto';
+
+// ---- theme ----
+
+/** @returns {'dark' | 'light'} */
+export const theme = () => document.documentElement.dataset.theme === 'light' ? 'light' : 'dark';
+/** @param {string} name */
+function setTheme(name) {
+  const before = BACKGROUNDS[theme()];
+  document.documentElement.dataset.theme = name;
+  const { backgroundColor } = view?.state ?? {};
+  if (view && (!backgroundColor || toHex(backgroundColor) === before)) {
+    view.update({ backgroundColor: fromHex(BACKGROUNDS[theme()]) });
+  }
+}
+/** @type {import('./isoscope-view.js').View | null} */
+let view = null;
+setTheme(query.get('theme') ?? localStorage.getItem('isoscope-theme') ??
+  (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'));
+byId('theme', HTMLElement).onclick = () => {
+  setTheme(theme() === 'dark' ? 'light' : 'dark');
+  localStorage.setItem('isoscope-theme', theme());
+};
+
+// ---- the view ----
+
+/** Returns the view of the address: after '#', else what `isoscope view` names after '?'. */
+export function stateOfAddress() {
+  if (location.hash.length > 1) {
+    return stateFromHash(location.hash);
+  }
+  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'field', 'component', 'step', 'time'].includes(name));
+  return stateFromHash(new URLSearchParams(words).toString());
+}
+
+export const start = stateOfAddress();
+
+export const shown = mount(byId('view', HTMLElement), { state: start.state.surfaces ? start.state : undefined, renderer,
+  maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
+view = shown;
+// For users of the console, and for tests.
+/** @type {any} */ (window).isoscope = { view: shown, client };
+
+/** @param {FrameRequest} part @param {boolean} [isMoving] */
+export function change(part, isMoving = false) {
+  shown.update(part, { isMoving });
+}
+
+/** Behind a length: its unit, if it is known. */
+export const unit = () => ` ${lengthUnitOf(shown.dataset)}`.trimEnd();
+
+/**
+ * The samples of what is shown: of a field, or of the dataset.
+ * @param {any} dataset @param {any} selection
+ */
+export const samplesOf = (dataset, selection) => choiceOf(dataset, selection)?.component ?? dataset ?? {};
+
+/** Draws all controls; page.js sets it. @type {() => void} */
+let drawControls = () => {};
+/** @param {() => void} draw what `redraw` calls */
+export function drawControlsBy(draw) {
+  drawControls = draw;
+}
+
+let isRedrawing = false;
+export function redraw() {
+  if (!isRedrawing) {
+    isRedrawing = true;
+    requestAnimationFrame(() => {
+      isRedrawing = false;
+      drawControls();
+    });
+  }
+}

@@ -1,0 +1,87 @@
+// Picked points: at most two, pins in the picture, their figures and their distance.
+// @ts-check
+
+import { make, page } from './elements.js';
+import { announcer, say } from './messages.js';
+import { client, shown, unit } from './page-view.js';
+import { hasAllFields, valuesOf } from './series.js';
+import { format } from './values.js';
+
+/** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
+/** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
+/** @typedef {{position: Vec3, isovalue: number, point: any}} Pick */
+
+/** @type {Pick[]} */
+let picks = [];
+
+/** @param {import('./series.js').SeriesControls} series */
+export function listenToPoints(series) {
+  shown.addEventListener('click', async (event) => {
+    const { x, y, width, height } = /** @type {CustomEvent} */ (event).detail;
+    /** @type {FrameRequest} */
+    const frame = { ...series.pinned(shown.getState()), viewport: { widthPx: width, heightPx: height } };
+    try {
+      const request = { frame, pixels: [{ x, y }], ...(hasAllFields(shown.dataset, frame.selection) ? { withFieldValues: true } : {}) };
+      const response = await client.post(`v1/datasets/${encodeURIComponent(frame.dataset ?? '')}/pick`, request);
+      const point = (await response.json()).points?.[0];
+      if (!point?.isHit) {
+        picks = [];
+      } else {
+        const { position = {} } = point;
+        picks = [...picks.slice(-1), { position: [position.x ?? 0, position.y ?? 0, position.z ?? 0],
+          isovalue: frame.surfaces?.[point.surfaceIndex ?? 0]?.isovalue ?? 0, point }];
+      }
+      drawPoints();
+      announcer.say(sentenceOfPicks());
+    } catch (error) {
+      say(`Nothing picked: ${/** @type {Error} */ (error).message}`, true);
+    }
+  });
+}
+
+/** @returns {string | null} */
+function distanceOfPicks() {
+  if (picks.length < 2) {
+    return null;
+  }
+  const [a, b] = picks.map((pick) => pick.position);
+  return `${format(Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 5)}${unit()}`;
+}
+
+/** The newest point, for screen readers. */
+function sentenceOfPicks() {
+  const pick = picks.at(-1);
+  const distance = distanceOfPicks();
+  const values = pick ? valuesOf(pick.point, shown.dataset, format).map(({ name, text }) => ` ${name}: ${text}.`).join('') : '';
+  return !pick ? 'There is no surface at this point.' : `Point ${'AB'[picks.length - 1]}: position ` +
+    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. Value ${format(pick.isovalue)}.${values}` +
+    (distance ? ` A to B: ${distance}.` : '');
+}
+
+export function clearPoints() {
+  picks = [];
+  drawPoints();
+}
+
+function drawPoints() {
+  shown.setPins(picks.map((pick, i) => ({ position: pick.position, label: 'AB'[i] })));
+  page.points.hidden = picks.length === 0;
+  const rows = picks.flatMap((pick, i) => {
+    const { normal, gradient, blockId, shardIndex } = pick.point;
+    /** @param {any} v */
+    const text = (v) => ['x', 'y', 'z'].map((axis) => format(v?.[axis] ?? 0, 5)).join(', ');
+    const steepness = gradient ? Math.hypot(gradient.x ?? 0, gradient.y ?? 0, gradient.z ?? 0) : null;
+    return [make('h3', {}, `Point ${'AB'[i]}`, ...(i === 0 ? [make('button', { className: 'small', onclick: clearPoints }, 'Clear')] : [])),
+      make('dl', {}, make('dt', {}, 'position'), make('dd', { className: 'position' }, text({ x: pick.position[0], y: pick.position[1], z: pick.position[2] })),
+        make('dt', {}, 'value'), make('dd', {}, format(pick.isovalue)),
+        ...valuesOf(pick.point, shown.dataset, format).flatMap(({ name, text }) => [make('dt', { className: 'field' }, name), make('dd', {}, text)]),
+        ...(normal ? [make('dt', {}, 'normal'), make('dd', {}, ['x', 'y', 'z'].map((axis) => (normal[axis] ?? 0).toFixed(3)).join(', '))] : []),
+        ...(steepness !== null ? [make('dt', {}, 'gradient'), make('dd', {}, format(steepness, 4))] : []),
+        make('dt', {}, 'block'), make('dd', {}, `${blockId ?? 0}${shardIndex === undefined ? '' : ` of shard ${shardIndex}`}`))];
+  });
+  const distance = distanceOfPicks();
+  if (distance) {
+    rows.push(make('div', { className: 'distance' }, make('span', {}, 'A to B'), make('span', {}, distance)));
+  }
+  page.points.replaceChildren(...rows);
+}

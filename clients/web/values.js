@@ -1,0 +1,28 @@
+// Numbers, sizes and colours as the page writes them. Pure: no element, no view.
+// @ts-check
+
+/** @param {number} value @param {number} [digits] */
+export const format = (value, digits = 5) => Number(value.toPrecision(digits)).toLocaleString('en', { maximumSignificantDigits: digits });
+/** @param {number} bytes */
+export function formatBytes(bytes) {
+  const power = Math.min(4, Math.floor(Math.log2(Math.max(bytes, 1)) / 10));
+  return `${format(bytes / 1024 ** power, 3)} ${['B', 'KiB', 'MiB', 'GiB', 'TiB'][power]}`;
+}
+/** @param {string} text of a protobuf Duration; milliseconds */
+export const milliseconds = (text) => 1000 * (parseFloat(text) || 0);
+/** @param {any} color */
+export const toHex = (color) => `#${['red', 'green', 'blue'].map((name) => Math.round(255 * (color?.[name] ?? 0)).toString(16).padStart(2, '0')).join('')}`;
+/** @param {string} hex @param {number} [alpha] */
+export const fromHex = (hex, alpha = 1) => {
+  /** @param {number} at */
+  const channel = (at) => Math.round(parseInt(hex.slice(at, at + 2), 16) / 255 * 1e4) / 1e4;
+  return { red: channel(1), green: channel(3), blue: channel(5), alpha };
+};
+export const PALETTE = ['#dcc8b4', '#f2e9d8', '#c46a5a', '#6aa3d5', '#8cc08a', '#c9a0dc', '#e5b567', '#7fc4bd'];
+export const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
+
+/** @param {number} share */
+export const percent = (share) => `${Math.round(100 * share)} %`;
+
+/** @param {number} value */
+export const format12 = (value) => String(Number(value.toPrecision(12)));

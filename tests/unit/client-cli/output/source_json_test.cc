@@ -1,0 +1,101 @@
+#include "client-cli/output/source_json.h"
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <nlohmann/json.hpp>
+
+#include "core/source/volume_source.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class SourceJsonTest : public ::testing::Test {
+ protected:
+  // A series of 4 x 3 x 2 samples.
+  Json Describe(const std::string& name, const std::string& bytes) {
+    const std::string path = dir_.Sub(name);
+    testing::WriteFile(path, bytes);
+    const auto series = source::OpenVolumeSeries(path).value();
+    const auto first = series->Open(0, 0, 0).value();
+    Json volume = VolumeToJson(*first, volume::ScalarSpan{-1, 4});
+    AddSource(*series, *first, ShellWord(path), &volume);
+    return volume;
+  }
+  testing::TempDir dir_;
+};
+
+TEST_F(SourceJsonTest, OneVolumeIsDrawnAtOnce) {
+  const Json volume =
+      Describe("a b.nii", testing::NiftiHeaderBytes({.dims = {4, 3, 2}}) + std::string(48, 'x'));
+  EXPECT_EQ(volume.at("fields").size(), 1U);
+  EXPECT_EQ(volume.at("fields").at(0).at("name"), "a b");
+  EXPECT_TRUE(volume.at("time_steps").empty());
+  EXPECT_EQ(volume.at("commands"),
+            Json::array({"isoscope render '" + dir_.Sub("a b.nii") + "' --isovalue 1.5"}));
+  const std::string text = DescribeSource(volume);
+  EXPECT_THAT(text, HasSubstr("fields        a b\n"));
+  EXPECT_THAT(text, HasSubstr("steps         1, without a time\n"));
+  EXPECT_THAT(text, HasSubstr("partition     about "));
+  EXPECT_THAT(text, HasSubstr("draw          isoscope render '"));
+}
+
+TEST_F(SourceJsonTest, SeveralArePartitionedFirst) {
+  const Json volume = Describe(
+      "run.nii", testing::NiftiHeaderBytes({.dims = {4, 3, 2}, .dim_count = 4, .dim4 = 3}) +
+                     std::string(144, 'x'));
+  EXPECT_EQ(volume.at("time_steps"), Json::array({0, 1, 2}));
+  EXPECT_EQ(volume.at("length_unit"), "mm");
+  EXPECT_EQ(volume.at("commands").at(0),
+            "isoscope partition " + dir_.Sub("run.nii") + " --output DIR");
+  EXPECT_EQ(volume.at("commands").at(1), "isoscope render DIR --isovalue 1.5");
+  EXPECT_THAT(DescribeSource(volume), HasSubstr("steps         3, from 0 to 2 s\n"));
+  EXPECT_THAT(DescribeSource(volume), HasSubstr("mm of spacing and origin"));
+}
+
+// Measured: 86 342 659 and 444 215 820 bytes.
+TEST(EstimatePartitionTest, IsNearWhatPartitionMakes) {
+  const PartitionNeeds small = EstimatePartition({256, 256, 256}, volume::ScalarType::kInt16, 1);
+  EXPECT_NEAR(static_cast<double>(small.disk_bytes), 86.3e6, 2e6);
+  const PartitionNeeds large = EstimatePartition({512, 512, 512}, volume::ScalarType::kInt16, 1);
+  EXPECT_NEAR(static_cast<double>(large.disk_bytes), 444.2e6, 9e6);
+  EXPECT_EQ(EstimatePartition({512, 512, 512}, volume::ScalarType::kInt16, 3).disk_bytes,
+            3 * large.disk_bytes);
+  EXPECT_GT(large.memory_bytes, small.memory_bytes);
+  EXPECT_LE(EstimatePartition({16000000, 16000000, 16000}, volume::ScalarType::kFloat64, 100000)
+                .memory_bytes,
+            std::int64_t{1} << 30);
+}
+
+TEST(DicomSeriesTextTest, ListsWhatCanBeChosen) {
+  const Json json = DicomSeriesToJson({{.uid = "1.2.3",
+                                        .number = 4,
+                                        .description = "T1 \033 axial",
+                                        .width = 512,
+                                        .height = 256,
+                                        .images = 30,
+                                        .first_file = "d/a.dcm"}});
+  const std::string text = DescribeDicomSeries(json, "d");
+  EXPECT_THAT(text, HasSubstr("T1 ? axial"));
+  EXPECT_THAT(text, HasSubstr("1.2.3"));
+  EXPECT_THAT(text, HasSubstr("isoscope info d --series 4"));
+  EXPECT_THAT(text, Not(HasSubstr("\033")));
+}
+
+TEST(ShellWordTest, QuotesWhatNeedsIt) {
+  EXPECT_EQ(ShellWord("a/b-1.nii.gz"), "a/b-1.nii.gz");
+  EXPECT_EQ(ShellWord("it's"), "'it'\\''s'");
+  EXPECT_EQ(ShellWord(""), "''");
+}
+
+}  // namespace
+}  // namespace isoscope::cli
