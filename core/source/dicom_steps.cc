@@ -18,20 +18,20 @@ namespace {
 
 using Group = std::vector<DicomSlice>;  // of one place
 
-enum class KeyTimes { kNumbers, kMilliseconds, kSecondsFromFirst };
+enum class KeyTimes { kStepNumbers, kMilliseconds, kSecondsFromFirst };
 
 struct MomentKey {
   std::optional<double> DicomMoment::*member;
   KeyTimes times;
 };
 constexpr std::array<MomentKey, 7> kMomentKeys{
-    {{&DicomMoment::temporal_position, KeyTimes::kNumbers},
+    {{&DicomMoment::temporal_position, KeyTimes::kStepNumbers},
      {&DicomMoment::echo_time, KeyTimes::kMilliseconds},
      {&DicomMoment::trigger_time, KeyTimes::kMilliseconds},
-     {&DicomMoment::acquisition_number, KeyTimes::kNumbers},
+     {&DicomMoment::acquisition_number, KeyTimes::kStepNumbers},
      {&DicomMoment::acquisition_time, KeyTimes::kSecondsFromFirst},
      {&DicomMoment::content_time, KeyTimes::kSecondsFromFirst},
-     {&DicomMoment::instance_number, KeyTimes::kNumbers}}};
+     {&DicomMoment::instance_number, KeyTimes::kStepNumbers}}};
 
 // Slices at one position along the normal, and beside it, are a group.
 std::vector<Group> GroupByPlace(std::vector<DicomSlice> slices) {
@@ -72,7 +72,7 @@ void SetTimes(const MomentKey& key, const Group& group, DicomSteps* result) {
   for (std::size_t step = 0; step < group.size(); ++step) {
     const double value = *(group[step].moment.*key.member);
     switch (key.times) {
-      case KeyTimes::kNumbers:
+      case KeyTimes::kStepNumbers:
         result->times.push_back(static_cast<double>(step) * (has_resolution ? *resolution : 1));
         break;
       case KeyTimes::kMilliseconds:

@@ -182,9 +182,20 @@ math::Vec3d SpacingOf(hid_t dataset) {
   return spacing;
 }
 
+// Where none is named, volumes of 64-bit integers or 16-bit floats come behind all others.
+absl::StatusOr<NamedHdf5Dataset> OpenVolumeByName(const std::string& path) {
+  auto named = OpenHdf5ByName(path, Hdf5Types::kOfVolumes);
+  if (!named.ok()) {
+    auto wide = OpenHdf5ByName(path, Hdf5Types::kAll);
+    if (wide.ok() && PlainAxisOrder(Hdf5DimsOf(wide->dataset.get())).has_value()) {
+      return wide;
+    }
+  }
+  return named;
+}
+
 absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const NamedHdf5Dataset named,
-                            OpenHdf5ByName(path, Hdf5Types::kOfVolumes));
+  ISOSCOPE_ASSIGN_OR_RETURN(const NamedHdf5Dataset named, OpenVolumeByName(path));
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
                             FindHdf5Files(named.dataset.get(), named.parts.name()));
   // A link may lead past the file that the path names.
@@ -196,7 +207,7 @@ absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path,
                                                    const std::string& /*part*/) {
-  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenHdf5ByName(path, Hdf5Types::kOfVolumes));
+  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenVolumeByName(path));
   const std::string name = named.parts.name();
   ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
   const std::vector<std::int64_t> dims = Hdf5DimsOf(named.dataset.get());
@@ -206,7 +217,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path,
         "%s: %d axes (%s elements); expected three, or three of more than one element; %s", name,
         dims.size(), absl::StrJoin(dims, " x "), ListHdf5Volumes(named.file.get())));
   }
-  auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kOfVolumes);
+  auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll);
   if (!type.ok()) {
     return absl::Status(type.status().code(), absl::StrCat(name, ": ", type.status().message()));
   }
@@ -267,7 +278,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(NamedHdf5Dataset na
 
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
   PartPath split;
-  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf"}, &split)) {
+  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf", ".vtkhdf"}, &split)) {
     return false;
   }
   *parts = {split.file, split.part};

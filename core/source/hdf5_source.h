@@ -20,15 +20,15 @@ struct Hdf5Path {
 
   [[nodiscard]] std::string name() const { return file + ":" + dataset; }
 };
-// True, with the parts, if the name is that of an HDF5 file (.h5 .hdf5 .he5 .hdf), with or without
-// a dataset.
+// True, with the parts, if the name is that of an HDF5 file (.h5 .hdf5 .he5 .hdf .vtkhdf), with or
+// without a dataset.
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
 
-// Opens a three-dimensional dataset [z][y][x]. Samples are integers of 8 to 32 bits or floats of 32
-// or 64 bits, in either byte order. Storage is contiguous, chunked, or compressed with the
-// library's filters; further axes of one element are left out. Without a name the file must hold
-// exactly one such dataset. The spacing is the attribute "element_size_um" (z, y, x) if there is
-// one, else 1.
+// Opens a three-dimensional dataset [z][y][x]. Samples are integers, those of 64 bits as in
+// wide_source.h, floats of 16 to 64 bits or h5py's bool, in either byte order. Storage is
+// contiguous, chunked, or compressed with the library's filters; further axes of one element are
+// left out. Without a name the file must hold exactly one such dataset. The spacing is the
+// attribute "element_size_um" (z, y, x) if there is one, else 1.
 //
 // Keeps the chunks of neighbouring rows, at most 32 MiB of them. Chunks of a larger layer are
 // decompressed more than once. NOT_FOUND: no such file or dataset (lists those there are).

@@ -274,6 +274,17 @@ class PvtiImage final : public VtkImage {
 
 }  // namespace
 
+absl::StatusOr<std::vector<std::string>> FilesOfPvti(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const PvtiHeader read, ReadPvtiHeader(path));
+  std::vector<std::string> files{path};
+  for (const PvtiPiece& piece : read.pieces) {
+    if (!IsEmpty(piece.extent, /*is_of_cells=*/false)) {
+      files.push_back(piece.file);
+    }
+  }
+  return files;
+}
+
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenPvtiImage(const std::string& path,
                                                         const std::string& part) {
   return PvtiImage::Open(path, part);

@@ -13,6 +13,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/cube_series.h"
 #include "core/source/file_layout.h"
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
@@ -21,6 +22,7 @@
 #include "core/source/mrc_series.h"
 #include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
+#include "core/source/slc_series.h"
 
 namespace isoscope::source {
 namespace {
@@ -92,26 +94,6 @@ int ComponentNumber(const std::vector<std::string>& components, absl::string_vie
                                                                                          : -1;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
-                                                         const SeriesFile& file) {
-  const std::vector<SourceField>& fields = series->fields();
-  int field = FieldNumber(fields, file.part);
-  std::optional<int> component;
-  const std::size_t colon = file.part.rfind(':');
-  if (field < 0 && colon != std::string::npos) {
-    field = FieldNumber(fields, absl::string_view(file.part).substr(0, colon));
-    component = field < 0 ? -1
-                          : ComponentNumber(fields[static_cast<std::size_t>(field)].components,
-                                            absl::string_view(file.part).substr(colon + 1));
-  }
-  if (field < 0 || component.value_or(0) < 0) {
-    return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file.file,
-                                               field < 0 ? "field" : "component", file.part,
-                                               ListedFields(fields)));
-  }
-  return std::make_unique<PartSeries>(std::move(series), field, component);
-}
-
 // A format whose header file says all.
 template <bool (*is_content)(absl::string_view),
           absl::StatusOr<FileLayout> (*read)(const std::string&)>
@@ -161,6 +143,15 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .is_content = IsLegacyVtk,
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenLegacyVtkSeries(file, field); }},
+      {.name = "Gaussian cube",
+       .endings = {".cube", ".cub"},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenCubeSeries(file, field); }},
+      {.name = "SLC",
+       .endings = {".slc"},
+       .is_content = IsSlc,
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenSlcSeries(file, field); }},
       {.name = "netCDF",
        .endings = {".nc", ".nc4", ".cdf", ".netcdf"},
        .has_field_names = true,
@@ -232,14 +223,41 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& f
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
                             file.format->open(file.file, field, file.part));
-  return file.part.empty() ? std::move(series) : SelectPart(std::move(series), file);
+  return file.part.empty() ? std::move(series)
+                           : SelectPart(std::move(series), file.file, file.part);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
+                                                         const std::string& file,
+                                                         const std::string& part) {
+  const std::vector<SourceField>& fields = series->fields();
+  int field = FieldNumber(fields, part);
+  std::optional<int> component;
+  const std::size_t colon = part.rfind(':');
+  if (field < 0 && colon != std::string::npos) {
+    field = FieldNumber(fields, absl::string_view(part).substr(0, colon));
+    component = field < 0 ? -1
+                          : ComponentNumber(fields[static_cast<std::size_t>(field)].components,
+                                            absl::string_view(part).substr(colon + 1));
+  }
+  if (field < 0 || component.value_or(0) < 0) {
+    return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file,
+                                               field < 0 ? "field" : "component", part,
+                                               ListedFields(fields)));
+  }
+  return std::make_unique<PartSeries>(std::move(series), field, component);
+}
+
+bool IsOneVolume(const VolumeSeries& series) {
+  return series.fields().size() == 1 && series.fields()[0].components.size() == 1 &&
+         series.step_count() == 1;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& series,
                                                              const std::string& file,
                                                              bool has_parts) {
   const std::vector<SourceField>& fields = series.fields();
-  if (fields.size() > 1 || fields[0].components.size() > 1 || series.step_count() > 1) {
+  if (!IsOneVolume(series)) {
     const SourceField& first = fields[0];
     const std::string steps =
         series.step_count() > 1 ? absl::StrFormat(" at %d steps", series.step_count()) : "";
@@ -257,7 +275,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& serie
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
-                            OpenSeriesFile(file, "volume"));
+                            OpenSeriesFile(file, FieldNameOf(file.file)));
   return OpenOnlyVolume(*series, file.file, true);
 }
 

@@ -44,6 +44,9 @@ const SeriesFormat* FindSeriesFormat(absl::string_view name);
 // "MRC (.mrc .map), ...", for messages and help.
 std::string ListedSeriesFormats();
 
+// The name of the only field of a file: "head" of "/d/head.nii.gz" and of the folder "/d/head/".
+std::string FieldNameOf(absl::string_view path);
+
 // A file of such a format, and the part of it that the path names: a field ("velocity"), or a
 // component of one by name or number ("velocity:y", "velocity:1"); "" for all.
 struct SeriesFile {
@@ -66,6 +69,12 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path);
 // Otherwise errors of the format.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
                                                              const std::string& field);
+// The part of a series of `file` that is named as in SeriesFile. Errors as OpenSeriesFile.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
+                                                         const std::string& file,
+                                                         const std::string& part);
+// True if the series has one field of one component, and one step.
+bool IsOneVolume(const VolumeSeries& series);
 // Opens the only volume of the file or its part. INVALID_ARGUMENT: there are several (lists the
 // fields and steps, and the commands to choose).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file);

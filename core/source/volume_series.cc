@@ -12,6 +12,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_source.h"
+#include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
@@ -53,29 +54,6 @@ class SingleSeries final : public VolumeSeries {
   std::unique_ptr<VolumeSource> volume_;  // until it is asked for
 };
 
-// "head" of "/d/head.nii.gz" and of the folder "/d/head/".
-std::string FieldNameOf(absl::string_view name) {
-  constexpr std::array<absl::string_view, 11> kNameEndings{
-      {".gz", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff", ".dcm"}};
-  while (absl::ConsumeSuffix(&name, "/")) {
-  }
-  name = name.substr(name.rfind('/') + 1);
-  const absl::string_view whole = name;
-  for (const absl::string_view ending : kNameEndings) {
-    if (absl::EndsWithIgnoreCase(name, ending)) {
-      name.remove_suffix(ending.size());
-    }
-  }
-  for (const SeriesFormat& format : SeriesFormats()) {
-    for (const std::string& ending : format.endings) {
-      if (absl::EndsWithIgnoreCase(name, ending)) {
-        name.remove_suffix(ending.size());
-      }
-    }
-  }
-  return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
-}
-
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path));
   std::string field = FieldNameOf(volume->name());
@@ -106,6 +84,29 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesAs(const std::string& pa
 
 }  // namespace
 
+std::string FieldNameOf(absl::string_view path) {
+  constexpr std::array<absl::string_view, 11> kNameEndings{
+      {".gz", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff", ".dcm"}};
+  absl::string_view name = path;
+  while (absl::ConsumeSuffix(&name, "/")) {
+  }
+  name = name.substr(name.rfind('/') + 1);
+  const absl::string_view whole = name;
+  for (const absl::string_view ending : kNameEndings) {
+    if (absl::EndsWithIgnoreCase(name, ending)) {
+      name.remove_suffix(ending.size());
+    }
+  }
+  for (const SeriesFormat& format : SeriesFormats()) {
+    for (const std::string& ending : format.endings) {
+      if (absl::EndsWithIgnoreCase(name, ending)) {
+        name.remove_suffix(ending.size());
+      }
+    }
+  }
+  return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
   if (!options.format.empty()) {
@@ -113,6 +114,13 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   }
   Hdf5Path hdf5;
   if (SplitHdf5Path(path, &hdf5)) {
+    if (options.axes.empty() && !absl::StartsWith(hdf5.dataset, "/")) {
+      ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
+                                OpenHdf5MeshSeries(hdf5.file, hdf5.dataset));
+      if (meshes != nullptr) {
+        return meshes;
+      }
+    }
     return OpenHdf5Series(path, options.axes);
   }
   if (!options.axes.empty()) {

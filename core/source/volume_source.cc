@@ -3,7 +3,7 @@
 //   a pattern ("slice*.tif")      TIFF stack
 //   file.h5:/dataset              HDF5
 //   a folder                      TIFF files if it has some, else a DICOM series
-//   file.vti, file.vti:array      VTK ImageData
+//   file.vti, file.vti:array      VTK ImageData, as are .pvti
 //   .tif, .tiff                   TIFF pages
 //   .mrc and the like             the formats of series_format.h
 //   .dcm, or the DICOM mark       the series of that file
@@ -34,12 +34,15 @@
 #include "core/source/dicom_source.h"
 #include "core/source/file_source.h"
 #include "core/source/file_start.h"
+#include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
 #include "core/source/sample_location.h"
+#include "core/source/sample_series.h"
 #include "core/source/series_format.h"
 #include "core/source/tiff_source.h"
 #include "core/source/vti_source.h"
+#include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
 
 namespace isoscope::source {
@@ -99,7 +102,7 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
   return files;
 }
 
-enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSeriesFile, kSampleFile };
+enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kPvti, kSeriesFile, kSampleFile };
 
 // The volume that a path names.
 struct FoundVolume {
@@ -218,6 +221,11 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(vti.file));
     return FoundVolume{.kind = SourceKind::kVti, .files = {vti.file}};
   }
+  if (SplitVtkImagePath(path, &vti)) {  // not a .vti
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(vti.file));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files, FilesOfPvti(vti.file));
+    return FoundVolume{.kind = SourceKind::kPvti, .files = std::move(files)};
+  }
   if (std::optional<SeriesFile> series = FindSeriesFileByName(path); series.has_value()) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(series->file));
     return FoundSeries(*std::move(series));
@@ -232,18 +240,28 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   return FindSampleFile(path, std::nullopt);
 }
 
-// The collection and its steps. Pieces of a .pvti have no list here, so a change of one would not
-// be noticed.
+// The meshes of a VTKHDF or openPMD file, unless the path names a dataset of it; null if it has
+// none.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMeshesOf(const std::string& path) {
+  Hdf5Path hdf5;
+  ISOSCOPE_CHECK(SplitHdf5Path(path, &hdf5));
+  if (absl::StartsWith(hdf5.dataset, "/")) {
+    return nullptr;
+  }
+  return OpenHdf5MeshSeries(hdf5.file, hdf5.dataset);
+}
+
+// The collection and its steps, those of .pvti with their pieces.
 absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
   std::vector<std::string> files = {path};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, ReadPvdSteps(path));
   for (const PvdStep& step : steps) {
     if (absl::EndsWithIgnoreCase(step.file, ".pvti")) {
-      return absl::InvalidArgumentError(
-          absl::StrCat(path, ": step ", step.file, " has pieces of its own: make a dataset of it, ",
-                       "`isoscope partition ", path, " --output DIR`"));
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> pieces, FilesOfPvti(step.file));
+      files.insert(files.end(), pieces.begin(), pieces.end());
+    } else {
+      files.push_back(step.file);
     }
-    files.push_back(step.file);
   }
   return files;
 }
@@ -256,16 +274,33 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
   switch (found.kind) {
     case SourceKind::kTiff:
       return OpenTiffStack(found.files, path);
-    case SourceKind::kHdf5:
-      return OpenHdf5Dataset(path);
+    case SourceKind::kHdf5: {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
+      return meshes != nullptr ? OpenOnlyVolume(*meshes, found.files.front(), true)
+                               : OpenHdf5Dataset(path);
+    }
     case SourceKind::kDicom:
       return OpenDicomSeries(path);
     case SourceKind::kVti:
       return OpenVtiFile(path);
+    case SourceKind::kPvti: {
+      PartPath pvti;
+      ISOSCOPE_CHECK(SplitVtkImagePath(path, &pvti));
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
+                                OpenVtkImageSeries(pvti.file, pvti.part));
+      return OpenOnlyVolume(*series, pvti.file, true);
+    }
     case SourceKind::kSeriesFile:
       return OpenOnlyVolume(found.series);
     case SourceKind::kSampleFile:
       break;
+  }
+  if (found.format == FileFormat::kNrrd) {  // of 64-bit integers, which ITK does not read
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> wide,
+                              OpenSampleSeries(found.format, found.files.front(), path, "volume"));
+    if (wide != nullptr && IsOneVolume(*wide)) {
+      return wide->Open(0, 0, 0);
+    }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header,
                             ReadImageHeader(found.format, found.files.front()));
@@ -283,7 +318,8 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
   }
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format));
   if (found.kind == SourceKind::kHdf5) {
-    return FilesOfHdf5Dataset(path);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
+    return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);
   }
   if (found.kind == SourceKind::kSeriesFile && found.series.format->find_files != nullptr) {
     return found.series.format->find_files(found.series.file);
@@ -308,7 +344,7 @@ std::vector<FormatName> FormatNames() {
                                    {"dicom", "a folder of a series, or a file of it"},
                                    {"tiff", ".tif .tiff, a folder of them, or a pattern"},
                                    {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
-                                   {"hdf5", "file.h5:/dataset", false}};
+                                   {"hdf5", "file.h5:/dataset, .vtkhdf, openPMD: file.h5", false}};
   for (const SeriesFormat& format : SeriesFormats()) {
     names.push_back({FormatNameOf(format),
                      format.endings.empty() ? "by content" : absl::StrJoin(format.endings, " ")});

@@ -66,7 +66,8 @@ struct RawFormat {
 
 // Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), the latter two
 // with samples in one file or several; an array of a VTK ImageData file ("file.vti",
-// "file.vti:array", "file.vti:array:component"), of points or cells; a dataset of an HDF5 file
+// "file.vti:array", "file.vti:array:component"), of points or cells, and .pvti alike; a dataset of
+// an HDF5 file
 // ("file.h5:/dataset"); a DICOM series (its folder or a file of it); a TIFF stack (a folder, a
 // pattern with '*' or '?', a file of many pages); the only volume of a file, or of a part of it, in
 // a format of series_format.h. NOT_FOUND, INVALID_ARGUMENT (unknown format:
@@ -79,7 +80,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 // not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
 // names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
 // missing files.
-// Those of a ParaView collection (.pvd, volume_series.h) are its steps, which must be .vti files.
+// Those of a ParaView collection (.pvd, volume_series.h) are its steps; those of a .pvti its
+// pieces.
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
                                                        const std::string& format = "");
 // Whether the path names a DICOM series: a folder that holds one and no TIFF files, or a file of

@@ -154,7 +154,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& pat
                             io::OpenRandomAccessFile(parts.file));
   ISOSCOPE_ASSIGN_OR_RETURN(const VtiHeader header, ReadVtiHeader(*file, parts.part));
   ISOSCOPE_ASSIGN_OR_RETURN(const VtiChoice choice, ChooseVtiArray(header, parts.part, parts.file));
-  ISOSCOPE_RETURN_IF_ERROR(VtiTypeOf(choice.array, parts.file).status());
+  if (!IsVtiNumber(choice.array.type)) {
+    return VtiTypeOf(choice.array, parts.file).status();
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             VtiGeometry(header, choice.array.is_of_cells, parts.file));
   return Open(std::move(file), header, choice, geometry, path);

@@ -19,12 +19,12 @@ namespace isoscope::source {
 // "file.vti", "file.vti:density", "file.vti:velocity:2".
 bool SplitVtiPath(const std::string& path, PartPath* parts);
 
-// Opens one array of points or of cells, whose samples lie at the cells' centres: integers of 8 to
-// 32 bits or floats, either byte order; "appended" data (raw or base64) or inline "binary",
-// uncompressed or in zlib blocks. Reads one component (counted from 0) of an array of several.
-// Without a name: the first array of one component, points before cells, and among either the one
-// that the file calls its scalars. Origin, Spacing, Direction and the start of the extent define
-// the world coordinates.
+// Opens one array of points or of cells, whose samples lie at the cells' centres: integers, those
+// of 64 bits as in wide_source.h, or floats, either byte order; "appended" data (raw or base64) or
+// inline "binary", uncompressed or in zlib blocks. Reads one component (counted from 0) of an array
+// of several. Without a name: the first array of one component, points before cells, and among
+// either the one that the file calls its scalars. Origin, Spacing, Direction and the start of the
+// extent define the world coordinates.
 //
 // Holds the header and 64 KiB; for compressed data also one block and 8 bytes for each block (VTK
 // writes blocks of 32 KiB). INVALID_ARGUMENT: no such file; only arrays of several components and
@@ -34,8 +34,8 @@ bool SplitVtiPath(const std::string& path, PartPath* parts);
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path);
 
 // Opens one component of one array of a file whose header was read before. `geometry` is that of
-// the samples in the file, which need not be a volume; `name` is for messages. As OpenVtiFile, and
-// takes Int64 and UInt64 (wide_source.h). REQUIRES: the choice is of this header; the geometry has
+// the samples in the file, which need not be a volume; `name` is for messages. As OpenVtiFile.
+// REQUIRES: the choice is of this header; the geometry has
 // at least one sample and at most 2^62.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiArray(const std::string& file,
                                                            const VtiHeader& header,

@@ -76,6 +76,9 @@ absl::StatusOr<std::unique_ptr<VtkImage>> OpenVtkImage(const std::string& path,
 // Returns an array as a field.
 SourceField FieldOfVtiArray(const VtiArray& array);
 
+// Returns a .pvti file and the files of its pieces. Errors as OpenVtkImage, of the file alone.
+absl::StatusOr<std::vector<std::string>> FilesOfPvti(const std::string& path);
+
 // Opens a .pvti file (pvti_image.cc). As OpenVtkImage.
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenPvtiImage(const std::string& path,
                                                         const std::string& part);

@@ -228,7 +228,7 @@ TEST_F(Hdf5SourceTest, WhatIsNoVolumeIsRefusedWithTheNamesOfThoseThatAre) {
   EXPECT_THAT(status_of(":/g"), StatusIs(absl::StatusCode::kNotFound, _));
   EXPECT_THAT(status_of(":/flat"), StatusIs(kInvalid, HasSubstr("2 axes")));
   EXPECT_THAT(status_of(":/four"), StatusIs(kInvalid, HasSubstr("4 axes (2 x 7 x 11 x 13")));
-  EXPECT_THAT(status_of(":/long"), StatusIs(kInvalid, HasSubstr("8 bytes")));
+  ISOSCOPE_EXPECT_OK(status_of(":/long"));  // as float64
   EXPECT_THAT(OpenHdf5Dataset(dir_.Sub("no.h5") + ":/a").status(),
               StatusIs(absl::StatusCode::kNotFound, _));
   WriteFile(dir_.Sub("text.h5"), "no HDF5");

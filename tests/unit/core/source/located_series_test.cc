@@ -22,7 +22,8 @@ TEST(LocatedSeriesTest, OpensComponentsAndStepsOfBytesAndText) {
   const testing::TempDir dir;
   const std::string path = dir.Sub("run");
   testing::WriteFile(path, "abcdefghABCDEFGH 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16");
-  LocatedFile file{.geometry = {.sample_dims = {2, 2, 2}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}}};
+  LocatedFile file{
+      .geometry = {.sample_dims = {2, 2, 2}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}}};
   file.times = {0, 1};
   file.fields.push_back(
       {.field = {.name = "bytes"}, .location = SampleLocation{.files = {path}, .volume_count = 2}});

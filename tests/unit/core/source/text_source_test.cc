@@ -26,7 +26,8 @@ using ::testing::HasSubstr;
 using volume::ScalarType;
 
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
-constexpr volume::GridGeometry kGrid{.sample_dims = {2, 2, 2}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
+constexpr volume::GridGeometry kGrid{
+    .sample_dims = {2, 2, 2}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
 
 class TextSourceTest : public ::testing::Test {
  protected:

@@ -91,6 +91,19 @@ TEST_F(VolumeSeriesTest, VtkFilesAreSeriesByTheirEnding) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, tiled->Open(0, 0, 0));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 2));
   EXPECT_EQ(read, std::string(24, 'q'));
+  // A single volume of it, and its files, also as a step.
+  for (const std::string& path : {pieces, pieces + ":q"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto only, OpenVolumeFile(path));
+    EXPECT_EQ(only->geometry(), volume->geometry());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
+    EXPECT_THAT(files, ElementsAre(pieces, image));
+  }
+  const std::string tiled_pvd =
+      Write("tiled.pvd",
+            "<VTKFile><Collection><DataSet timestep=\"3\" file=\"a.pvti\"/>"
+            "</Collection></VTKFile>");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(tiled_pvd));
+  EXPECT_THAT(files, ElementsAre(tiled_pvd, pieces, image));
 }
 
 TEST_F(VolumeSeriesTest, ErrorsAreThoseOfTheFormat) {

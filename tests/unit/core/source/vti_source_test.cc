@@ -168,8 +168,16 @@ TEST_F(VtiSourceTest, EveryTypeIsKnownAndOthersAreRefused) {
   }
   Vti vti;
   vti.type = "Int64";
+  std::string wide(static_cast<std::size_t>(math::Volume(kDims)) * 8, '\0');
+  wide[8] = '\x2a';
+  WriteFile(dir_.Sub("w.vti"), FileBytes(vti, wide));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto integers, OpenVtiFile(dir_.Sub("w.vti") + ":density"));
+  EXPECT_EQ(integers->scalar_type(), ScalarType::kFloat64);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string values, ReadAll(*integers, 4));
+  EXPECT_EQ(values.substr(8, 8), std::string("\0\0\0\0\0\0\x45\x40", 8));  // 42.0
+  vti.type = "Int128";
   EXPECT_THAT(Open(FileBytes(vti, "")).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"Int64\"")));
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"Int128\"")));
 }
 
 TEST_F(VtiSourceTest, GeometryIsThatOfTheFile) {

@@ -1,0 +1,60 @@
+// HDF5 files that describe their own meshes: VTKHDF images and openPMD. Calls the library: for the
+// process that it runs in (walled_source.h).
+
+#ifndef ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_
+#define ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/axis_order.h"
+#include "core/source/hdf5_handle.h"
+#include "core/source/volume_series.h"
+#include "core/volume/grid_geometry.h"
+
+namespace isoscope::source {
+
+// A volume of a dataset.
+struct Hdf5MeshVolume {
+  std::string dataset;
+  AxisOrder axes;
+  std::int64_t step = 0;       // on the axis t, if there is one
+  std::int64_t component = 0;  // on the axis c, if there is one
+};
+
+struct Hdf5MeshField {
+  SourceField field;
+  volume::GridGeometry geometry;
+  // By step and component, the component faster.
+  std::vector<Hdf5MeshVolume> volumes{};
+};
+
+struct Hdf5MeshFile {
+  std::vector<Hdf5MeshField> fields{};  // on any grids
+  std::vector<double> times{};
+  std::string time_unit{};
+  std::string length_unit{};
+};
+
+// Not set if the file describes no meshes. Errors are without the file's name. INVALID_ARGUMENT: a
+// VTKHDF file of another Type than ImageData; no mesh in space; times that do not ascend; more than
+// 100 000 steps or 4096 fields; sizes that contradict each other.
+absl::StatusOr<std::optional<Hdf5MeshFile>> FindHdf5Meshes(hid_t file);
+
+// The numbers of an attribute, 64 at most; none if there is no such attribute of numbers.
+std::vector<double> Hdf5Numbers(hid_t object, const char* attribute);
+// The names in a group, in ascending order, 4096 at most; none if it is no group.
+std::vector<std::string> Hdf5NamesIn(hid_t group);
+
+// The two kinds (vtk_hdf_image.cc, openpmd_meshes.cc), of the group VTKHDF and the root.
+absl::StatusOr<Hdf5MeshFile> FindVtkHdfImage(hid_t root);
+absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_

@@ -1,0 +1,148 @@
+#include "core/source/hdf5_mesh_series.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/hdf5_dataset.h"
+#include "core/source/hdf5_mesh.h"
+#include "core/source/hdf5_storage.h"
+#include "core/source/series_format.h"
+#include "core/source/walled_series.h"
+#include "hdf5.h"
+
+namespace isoscope::source {
+namespace {
+
+// A source at other world positions.
+class MovedSource final : public VolumeSource {
+ public:
+  MovedSource(std::unique_ptr<VolumeSource> source, const volume::GridGeometry& geometry)
+      : source_(std::move(source)), geometry_(geometry) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override { return source_->scalar_type(); }
+  [[nodiscard]] const std::string& name() const override { return source_->name(); }
+  [[nodiscard]] bool is_seekable() const override { return source_->is_seekable(); }
+  [[nodiscard]] std::int64_t memory_bytes() const override { return source_->memory_bytes(); }
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    return source_->ReadRows(begin_row, end_row, out);
+  }
+
+ private:
+  const std::unique_ptr<VolumeSource> source_;
+  const volume::GridGeometry geometry_;
+};
+
+absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path) {
+  if (!io::PathExists(path)) {
+    return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+  }
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
+  const Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  if (!file.is_valid()) {
+    return std::nullopt;  // OpenHdf5Dataset says why
+  }
+  auto meshes = FindHdf5Meshes(file.get());
+  if (!meshes.ok()) {
+    return absl::Status(meshes.status().code(),
+                        absl::StrCat(path, ": ", meshes.status().message()));
+  }
+  return meshes;
+}
+
+absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
+                                                        const std::string& part) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
+  if (!meshes.has_value()) {
+    return std::vector<std::string>();
+  }
+  const Hdf5MeshField* chosen = nullptr;
+  std::ptrdiff_t most = 0;
+  for (const Hdf5MeshField& candidate : meshes->fields) {
+    const std::string& name = candidate.field.name;
+    if (name == part || absl::StartsWith(part, absl::StrCat(name, ":"))) {
+      chosen = &candidate;
+      break;
+    }
+    const auto alike = std::count_if(
+        meshes->fields.begin(), meshes->fields.end(),
+        [&](const Hdf5MeshField& other) { return other.geometry == candidate.geometry; });
+    if (alike > most) {
+      chosen = &candidate;
+      most = alike;
+    }
+  }
+  WalledFile file{
+      .times = meshes->times, .time_unit = meshes->time_unit, .length_unit = meshes->length_unit};
+  for (std::size_t i = 0; i < meshes->fields.size(); ++i) {
+    if (meshes->fields[i].geometry == chosen->geometry) {
+      file.fields.push_back(
+          {.field = meshes->fields[i].field, .number = static_cast<std::int64_t>(i)});
+    }
+  }
+  return WalledTexts(file);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
+                                                       const std::string& part) {
+  const auto [number, step, component] = ParseWalledPart(part);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
+  if (!meshes.has_value() || number >= static_cast<std::int64_t>(meshes->fields.size())) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
+  }
+  const Hdf5MeshField& field = meshes->fields[static_cast<std::size_t>(number)];
+  const auto components = static_cast<std::int64_t>(field.field.components.size());
+  const std::int64_t index = step * components + component;
+  if (component >= components || index >= static_cast<std::int64_t>(field.volumes.size())) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
+  }
+  const Hdf5MeshVolume& wanted = field.volumes[static_cast<std::size_t>(index)];
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      NamedHdf5Dataset named,
+      OpenHdf5ByName(absl::StrCat(path, ":", wanted.dataset), Hdf5Types::kAll));
+  const std::string name = named.parts.name();
+  ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
+  const std::vector<std::int64_t> dims = Hdf5DimsOf(named.dataset.get());
+  const math::Index3& samples = field.geometry.sample_dims;
+  const AxisOrder& axes = wanted.axes;
+  if (dims.size() <= axes.x || dims[axes.z] != samples.z || dims[axes.y] != samples.y ||
+      dims[axes.x] != samples.x) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: it has not the %d x %d x %d samples of the first step: all steps must lie on one grid",
+        name, samples.z, samples.y, samples.x));
+  }
+  auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll);
+  const absl::Status valid = type.ok() ? volume::Validate(field.geometry) : type.status();
+  if (!valid.ok()) {
+    return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::unique_ptr<VolumeSource> source,
+      OpenHdf5Volume(std::move(named), *std::move(type), axes, wanted.step, wanted.component));
+  return std::make_unique<MovedSource>(std::move(source), field.geometry);
+}
+
+constexpr WalledLibrary kHdf5Meshes = {
+    .name = "HDF5", .open = OpenMesh, .find_files = nullptr, .describe = DescribeMeshes};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5MeshSeries(const std::string& file,
+                                                                 const std::string& part) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                            OpenWalledSeries(kHdf5Meshes, file, part));
+  return series == nullptr || part.empty() ? std::move(series)
+                                           : SelectPart(std::move(series), file, part);
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,178 @@
+// The texts:
+//
+//   times=0 0.05 0.1 ...     none if there is no time
+//   time_unit=s
+//   length_unit=m
+//   field=u                  begins a field
+//   number=3                 by which the child knows it
+//   unit=, long_name=
+//   component=x              once for each component; none for a scalar field
+//
+// A volume is then asked for by its part: "3 0 2", number, step and component.
+
+#include "core/source/walled_series.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <set>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::size_t kMaxWalledSteps = 100'000;
+constexpr std::size_t kMaxWalledComponents = 4096;
+
+bool TakeTimes(const std::string& value, std::vector<double>* times) {
+  for (const absl::string_view word : absl::StrSplit(value, ' ', absl::SkipEmpty())) {
+    double& time = times->emplace_back();
+    if (!absl::SimpleAtod(word, &time) || !std::isfinite(time) ||
+        (times->size() > 1 && !(time > (*times)[times->size() - 2]))) {
+      return false;
+    }
+  }
+  return times->size() <= kMaxWalledSteps;
+}
+
+// False if the text makes no sense.
+bool TakeText(const std::string& text, WalledFile* file) {
+  const std::pair<std::string, std::string> pair = absl::StrSplit(text, absl::MaxSplits('=', 1));
+  const auto& [key, value] = pair;
+  if (key == "length_unit" || key == "time_unit") {
+    (key == "time_unit" ? file->time_unit : file->length_unit) = value;
+    return true;
+  }
+  if (key == "times") {
+    return TakeTimes(value, &file->times);
+  }
+  if (key == "field") {
+    file->fields.push_back({.field = {.name = value, .components = {}}});
+    return !value.empty();
+  }
+  if (file->fields.empty()) {
+    return false;
+  }
+  WalledFile::Field& last = file->fields.back();
+  if (key == "number") {
+    return absl::SimpleAtoi(value, &last.number) && last.number >= 0;
+  }
+  if (key == "component") {
+    last.field.components.push_back(value);
+    return !value.empty() && last.field.components.size() <= kMaxWalledComponents;
+  }
+  (key == "unit" ? last.field.unit : last.field.long_name) = value;
+  return key == "unit" || key == "long_name";
+}
+
+bool AreUnique(const std::vector<std::string>& names) {
+  return std::set<std::string>(names.begin(), names.end()).size() == names.size();
+}
+
+// Completes the fields; false if their names make no sense.
+bool Complete(WalledFile* file) {
+  std::vector<std::string> names;
+  for (WalledFile::Field& field : file->fields) {
+    names.push_back(field.field.name);
+    std::vector<std::string>& components = field.field.components;
+    if (components.size() == 1 || !AreUnique(components)) {
+      return false;
+    }
+    if (components.empty()) {
+      components = {""};
+    }
+  }
+  return !names.empty() && AreUnique(names);
+}
+
+class WalledSeries final : public VolumeSeries {
+ public:
+  WalledSeries(const WalledLibrary& library, std::string path, WalledFile file)
+      : library_(library), path_(std::move(path)), file_(std::move(file)) {
+    for (const WalledFile::Field& field : file_.fields) {
+      fields_.push_back(field.field);
+    }
+  }
+
+  [[nodiscard]] const std::string& name() const override { return path_; }
+  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return file_.times; }
+  [[nodiscard]] const std::string& time_unit() const override { return file_.time_unit; }
+  [[nodiscard]] const std::string& length_unit() const override { return file_.length_unit; }
+
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
+    return OpenWalled(library_, path_,
+                      absl::StrCat(file_.fields[static_cast<std::size_t>(field)].number, " ", step,
+                                   " ", component));
+  }
+
+ private:
+  const WalledLibrary library_;
+  const std::string path_;
+  const WalledFile file_;
+  std::vector<SourceField> fields_;
+};
+
+}  // namespace
+
+std::vector<std::string> WalledTexts(const WalledFile& file) {
+  std::vector<std::string> texts{
+      absl::StrCat("times=", absl::StrJoin(file.times, " ",
+                                           [](std::string* out, double time) {
+                                             absl::StrAppendFormat(out, "%.17g", time);
+                                           })),
+      absl::StrCat("time_unit=", file.time_unit), absl::StrCat("length_unit=", file.length_unit)};
+  for (const WalledFile::Field& field : file.fields) {
+    texts.push_back(absl::StrCat("field=", field.field.name));
+    texts.push_back(absl::StrCat("number=", field.number));
+    texts.push_back(absl::StrCat("unit=", field.field.unit));
+    texts.push_back(absl::StrCat("long_name=", field.field.long_name));
+    for (const std::string& component : field.field.components) {
+      if (field.field.components.size() > 1) {
+        texts.push_back(absl::StrCat("component=", component));
+      }
+    }
+  }
+  return texts;
+}
+
+std::array<std::int64_t, 3> ParseWalledPart(const std::string& part) {
+  std::array<std::int64_t, 3> numbers{};
+  const std::vector<std::string> words = absl::StrSplit(part, ' ');
+  ISOSCOPE_CHECK(words.size() == numbers.size());
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    ISOSCOPE_CHECK(absl::SimpleAtoi(words[i], &numbers[i]));
+  }
+  return numbers;
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
+                                                               const std::string& file,
+                                                               const std::string& part) {
+  constexpr std::size_t kMaxPart = 255;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> texts,
+                            DescribeWalled(library, file, part.substr(0, kMaxPart)));
+  if (texts.empty()) {
+    return nullptr;
+  }
+  WalledFile described;
+  const bool makes_sense = std::all_of(texts.begin(), texts.end(), [&](const std::string& text) {
+    return TakeText(text, &described);
+  });
+  if (!makes_sense || !Complete(&described)) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: what %s says of it makes no sense: the file is damaged", file, library.name));
+  }
+  return std::make_unique<WalledSeries>(library, file, std::move(described));
+}
+
+}  // namespace isoscope::source

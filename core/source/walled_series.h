@@ -1,0 +1,47 @@
+// A series whose library runs in a child process (walled_source.h), from the texts in which the
+// child describes it.
+
+#ifndef ISOSCOPE_CORE_SOURCE_WALLED_SERIES_H_
+#define ISOSCOPE_CORE_SOURCE_WALLED_SERIES_H_
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_series.h"
+#include "core/source/walled_source.h"
+
+namespace isoscope::source {
+
+// All that a child says of a file.
+struct WalledFile {
+  struct Field {
+    SourceField field;
+    std::int64_t number = 0;  // by which the child knows it
+  };
+  std::vector<Field> fields{};
+  std::vector<double> times{};
+  std::string time_unit{};
+  std::string length_unit{};
+};
+
+// For the child: texts "key=value", none empty.
+std::vector<std::string> WalledTexts(const WalledFile& file);
+// For the child: the number of the field, the step and the component of the part by which the
+// series asks for a volume. REQUIRES: such a part.
+std::array<std::int64_t, 3> ParseWalledPart(const std::string& part);
+
+// For the parent: the series of `library.describe`, which takes `part`, opened by `library.open`.
+// Nothing in the texts is taken for granted: DATA_LOSS if they make no sense. Null if there are
+// none. Errors also as DescribeWalled.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
+                                                               const std::string& file,
+                                                               const std::string& part);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_WALLED_SERIES_H_

@@ -1,0 +1,211 @@
+#include "core/source/hdf5_mesh_series.h"
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/source/volume_source.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+#include "tests/unit/core/source/hdf5_mesh_files.h"
+#include "tests/unit/core/source/vti_bytes.h"
+
+// libhdf5 does not free what it had read of a file that it then refuses.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
+
+namespace isoscope::source {
+namespace {
+
+using ::isoscope::testing::Hdf5MeshWriter;
+using ::isoscope::testing::ReadAll;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::ValuesOf;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+
+class Hdf5MeshSeriesTest : public ::testing::Test {
+ protected:
+  // An image of 4 x 3 x 2 points, with steps if there are times.
+  void WriteImage(const std::string& path, const std::vector<double>& times,
+                  const std::string& type = "ImageData") {
+    Hdf5MeshWriter writer(path);
+    writer.Group("/VTKHDF");
+    writer.Texts("/VTKHDF", "Type", {type});
+    writer.Numbers("/VTKHDF", "WholeExtent", {1, 4, 0, 2, 0, 1});
+    writer.Numbers("/VTKHDF", "Origin", {10, 20, 30});
+    writer.Numbers("/VTKHDF", "Spacing", {0.5, 2, 4});
+    writer.Numbers("/VTKHDF", "Direction", {0, -1, 0, 1, 0, 0, 0, 0, 1});
+    writer.Group("/VTKHDF/PointData");
+    writer.Group("/VTKHDF/CellData");
+    if (times.empty()) {
+      writer.Ramp("/VTKHDF/PointData/p", {2, 3, 4});
+      writer.Ramp("/VTKHDF/PointData/v", {2, 3, 4, 3});
+      return;
+    }
+    writer.Ramp("/VTKHDF/PointData/p", {times.size(), 2, 3, 4});
+    writer.Ramp("/VTKHDF/PointData/v", {times.size(), 2, 3, 4, 3});
+    writer.Group("/VTKHDF/Steps");
+    writer.Numbers("/VTKHDF/Steps", "NSteps", {static_cast<double>(times.size())});
+    testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/Steps/Values", {times.size()},
+                              H5T_NATIVE_DOUBLE, times.data());
+    writer.Group("/VTKHDF/Steps/PointDataOffsets");
+    const std::vector<int> offsets(times.size(), 1);
+    testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/Steps/PointDataOffsets/v", {times.size()},
+                              H5T_NATIVE_INT, offsets.data());
+  }
+  // Iterations 5 and 10 with E, staggered or not, and rho on the grid's nodes.
+  void WriteOpenPmd(const std::string& path, bool is_staggered, const std::string& order = "C") {
+    Hdf5MeshWriter writer(path);
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    writer.Texts("/", "basePath", {"/data/%T/"});
+    writer.Texts("/", "meshesPath", {"fields/"});
+    writer.Group("/data");
+    for (const std::string iteration : {"/data/10", "/data/5"}) {
+      writer.Group(iteration);
+      writer.Numbers(iteration, "time", {iteration == "/data/5" ? 2.0 : 4.0});
+      writer.Numbers(iteration, "timeUnitSI", {0.5});
+      writer.Group(iteration + "/fields");
+      const float begin = iteration == "/data/5" ? 0 : 100;
+      const std::string rho = iteration + "/fields/rho";
+      writer.Ramp(rho, {2, 3, 4}, begin);
+      Record(&writer, rho, order);
+      writer.Numbers(rho, "position", {0, 0, 0});
+      writer.Numbers(rho, "unitSI", {2});
+      const std::string field = iteration + "/fields/E";
+      writer.Group(field);
+      Record(&writer, field, order);
+      for (const char axis : {'x', 'y', 'z'}) {
+        const std::string component = field + "/" + axis;
+        writer.Ramp(component, {2, 3, 4}, begin + static_cast<float>(axis - 'w') * 1000);
+        std::vector<double> position(3, 0.5);
+        if (is_staggered) {
+          position[static_cast<std::size_t>('z' - axis)] = 0;
+        }
+        writer.Numbers(component, "position", position);
+        writer.Numbers(component, "unitSI", {1});
+      }
+    }
+  }
+  static void Record(Hdf5MeshWriter* writer, const std::string& path, const std::string& order) {
+    writer->Texts(path, "geometry", {"cartesian"});
+    writer->Texts(path, "dataOrder", {order});
+    const bool is_c = order == "C";
+    writer->Texts(
+        path, "axisLabels",
+        is_c ? std::vector<std::string>{"z", "y", "x"} : std::vector<std::string>{"x", "y", "z"});
+    writer->Numbers(path, "gridSpacing",
+                    is_c ? std::vector<double>{4, 2, 0.5} : std::vector<double>{0.5, 2, 4});
+    writer->Numbers(path, "gridGlobalOffset",
+                    is_c ? std::vector<double>{30, 20, 10} : std::vector<double>{10, 20, 30});
+    writer->Numbers(path, "gridUnitSI", {2});
+    writer->Numbers(path, "unitDimension", {1, 1, -3, -1, 0, 0, 0});
+  }
+  testing::TempDir dir_;
+};
+
+math::Vec3d At(const VolumeSource& volume, const math::Vec3d& index) {
+  return math::TransformPoint(volume.geometry().world_from_index(), index);
+}
+
+TEST_F(Hdf5MeshSeriesTest, ArraysOfVtkHdfWithAndWithoutSteps) {
+  for (const std::vector<double>& times : {std::vector<double>{}, std::vector<double>{0.5, 2}}) {
+    const std::string path = dir_.Sub(times.empty() ? "a.vtkhdf" : "a.h5");
+    WriteImage(path, times);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+    EXPECT_EQ(series->times(), times);
+    ASSERT_EQ(series->fields().size(), 2u);
+    EXPECT_EQ(series->fields()[0].name, "p");
+    EXPECT_THAT(series->fields()[1].components, ElementsAre("x", "y", "z"));
+    for (int step = 0; step < series->step_count(); ++step) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, series->Open(0, 0, step));
+      // Index x runs along world y, index y against world x.
+      EXPECT_EQ(At(*p, {0, 0, 0}), (math::Vec3d{10, 20.5, 30}));
+      EXPECT_EQ(At(*p, {3, 2, 1}), (math::Vec3d{6, 22, 34}));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*p, 1));
+      EXPECT_EQ(ValuesOf<float>(read)[7], static_cast<float>(24 * step + 7));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto v_y, series->Open(1, 1, step));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string vectors, ReadAll(*v_y, 2));
+      const int offset = times.empty() ? 0 : 1;  // as PointDataOffsets has it
+      EXPECT_EQ(ValuesOf<float>(vectors)[7], static_cast<float>(72 * offset + 3 * 7 + 1));
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":v:z"));
+    EXPECT_EQ(part->fields()[0].name, "v");
+    EXPECT_EQ(part->step_count(), series->step_count());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
+    EXPECT_THAT(files, ElementsAre(path));
+    EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("p, v (x, y, z)")));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeFile(dir_.Sub("a.vtkhdf:p")));
+  EXPECT_EQ(At(*one, {3, 2, 1}), (math::Vec3d{6, 22, 34}));
+  // A dataset by its name is as in any HDF5 file.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto raw,
+                                OpenVolumeFile(dir_.Sub("a.vtkhdf:/VTKHDF/PointData/p")));
+  EXPECT_EQ(At(*raw, {0, 0, 0}), (math::Vec3d{0, 0, 0}));
+}
+
+TEST_F(Hdf5MeshSeriesTest, RecordsOfOpenPmd) {
+  for (const std::string order : {"C", "F"}) {
+    WriteOpenPmd(dir_.Sub("a.h5"), false, order);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a.h5")));
+    EXPECT_THAT(series->times(), ElementsAre(1, 2));
+    EXPECT_EQ(series->time_unit(), "s");
+    EXPECT_EQ(series->length_unit(), "m");
+    ASSERT_EQ(series->fields().size(), 1u);
+    EXPECT_EQ(series->fields()[0].name, "E");
+    EXPECT_EQ(series->fields()[0].unit, "m kg s^-3 A^-1");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto e_y, series->Open(0, 1, 1));
+    EXPECT_EQ(At(*e_y, {0, 0, 0}), (math::Vec3d{2 * 10.25, 2 * 21, 2 * 32}));
+    EXPECT_EQ(At(*e_y, {3, 2, 1}), (math::Vec3d{2 * 11.75, 2 * 25, 2 * 36}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*e_y, 1));
+    EXPECT_EQ(ValuesOf<float>(read)[7], 2107);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto rho, OpenVolumeSeries(dir_.Sub("a.h5:rho")));
+    EXPECT_EQ(rho->fields()[0].unit, "2 m kg s^-3 A^-1");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, rho->Open(0, 0, 0));
+    EXPECT_EQ(At(*first, {0, 0, 0}), (math::Vec3d{20, 40, 60}));
+  }
+}
+
+TEST_F(Hdf5MeshSeriesTest, StaggeredComponentsAreFieldsOfTheirOwn) {
+  WriteOpenPmd(dir_.Sub("a.h5"), true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto x, OpenVolumeSeries(dir_.Sub("a.h5:E/x")));
+  EXPECT_EQ(x->fields()[0].name, "E/x");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, x->Open(0, 0, 0));
+  EXPECT_EQ(At(*volume, {0, 0, 0}), (math::Vec3d{20, 42, 64}));
+}
+
+TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {
+  WriteImage(dir_.Sub("a.h5"), {}, "UnstructuredGrid");
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.h5")),
+              StatusIs(kInvalid, AllOf(HasSubstr("a.h5"), HasSubstr("\"UnstructuredGrid\""))));
+  WriteImage(dir_.Sub("a.h5"), {2, 1});
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.h5")), StatusIs(kInvalid, HasSubstr("ascend")));
+  {
+    Hdf5MeshWriter writer(dir_.Sub("b.h5"));
+    writer.Group("/VTKHDF");
+    writer.Texts("/VTKHDF", "Type", {"ImageData"});
+    writer.Numbers("/VTKHDF", "WholeExtent", {0, 9, 0, 2, 0, 1});
+    writer.Group("/VTKHDF/PointData");
+    writer.Ramp("/VTKHDF/PointData/p", {2, 3, 4});
+  }
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("b.h5")),
+              StatusIs(kInvalid, AllOf(HasSubstr("2 x 3 x 4"), HasSubstr("2 x 3 x 10"))));
+  {
+    Hdf5MeshWriter writer(dir_.Sub("c.h5"));
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    writer.Group("/data");
+  }
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("c.h5")), StatusIs(kInvalid, HasSubstr("0 iterations")));
+  testing::WriteFile(dir_.Sub("d.h5"), "text");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, OpenHdf5MeshSeries(dir_.Sub("d.h5"), ""));
+  EXPECT_EQ(none, nullptr);
+}
+
+}  // namespace
+}  // namespace isoscope::source
