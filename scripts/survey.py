@@ -1,0 +1,181 @@
+#!/usr/bin/env python3
+"""Tells what isoscope makes of every file below a folder: runs `info`, and draws what opens once.
+
+For each file, and once for each folder of DICOM files, it runs `isoscope info FILE --json`, then the
+command that info suggests, at 128 x 128 pixels. A file counts as
+
+    opened    info and the picture succeed
+    refused   exit 1 with a sentence, by info or by the picture
+    crashed   ended by a signal, or with another exit code
+    hung      not done after --timeout
+    no file of volumes
+              refused as of an unknown kind, and its ending is not that of a volume
+
+Prints a table by ending and each refusal; --json writes all. Fails if something crashed or hung.
+
+    scripts/survey.py /usr/share --bin build/release/bin/isoscope
+    scripts/survey.py COLLECTION --json survey.json --memory-limit 128MiB
+"""
+
+import argparse
+import collections
+import json
+import os
+import pathlib
+import resource
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+UNKNOWN_KIND = "unknown kind of file"
+MAX_MESSAGE = 300
+
+
+def run(command, folder, timeout):
+    """Runs a command with a cache of its own. Returns (exit code or None, output, errors, seconds, peak MiB)."""
+    environment = dict(os.environ, XDG_CACHE_HOME=folder, TMPDIR=folder)
+    out_path, err_path = pathlib.Path(folder, "out"), pathlib.Path(folder, "err")
+    start = time.monotonic()
+    with open(out_path, "wb") as out, open(err_path, "wb") as err:
+        process = subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=environment,
+                                   start_new_session=True)
+        is_late = False
+        while True:
+            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+            if pid:
+                break
+            if time.monotonic() - start > timeout and not is_late:
+                is_late = True
+                os.killpg(process.pid, signal.SIGKILL)
+            time.sleep(0.005)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    code = None if is_late else process.returncode
+    text = [path.read_text(errors="replace") for path in (out_path, err_path)]
+    return code, text[0], text[1].strip(), time.monotonic() - start, usage.ru_maxrss / 1024
+
+
+def ending_of(path):
+    """".nii.gz" of "a.nii.gz"; "" without one."""
+    suffixes = path.suffixes
+    if len(suffixes) > 1 and suffixes[-1].lower() in (".gz", ".bz2"):
+        return "".join(suffixes[-2:]).lower()
+    return path.suffix.lower()
+
+
+def is_dicom(path):
+    with open(path, "rb") as file:
+        return file.read(132)[128:] == b"DICM"
+
+
+def sources_below(tree):
+    """Yields (path, ending): files, and in place of DICOM files their folders."""
+    for folder, folders, names in os.walk(tree):
+        folders.sort()
+        has_dicom = False
+        for name in sorted(names):
+            path = pathlib.Path(folder, name)
+            try:
+                if path.is_symlink() or not path.is_file() or path.stat().st_size == 0:
+                    continue
+                if not is_dicom(path):
+                    yield path, ending_of(path)
+                elif not has_dicom:
+                    has_dicom = True
+                    yield pathlib.Path(folder), "DICOM"
+            except OSError as error:
+                print(f"{path}: {error}", file=sys.stderr)
+
+
+def outcome_of(code, errors):
+    if code is None:
+        return "hung"
+    if code == 0:
+        return "opened"
+    return "refused" if code == 1 and errors.startswith("isoscope: ") else "crashed"
+
+
+def survey(path, ending, arguments):
+    """Returns what info and a picture make of one source."""
+    limits = ["--memory-limit", arguments.memory_limit]
+    with tempfile.TemporaryDirectory(prefix="isoscope-survey-") as folder:
+        code, output, errors, seconds, peak = run([arguments.bin, "info", str(path), "--json"], folder,
+                                                  arguments.timeout)
+        result = {"path": str(path), "ending": ending, "step": "info", "outcome": outcome_of(code, errors),
+                  "message": errors[:MAX_MESSAGE], "seconds": seconds, "peak_mib": peak}
+        if result["outcome"] != "opened" or arguments.no_render:
+            return result
+        commands = json.loads(output).get("volume", {}).get("commands", [])
+        draw = next((c for c in map(shlex.split, commands) if c[1:2] == ["render"]), None)
+        steps = [shlex.split(c) for c in commands if shlex.split(c)[1:2] == ["partition"]]
+        if draw is None:
+            result.update(outcome="refused", step="command", message="info names no command that draws it")
+            return result
+        dataset = os.path.join(folder, "dataset")
+        for command in steps[:1] + [draw]:
+            if command[1] == "partition":
+                if "--output" in command:
+                    command[command.index("--output") + 1] = dataset
+                command += limits
+            else:
+                if steps:
+                    command[2] = dataset
+                command += limits + ["--renderer", "cpu", "--width", "128", "--height", "128", "--output",
+                                     os.path.join(folder, "picture.png")]
+            code, _, errors, more, peak = run([arguments.bin] + command[1:], folder, arguments.timeout)
+            result["seconds"] += more
+            result.update(step=command[1], outcome=outcome_of(code, errors), message=errors[:MAX_MESSAGE],
+                          peak_mib=max(result["peak_mib"], peak))
+            if result["outcome"] != "opened":
+                break
+        return result
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tree", help="the folder")
+    parser.add_argument("--bin", default=str(ROOT / "build/release/bin/isoscope"), help="the program")
+    parser.add_argument("--json", help="writes all results to this file")
+    parser.add_argument("--timeout", type=float, default=120, help="seconds a command (default: 120)")
+    parser.add_argument("--memory-limit", default="256MiB", help="of partitioning and drawing (default: 256MiB)")
+    parser.add_argument("--no-render", action="store_true", help="runs info alone")
+    arguments = parser.parse_args()
+    if not os.path.isdir(arguments.tree):
+        parser.error(f"{arguments.tree} is not a folder")
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    results = []
+    for path, ending in sources_below(arguments.tree):
+        result = survey(path, ending, arguments)
+        results.append(result)
+        if len(results) % 100 == 0:
+            print(f"{len(results)} files, now {path}", file=sys.stderr)
+    known = {r["ending"] for r in results if UNKNOWN_KIND not in r["message"]}
+    for result in results:
+        if result["outcome"] == "refused" and result["ending"] not in known and UNKNOWN_KIND in result["message"]:
+            result["outcome"] = "no file of volumes"
+    by_ending = collections.defaultdict(collections.Counter)
+    for result in results:
+        if result["outcome"] != "no file of volumes":
+            by_ending[result["ending"] or "(none)"][result["outcome"]] += 1
+    others = sum(r["outcome"] == "no file of volumes" for r in results)
+    columns = ("opened", "refused", "crashed", "hung")
+    print(f"{'ending':14}" + "".join(f"{column:>9}" for column in columns) + f"{'s':>9}{'MiB':>8}")
+    for ending, counts in sorted(by_ending.items()):
+        of_ending = [r for r in results if (r["ending"] or "(none)") == ending]
+        print(f"{ending:14}" + "".join(f"{counts[column]:9}" for column in columns)
+              + f"{max(r['seconds'] for r in of_ending):9.1f}{max(r['peak_mib'] for r in of_ending):8.0f}")
+    print(f"{others} other files, of endings that no volume has. Seconds and MiB are the most of a file.")
+    for result in results:
+        if result["outcome"] in ("refused", "crashed", "hung"):
+            print(f"{result['outcome']} by {result['step']}: {result['path']}: {result['message']}")
+    if arguments.json:
+        pathlib.Path(arguments.json).write_text(json.dumps(results, indent=1))
+    return 1 if any(r["outcome"] in ("crashed", "hung") for r in results) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+#!/usr/bin/env python3
+"""scripts/survey.py tells what opens, what is refused and what is no volume.
+
+    survey_test.py SURVEY ISOSCOPE [unittest arguments]
+"""
+
+import json
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ISOSCOPE = os.path.abspath(sys.argv.pop(2))
+SURVEY = os.path.abspath(sys.argv.pop(1))
+
+
+class SurveyTest(unittest.TestCase):
+
+  def setUp(self):
+    own = tempfile.TemporaryDirectory(prefix='isoscope-survey-test-')
+    self.addCleanup(own.cleanup)
+    self.tree = os.path.join(own.name, 'tree')
+    os.mkdir(self.tree)
+    self.report = os.path.join(own.name, 'report.json')
+
+  def write(self, name, data):
+    with open(os.path.join(self.tree, name), 'wb') as file:
+      file.write(data)
+
+  def survey(self, program=ISOSCOPE):
+    done = subprocess.run([sys.executable, SURVEY, self.tree, '--bin', program, '--json', self.report, '--timeout', '60'],
+                          capture_output=True, text=True, timeout=300)
+    with open(self.report, encoding='utf-8') as file:
+      return done, {os.path.basename(r['path']): r for r in json.load(file)}
+
+  def test_volumes_are_drawn_damaged_ones_refused_and_others_left_out(self):
+    whole = os.path.join(self.tree, 'whole.nrrd')
+    subprocess.run([ISOSCOPE, 'generate', 'random', '--dims', '16,16,16', '--output', whole], check=True,
+                   capture_output=True)
+    flow = os.path.join(self.tree, 'flow.pvd')
+    subprocess.run([ISOSCOPE, 'generate', 'flow', '--dims', '10,9,8', '--steps', '2', '--output', flow], check=True,
+                   capture_output=True)
+    with open(whole, 'rb') as file:
+      self.write('cut.nrrd', file.read()[:-100])
+    self.write('letter.txt', b'no volume\n')
+    done, found = self.survey()
+    self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+    self.assertEqual({name: r['outcome'] for name, r in found.items()},
+                     {'whole.nrrd': 'opened', 'cut.nrrd': 'refused', 'letter.txt': 'no file of volumes',
+                      'flow.pvd': 'opened', 'flow_00000.vti': 'opened', 'flow_00001.vti': 'opened'},
+                     done.stdout)
+    self.assertEqual(found['whole.nrrd']['step'], 'render')
+    self.assertIn('cut.nrrd', found['cut.nrrd']['message'])
+
+  def test_a_program_that_crashes_fails_the_survey(self):
+    self.write('a.nrrd', b'NRRD0004\n')
+    program = os.path.join(os.path.dirname(self.report), 'crashes')
+    with open(program, 'w', encoding='utf-8') as file:
+      file.write('#!/bin/sh\nkill -SEGV $$\n')
+    os.chmod(program, stat.S_IRWXU)
+    done, found = self.survey(program)
+    self.assertEqual(found['a.nrrd']['outcome'], 'crashed')
+    self.assertEqual(done.returncode, 1)
+
+
+if __name__ == '__main__':
+  unittest.main()
