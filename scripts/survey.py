@@ -108,30 +108,38 @@ def survey(path, ending, arguments):
                   "message": errors[:MAX_MESSAGE], "seconds": seconds, "peak_mib": peak}
         if result["outcome"] != "opened" or arguments.no_render:
             return result
-        commands = json.loads(output).get("volume", {}).get("commands", [])
-        draw = next((c for c in map(shlex.split, commands) if c[1:2] == ["render"]), None)
-        steps = [shlex.split(c) for c in commands if shlex.split(c)[1:2] == ["partition"]]
-        if draw is None:
-            result.update(outcome="refused", step="command", message="info names no command that draws it")
-            return result
+        commands = [shlex.split(command) for command in json.loads(output)["volume"]["commands"]]
         dataset = os.path.join(folder, "dataset")
-        for command in steps[:1] + [draw]:
-            if command[1] == "partition":
-                if "--output" in command:
-                    command[command.index("--output") + 1] = dataset
-                command += limits
-            else:
-                if steps:
-                    command[2] = dataset
-                command += limits + ["--renderer", "cpu", "--width", "128", "--height", "128", "--output",
-                                     os.path.join(folder, "picture.png")]
-            code, _, errors, more, peak = run([arguments.bin] + command[1:], folder, arguments.timeout)
+        for command in commands:
+            # info writes DIR and VALUE where it leaves the choice to people.
+            words = [dataset if word == "DIR" else word for word in command[1:]]
+            if "VALUE" in words:
+                words[words.index("VALUE")] = middle_of(words, folder, arguments)
+            words += limits
+            if words[0] == "render":
+                words += ["--renderer", "cpu", "--width", "128", "--height", "128", "--output",
+                          os.path.join(folder, "picture.png")]
+            code, _, errors, more, peak = run([arguments.bin] + words, folder, arguments.timeout)
             result["seconds"] += more
-            result.update(step=command[1], outcome=outcome_of(code, errors), message=errors[:MAX_MESSAGE],
+            result.update(step=words[0], outcome=outcome_of(code, errors), message=errors[:MAX_MESSAGE],
                           peak_mib=max(result["peak_mib"], peak))
             if result["outcome"] != "opened":
                 break
         return result
+
+
+def middle_of(words, folder, arguments):
+    """Returns the middle of the values that a command draws, as a word; "VALUE" if they are not known."""
+    _, output, _, _, _ = run([arguments.bin, "info", words[1], "--json"]
+                             + ([] if os.path.isdir(words[1]) else ["--values"]), folder, arguments.timeout)
+    described = json.loads(output or "{}")
+    volume = described.get("volume") or described.get("datasets", [{}])[0]
+    field = words[words.index("--field") + 1] if "--field" in words else None
+    for one in volume.get("fields", []):
+        if one["name"] == field and isinstance(one["components"][-1], dict):
+            volume = one["components"][-1]
+    low_high = volume.get("value_range")
+    return repr(sum(low_high) / 2) if low_high else "VALUE"
 
 
 def main():
