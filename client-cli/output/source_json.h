@@ -1,4 +1,4 @@
-// What `info` says of a source beside its grid: fields, steps, what partitioning takes, and the
+// Tells what `info` says of a source beside its grid: fields, steps, what partitioning takes, the
 // command that draws it.
 
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_SOURCE_JSON_H_
@@ -18,7 +18,7 @@
 
 namespace isoscope::cli {
 
-// What `partition` takes with its defaults; rules of thumb, from measurements (docs/formats.md).
+// The needs of `partition` with its defaults; rules of thumb, from measurements (docs/formats.md).
 struct PartitionNeeds {
   std::int64_t disk_bytes = 0;
   std::int64_t memory_bytes = 0;  // of the process, at most

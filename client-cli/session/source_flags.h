@@ -28,7 +28,7 @@ struct SourceFlags {
   std::optional<math::Vec3d> origin;
   std::optional<bool> is_big_endian;
   std::optional<std::int64_t> header_bytes;
-  // Of any file:
+  // For any file:
   std::optional<std::string> format;
   std::optional<std::string> dicom_series;  // number or UID
   std::optional<source::SampleBox> crop;

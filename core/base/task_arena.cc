@@ -135,7 +135,7 @@ class ThreadPermits {
   Waiter* last_ ABSL_GUARDED_BY(mutex_) = nullptr;   // only if there is a first one
 };
 
-// Of this thread.
+// They belong to this thread.
 thread_local bool is_in_one_thread_scope = false;
 // The arena with shared threads that this thread computes for, and where.
 thread_local const void* computes_for = nullptr;

@@ -121,7 +121,7 @@ class AdjustedSource final : public VolumeSource {
   }
 
  private:
-  // Of the volume.
+  // In samples of the volume.
   [[nodiscard]] std::int64_t row_bytes() const {
     return source_->geometry().sample_dims.x *
            static_cast<std::int64_t>(volume::SizeOf(source_->scalar_type()));

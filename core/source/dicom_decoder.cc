@@ -168,7 +168,7 @@ void UseItem(const gdcm::DataSet& data, const gdcm::Tag& tag, std::size_t item, 
   }
 }
 
-// What a data set says of a frame: that of a file, or an item of functional groups.
+// The things that a data set says of a frame: that of a file, or an item of functional groups.
 void FillPlane(const gdcm::DataSet& data, FrameRecord* frame) {
   if (const auto position = NumbersOf(data, {0x0020, 0x0032}); position.size() == 3) {
     std::copy(position.begin(), position.end(), frame->position.begin());

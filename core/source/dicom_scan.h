@@ -17,7 +17,7 @@ enum class DicomContent {
   kCut       // an image that ends before its pixels do, or bytes that are no DICOM file
 };
 
-// What can tell images at one place apart. Not set: the file does not say.
+// These can tell images at one place apart. Not set: the file does not say.
 struct DicomMoment {
   std::optional<double> temporal_position{};
   std::optional<double> echo_time{};     // ms
@@ -34,7 +34,7 @@ struct DicomScan {
   // UIDs of the series and of the pixels' encoding; "" if the file ends before, or has none.
   std::string series;
   std::string transfer_syntax;
-  // Of the series, for people who choose one; 0 and "" if the file does not say.
+  // They describe the series to people who choose one; 0 and "" if the file does not say.
   std::int64_t series_number = 0;
   std::string description;
   std::int64_t width = 0;  // samples

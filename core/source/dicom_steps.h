@@ -27,7 +27,7 @@ struct DicomSlice {
   math::Vec3d spacing;
   math::Mat3d direction;
   double position = 0;  // along the normal
-  // Of a frame:
+  // One frame has:
   volume::ScalarType stored_type = volume::ScalarType::kUint8;
   bool is_rescaled = false;  // then `type` is that of the rescaled samples
   Rescaling rescaling;

@@ -32,7 +32,7 @@
 namespace isoscope::source {
 namespace {
 
-// Of tuples, read at once to pick one component; more only if a single tuple is larger.
+// The tuples read at once to pick one component; more only if a single tuple is larger.
 constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
 
 bool IsRescaled(const SampleLocation& location) {

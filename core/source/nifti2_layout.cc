@@ -87,7 +87,7 @@ class NiftiNumbers {
   }
 
  private:
-  // Of a row of numbers that begins at these bytes in the two versions.
+  // A row of numbers that begins at these bytes in the two versions.
   [[nodiscard]] double Real(std::size_t first, std::size_t second, std::size_t number) const {
     return is_second_ ? header_.Load<double>(second + 8 * number)
                       : static_cast<double>(header_.Load<float>(first + 4 * number));
@@ -212,8 +212,7 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
         absl::StrFormat("%s: the NIfTI header has %d bytes, expected %d: the file is cut", path,
                         head.bytes.size(), header_bytes));
   }
-  const bool is_big_endian =
-      BeginsBigEndian(head.bytes, static_cast<std::uint32_t>(header_bytes));
+  const bool is_big_endian = BeginsBigEndian(head.bytes, static_cast<std::uint32_t>(header_bytes));
   const NiftiNumbers header(head.bytes, is_big_endian, is_second);
   FileLayout layout;
   ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));

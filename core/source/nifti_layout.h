@@ -1,4 +1,4 @@
-// What a NIfTI-1 header says of time and components.
+// Reads what a NIfTI-1 header says of time and components.
 
 #ifndef ISOSCOPE_CORE_SOURCE_NIFTI_LAYOUT_H_
 #define ISOSCOPE_CORE_SOURCE_NIFTI_LAYOUT_H_

@@ -101,7 +101,7 @@ absl::StatusOr<math::Vec3d> ParseVector(const std::string& text, const char* fie
   return vector;
 }
 
-// What turns the file's world to LPS: factors of x, y and z.
+// These turn the file's world to LPS: factors of x, y and z.
 absl::StatusOr<math::Vec3d> TurnOf(const std::string& space, const std::string& path) {
   if (space == "right-anterior-superior" || space == "ras") {
     return math::Vec3d{-1, -1, 1};

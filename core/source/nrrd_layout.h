@@ -1,4 +1,4 @@
-// What an NRRD header says of its axes, where one of four is not of space.
+// Reads what an NRRD header says of its axes, where one of four is not of space.
 
 #ifndef ISOSCOPE_CORE_SOURCE_NRRD_LAYOUT_H_
 #define ISOSCOPE_CORE_SOURCE_NRRD_LAYOUT_H_

@@ -144,7 +144,7 @@ absl::StatusOr<double> OnlyNumber(const ParHeader& header, Column column, const 
   return first;
 }
 
-// What tells volumes apart, apart from the type of the image.
+// This tells volumes apart, apart from the type of the image.
 constexpr std::array<Column, 7> kKeys{kDynamic,        kEcho,     kPhase, kDiffusionFactor,
                                       kDiffusionValue, kGradient, kLabel};
 

@@ -39,8 +39,8 @@ namespace isoscope {
 namespace {
 
 using nlohmann::json;
-using testing::CommandResult;
 using ::testing::AllOf;
+using testing::CommandResult;
 using ::testing::HasSubstr;
 using testing::RunIsoscope;
 

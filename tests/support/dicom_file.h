@@ -91,8 +91,7 @@ inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels
          DicomElement(2, 0, "UL", DicomNumber(static_cast<std::uint32_t>(meta.size()))) + meta +
          DicomElement(8, 0x16, "UI", slice.storage_class) + DicomElement(8, 0x18, "UI", uid) +
          DicomElement(8, 0x60, "CS", "CT") + text(8, 0x103e, "LO", slice.description) +
-         DicomElement(0x20, 0xd, "UI", "1.2.9") +
-         DicomElement(0x20, 0xe, "UI", slice.series) +
+         DicomElement(0x20, 0xd, "UI", "1.2.9") + DicomElement(0x20, 0xe, "UI", slice.series) +
          text(0x20, 0x11, "IS", absl::StrCat(slice.series_number)) +
          DicomElement(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
          DicomElement(0x20, 0x32, "DS", slice.position) +

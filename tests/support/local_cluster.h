@@ -77,7 +77,7 @@ class LocalCluster {
   // cluster's. Does nothing if the field is known.
   absl::Status AddField(const std::string& field, const std::string& dataset_directory);
 
-  // Of a series, `field` is the volume of that field and component at the step of each frame.
+  // For a series, `field` is the volume of that field and component at the step of each frame.
   void AddField(const std::string& field, int field_index, int component) {
     series_fields_[field] = {.field = field_index, .component = component};
   }

@@ -110,7 +110,7 @@ class LayoutFormatsTest : public ::testing::Test {
   testing::TempDir dir_;
 };
 
-// Of rows (0, -2, 0, 10), (1.5, 0, 0, 20), (0, 0, 3, 30), in RAS.
+// Has rows (0, -2, 0, 10), (1.5, 0, 0, 20), (0, 0, 3, 30), in RAS.
 constexpr math::Vec3d kFirst{-10, -20, 30};
 constexpr math::Vec3d kLast{-6, -24.5, 33};
 

@@ -1,6 +1,5 @@
 // Pixels that arrive in several orders, in arenas of one thread and of several.
 
-#include "core/base/task_arena.h"
 #include "server/frame/pixel_queue.h"
 
 #include <atomic>
@@ -14,6 +13,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/task_arena.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/frame/frame_pieces.h"
 
