@@ -191,11 +191,11 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
 std::string ListFormats() {
   std::string text;
   for (const source::FormatName& format : source::FormatNames()) {
-    absl::StrAppend(&text, absl::StrFormat("%-12s %s%s\n", format.name, format.files,
+    absl::StrAppend(&text, absl::StrFormat("%-14s %s%s\n", format.name, format.files,
                                            format.is_forceable ? "" : " (by name only)"));
   }
   return absl::StrCat(text,
-                      absl::StrFormat("%-12s %s\n", "raw", "any file, with --dims and --type"));
+                      absl::StrFormat("%-14s %s\n", "raw", "any file, with --dims and --type"));
 }
 
 std::string DescribeForKey(const SourceFlags& flags) {
