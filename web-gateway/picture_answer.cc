@@ -31,7 +31,7 @@ std::string Serialize(const google::protobuf::Message& message) {
 // Returns the type and the bytes of the requested output.
 std::pair<const char*, std::string*> OutputOf(const OutputOptions& output,
                                               v1::RenderIsosurfaceResponse* response) {
-  constexpr char kBytes[] = "application/octet-stream";
+  static constexpr char kBytes[] = "application/octet-stream";
   switch (output.image_format()) {
     case OutputOptions::IMAGE_FORMAT_JPEG:
       return {"image/jpeg", response->mutable_jpeg()};

@@ -8,6 +8,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
 #include "gtest/gtest.h"
@@ -284,16 +285,21 @@ TEST_F(RudeCallersTest, ExportsCountAgainstTheRate) {
 TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
   constexpr int kOfTheOther = 7;  // bins, by which the agent knows whose histogram it is
   constexpr int kRude = 20;
-  absl::Notification release;
-  absl::Mutex mutex;
-  std::vector<int> asked;
-  first_.on_histogram = [&](grpc::ServerContext*, const internal::GetShardHistogramRequest& request,
-                            internal::GetShardHistogramResponse*) {
+  // An agent may still be asked when its client has the other one's error, and the test has ended.
+  struct Script {
+    absl::Notification release;
+    absl::Mutex mutex;
+    std::vector<int> asked ABSL_GUARDED_BY(mutex);
+  };
+  const auto script = std::make_shared<Script>();
+  first_.on_histogram = [script](grpc::ServerContext*,
+                                 const internal::GetShardHistogramRequest& request,
+                                 internal::GetShardHistogramResponse*) {
     {
-      const absl::MutexLock lock(&mutex);
-      asked.push_back(request.max_bin_count());
+      const absl::MutexLock lock(&script->mutex);
+      script->asked.push_back(request.max_bin_count());
     }
-    release.WaitForNotification();
+    script->release.WaitForNotification();
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "a script");
   };
   second_.on_histogram = first_.on_histogram;
@@ -310,16 +316,18 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
     clients.emplace_back([&] { ask("rude", 100).IgnoreError(); });
   }
   EXPECT_TRUE(WaitFor([&] {
-    const absl::MutexLock lock(&mutex);
-    return !asked.empty();
+    const absl::MutexLock lock(&script->mutex);
+    return !script->asked.empty();
   }));
   absl::SleepFor(absl::Milliseconds(200));  // until the others wait
   clients.emplace_back([&] { ask("other", kOfTheOther).IgnoreError(); });
   absl::SleepFor(absl::Milliseconds(200));
-  release.Notify();
+  script->release.Notify();
   for (std::thread& client : clients) {
     client.join();
   }
+  const absl::MutexLock lock(&script->mutex);
+  const std::vector<int>& asked = script->asked;
   const auto first = std::find(asked.begin(), asked.end(), kOfTheOther);
   ASSERT_NE(first, asked.end());
   const std::ptrdiff_t before = first - asked.begin();
