@@ -93,7 +93,9 @@ class ThreadPermits {
     Waiter waiter;
     (first_ == nullptr ? first_ : last_->next) = &waiter;
     last_ = &waiter;
-    waiter.wake.Await(&mutex_, [&] { return free_count_ > 0 && first_ == &waiter; });
+    waiter.wake.Await(&mutex_, [&]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return free_count_ > 0 && first_ == &waiter;
+    });
     first_ = waiter.next;
     --free_count_;
     WakeFirst();
