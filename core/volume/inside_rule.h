@@ -7,6 +7,7 @@
 #include <compare>
 #include <cstddef>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/volume/scalar_span.h"
@@ -21,7 +22,7 @@ struct InsideRule {
   // Field units, finite; 0 if there are labels.
   double isovalue = 0;
   // Ascending, distinct, finite, none is -0. Empty: samples are inside from the isovalue on.
-  std::vector<double> labels;
+  std::vector<double> labels = {};
 
   // Returns the rule of an isovalue. REQUIRES: it is finite.
   static InsideRule OfIsovalue(double isovalue);
@@ -44,6 +45,11 @@ struct InsideRule {
   // labels; it is total, as no number is NaN.
   friend bool operator==(const InsideRule&, const InsideRule&) = default;
   friend auto operator<=>(const InsideRule&, const InsideRule&) = default;
+  // For absl::Hash.
+  template <typename H>
+  friend H AbslHashValue(H hash, const InsideRule& rule) {
+    return H::combine(std::move(hash), rule.isovalue, rule.labels);
+  }
 };
 
 }  // namespace isoscope::volume
