@@ -120,8 +120,8 @@ class ExtractSurfaceCall final : public SurfaceReactor {
                               agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), rule_, clip,
-                                agent_.Resources(/*trace=*/nullptr), &cancellation_));
+        SurfaceExtraction::Make(std::move(shards), rule_, clip, agent_.Resources(/*trace=*/nullptr),
+                                &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {

@@ -75,9 +75,8 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number,
                                               const volume::InsideRule& rule,
                                               std::size_t block_count, const MeshValues& values) {
   base::MutexLock lock(&mutex_);
-  const auto asked =
-      std::find_if(asked_.begin(), asked_.end(),
-                   [&rule](const AskedRule& recent) { return recent.rule == rule; });
+  const auto asked = std::find_if(asked_.begin(), asked_.end(),
+                                  [&rule](const AskedRule& recent) { return recent.rule == rule; });
   if (asked == asked_.end()) {
     asked_.push_back({rule, round_});
     motion_ = {.has_moved = true, .has_new = true};

@@ -82,17 +82,17 @@ double SquaredDistance(const math::Vec3d& a, const math::Vec3d& b) {
   return math::Dot(a - b, a - b);
 }
 
-// The inside end of the grid edge of the nearest vertex of a triangle; of those that are as near, of
-// the lowest edge.
+// The inside end of the grid edge of the nearest vertex of a triangle; of those that are as near,
+// of the lowest edge.
 double LabelOnSurface(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
                       const volume::InsideRule& rule, const mesh::BlockMesh& mesh,
                       const SurfacePlace& place) {
   std::pair<double, std::int64_t> nearest = {std::numeric_limits<double>::infinity(), 0};
   for (const std::uint32_t vertex : place.on_surface->vertices) {
     const math::Vec3f& p = mesh.positions[vertex];
-    nearest = std::min(nearest, {SquaredDistance({double{p.x}, double{p.y}, double{p.z}},
-                                                 place.position),
-                                 mesh.edge_keys[vertex]});
+    nearest =
+        std::min(nearest, {SquaredDistance({double{p.x}, double{p.y}, double{p.z}}, place.position),
+                           mesh.edge_keys[vertex]});
   }
   const std::int64_t lower = nearest.second / 3;
   const math::Index3& dims = layout.sample_dims();

@@ -127,8 +127,7 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
 }
 
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<volume::InsideRule>& rules,
-                      const view::Clipper& clipper) {
+                      const std::vector<volume::InsideRule>& rules, const view::Clipper& clipper) {
   volume::BlockSet active(layout.block_count());
   for (const volume::InsideRule& rule : rules) {
     active.UnionWith(ranges.ActiveBlocks(rule));

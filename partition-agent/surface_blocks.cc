@@ -40,8 +40,8 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
   return active;
 }
 
-// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The range
-// table, which is in memory, has them all in one pass.
+// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
+// range table, which is in memory, has them all in one pass.
 ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
   const store::ShardReader& reader = *shard.reader;
   const std::shared_ptr<const volume::BlockSet> of_volume = reader.ActiveBlocks(rule);
@@ -51,9 +51,8 @@ ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
       active->push_back({reader.block_id(ordinal), ordinal});
     }
   }
-  std::sort(active->begin(), active->end(), [](const ActiveBlock& a, const ActiveBlock& b) {
-    return a.block_id < b.block_id;
-  });
+  std::sort(active->begin(), active->end(),
+            [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
   active->shrink_to_fit();
   return active;
 }
@@ -178,9 +177,9 @@ absl::StatusOr<std::vector<ChosenMesh>> SurfaceBlocks::Choose(
   }
   const auto missing = std::count(is_found.begin(), is_found.end(), 0);
   if (missing != 0) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%d of %d blocks to draw are not active blocks of this agent at %s", missing, ids.size(),
-        frame::TextOf(rules_)));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%d of %d blocks to draw are not active blocks of this agent at %s",
+                        missing, ids.size(), frame::TextOf(rules_)));
   }
   return chosen;
 }

@@ -14,8 +14,8 @@
 namespace isoscope::agent {
 
 absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
-    Shards shards, const volume::InsideRule& rule, const view::ClipRegion& clip, const AgentResources& resources,
-    const base::Cancellation* cancellation) {
+    Shards shards, const volume::InsideRule& rule, const view::ClipRegion& clip,
+    const AgentResources& resources, const base::Cancellation* cancellation) {
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(
       SurfaceBlocks blocks,

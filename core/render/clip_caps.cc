@@ -96,9 +96,9 @@ const CapPainter::Solid* CapPainter::SolidOfSpan(const volume::ScalarSpan& span)
 // Whether samples of a span may be inside of a solid.
 bool CapPainter::MayHaveInside(const volume::ScalarSpan& span) const {
   return std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
-    return solid.rule.has_labels()
-               ? solid.rule.IsActive(span) || (span.min == span.max && solid.rule.IsInside(span.min))
-               : span.max >= solid.rule.isovalue;
+    return solid.rule.has_labels() ? solid.rule.IsActive(span) ||
+                                         (span.min == span.max && solid.rule.IsInside(span.min))
+                                   : span.max >= solid.rule.isovalue;
   });
 }
 
@@ -108,8 +108,9 @@ CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable
   }
   const volume::ScalarSpan span = ranges.Get(id);
   if (MayHaveInside(span)) {
-    const bool is_active = std::any_of(
-        solids_.begin(), solids_.end(), [&](const Solid& solid) { return solid.rule.IsActive(span); });
+    const bool is_active = std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
+      return solid.rule.IsActive(span);
+    });
     // A span does not tell whether samples are NaN.
     return is_active || needs_values_ || IsFloat(ranges.type()) ? Need::kSamples : Need::kSpan;
   }

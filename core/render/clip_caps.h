@@ -125,7 +125,8 @@ class CapPainter {
   const std::vector<std::optional<MapScale>> scales_;  // by surface
   const bool needs_values_;
   std::uint32_t surface_count_ = 0;
-  // Those of labels in the order of surfaces; then the highest isovalue first, then the first surface.
+  // Those of labels in the order of surfaces; then the highest isovalue first, then the first
+  // surface.
   std::vector<Solid> solids_;
   std::vector<math::Vec3d> normals_;  // of caps, by half-space: world space, unit length
   std::vector<image::Rgba8> normal_codes_;

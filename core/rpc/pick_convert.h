@@ -58,9 +58,10 @@ struct PickedSurface {
   volume::InsideRule rule;
   bool is_on_cap = false;
 };
-// Returns the surface of each point, or nothing if a request asks neither for values nor for labels.
-// INVALID_ARGUMENT if the values are of no or too many volumes, if not all of isovalues, label set
-// indices, caps and block_ids are as many as points, or if an isovalue, a label or an index is wrong.
+// Returns the surface of each point, or nothing if a request asks neither for values nor for
+// labels. INVALID_ARGUMENT if the values are of no or too many volumes, if not all of isovalues,
+// label set indices, caps and block_ids are as many as points, or if an isovalue, a label or an
+// index is wrong.
 absl::StatusOr<std::vector<PickedSurface>> PickedSurfacesFromProto(
     const isoscope::internal::v1::GetGradientsRequest& proto);
 inline constexpr int kMaxPickedVolumes = 1000;

@@ -152,8 +152,8 @@ absl::StatusOr<frame::Light> LightFromProto(const v1::Light& proto, const std::s
 
 absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const std::string& path) {
   frame::Surface surface;
-  ISOSCOPE_ASSIGN_OR_RETURN(surface.rule, InsideRuleFromProto(proto.isovalue(), proto.labels(),
-                                                              absl::StrCat(path, ".")));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      surface.rule, InsideRuleFromProto(proto.isovalue(), proto.labels(), absl::StrCat(path, ".")));
   if (proto.has_color()) {
     ISOSCOPE_RETURN_IF_ERROR(SetColor(proto.color(), absl::StrCat(path, ".color"), &surface));
   }
@@ -164,10 +164,10 @@ absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const 
                               ColorByFromProto(proto.color_by(), absl::StrCat(path, ".color_by")));
   }
   if (surface.rule.has_labels() && surface.shows_gradient()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ".color_by.quantity is 5 (gradient magnitude) beside ", path,
-                     ".labels: must be another one, because the size of a step between labels means "
-                     "nothing"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ".color_by.quantity is 5 (gradient magnitude) beside ", path,
+        ".labels: must be another one, because the size of a step between labels means "
+        "nothing"));
   }
   return surface;
 }
@@ -225,9 +225,8 @@ absl::StatusOr<volume::InsideRule> LabelsFromProto(
   std::sort(values.begin(), values.end());
   values.erase(std::unique(values.begin(), values.end()), values.end());
   if (values.empty() || values.size() > volume::kMaxLabels) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " has ", values.size(),
-                                                   " different values: must have 1 to ",
-                                                   volume::kMaxLabels));
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, " has ", values.size(), " different values: must have 1 to ", volume::kMaxLabels));
   }
   return volume::InsideRule::OfLabels(std::move(values));
 }

@@ -11,11 +11,11 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "google/protobuf/repeated_field.h"
 
 #include "core/frame/frame_spec.h"
 #include "core/math/vec.h"
 #include "core/volume/inside_rule.h"
-#include "google/protobuf/repeated_field.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -29,7 +29,8 @@ absl::Status CheckLength(const math::Vec3d& v, const std::string& path);
 // The rule of a surface, by its isovalue or its labels, of which those that are equal count once.
 // `path` is put before the names of both fields.
 absl::StatusOr<volume::InsideRule> InsideRuleFromProto(
-    double isovalue, const google::protobuf::RepeatedField<double>& labels, const std::string& path);
+    double isovalue, const google::protobuf::RepeatedField<double>& labels,
+    const std::string& path);
 // The rule of a set of labels.
 absl::StatusOr<volume::InsideRule> LabelsFromProto(
     const google::protobuf::RepeatedField<double>& labels, const std::string& path);

@@ -28,7 +28,7 @@ namespace {
 
 using volume::Label;
 using volume::LabelColor;
-using Words = std::vector<absl::string_view>;
+using LabelWords = std::vector<absl::string_view>;
 
 constexpr std::int64_t kMaxFileBytes = 16 * base::kMiB;
 // More than a name and the numbers around it take; a longer line is quoted in no message.
@@ -37,7 +37,7 @@ constexpr const char* kForms =
     "expected VALUE NAME RED GREEN BLUE ALPHA of a colour table, VALUE RED GREEN BLUE OPACITY "
     "VISIBLE MESH \"NAME\" of a label description, or VALUE,NAME[,#rrggbb]";
 
-std::optional<double> ValueOf(absl::string_view word) {
+std::optional<double> NumberIn(absl::string_view word) {
   double value = 0;
   if (!absl::SimpleAtod(word, &value) || !std::isfinite(value)) {
     return std::nullopt;
@@ -46,7 +46,7 @@ std::optional<double> ValueOf(absl::string_view word) {
 }
 
 // Three numbers of a colour, 0 to 255.
-std::optional<LabelColor> ColorOfBytes(const Words& words, std::size_t first) {
+std::optional<LabelColor> ColorOfBytes(const LabelWords& words, std::size_t first) {
   std::array<int, 3> bytes{};
   for (std::size_t i = 0; i < bytes.size(); ++i) {
     if (!absl::SimpleAtoi(words[first + i], &bytes[i]) || bytes[i] < 0 || bytes[i] > 255) {
@@ -58,23 +58,23 @@ std::optional<LabelColor> ColorOfBytes(const Words& words, std::size_t first) {
                     .blue = static_cast<std::uint8_t>(bytes[2])};
 }
 
-Words WordsOf(absl::string_view text) {
+LabelWords WordsOf(absl::string_view text) {
   return absl::StrSplit(text, absl::ByAnyChar(" \t"), absl::SkipEmpty());
 }
 
 // 17 220 216 20 1 1 1 "left hippocampus"
-std::optional<Label> ParseDescription(absl::string_view line) {
+std::optional<Label> ParseDescriptionLine(absl::string_view line) {
   const std::size_t quote = line.find('"');
   if (quote == absl::string_view::npos || line.back() != '"' || quote + 1 == line.size()) {
     return std::nullopt;
   }
-  const Words words = WordsOf(line.substr(0, quote));
+  const LabelWords words = WordsOf(line.substr(0, quote));
   if (words.size() != 7) {
     return std::nullopt;
   }
-  const std::optional<double> value = ValueOf(words[0]);
+  const std::optional<double> value = NumberIn(words[0]);
   const std::optional<LabelColor> color = ColorOfBytes(words, 1);
-  if (!value || !color || !ValueOf(words[4]) || !ValueOf(words[5]) || !ValueOf(words[6])) {
+  if (!value || !color || !NumberIn(words[4]) || !NumberIn(words[5]) || !NumberIn(words[6])) {
     return std::nullopt;
   }
   return Label{.value = *value,
@@ -84,14 +84,14 @@ std::optional<Label> ParseDescription(absl::string_view line) {
 
 // 17 Left-Hippocampus 220 216 20 0
 std::optional<Label> ParseTableLine(absl::string_view line) {
-  const Words words = WordsOf(line);
+  const LabelWords words = WordsOf(line);
   if (words.size() < 6) {
     return std::nullopt;
   }
   const std::size_t numbers = words.size() - 4;
-  const std::optional<double> value = ValueOf(words[0]);
+  const std::optional<double> value = NumberIn(words[0]);
   const std::optional<LabelColor> color = ColorOfBytes(words, numbers);
-  if (!value || !color || !ValueOf(words.back())) {
+  if (!value || !color || !NumberIn(words.back())) {
     return std::nullopt;
   }
   return Label{.value = *value,
@@ -140,7 +140,7 @@ std::optional<Label> ParseCsvLine(absl::string_view line) {
   if (!cells || cells->size() < 2 || cells->size() > 3) {
     return std::nullopt;
   }
-  const std::optional<double> value = ValueOf((*cells)[0]);
+  const std::optional<double> value = NumberIn((*cells)[0]);
   if (!value) {
     return std::nullopt;
   }
@@ -159,11 +159,11 @@ bool IsCsvHead(absl::string_view line) {
   const std::string word = absl::AsciiStrToLower(
       absl::StripAsciiWhitespace(absl::StripPrefix(line.substr(0, line.find(',')), "\"")));
   return absl::StrContains(line, ',') && !word.empty() &&
-         absl::ascii_isalpha(static_cast<unsigned char>(word[0])) && !ValueOf(word);
+         absl::ascii_isalpha(static_cast<unsigned char>(word[0])) && !NumberIn(word);
 }
 
 std::optional<Label> ParseLine(absl::string_view line) {
-  for (const auto parse : {ParseDescription, ParseCsvLine, ParseTableLine}) {
+  for (const auto parse : {ParseDescriptionLine, ParseCsvLine, ParseTableLine}) {
     if (std::optional<Label> label = parse(line)) {
       return label;
     }

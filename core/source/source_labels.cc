@@ -60,7 +60,7 @@ namespace {
 using volume::Label;
 using volume::LabelColor;
 
-constexpr std::size_t kHeadBytes = 1024;
+constexpr std::size_t kLabelHeadBytes = 1024;
 constexpr std::size_t kMaxExtensionBytes = std::size_t{4} << 20;  // all of a file
 constexpr std::size_t kNifti1Bytes = 348;
 constexpr std::size_t kNifti2Bytes = 540;
@@ -336,7 +336,7 @@ absl::StatusOr<std::vector<Label>> ReadSourceLabels(const std::string& path) {
   if (!io::PathExists(header) || io::IsDirectory(header)) {
     return std::vector<Label>();
   }
-  const absl::StatusOr<FileStart> start = ReadFileStart(header, kHeadBytes);
+  const absl::StatusOr<FileStart> start = ReadFileStart(header, kLabelHeadBytes);
   if (!start.ok()) {
     return std::vector<Label>();
   }

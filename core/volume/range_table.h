@@ -37,7 +37,8 @@ class RangeTable {
   // Returns the blocks with IsActive(Get(id), isovalue). REQUIRES: isovalue is finite.
   // O(block_count).
   [[nodiscard]] BlockSet ActiveBlocks(double isovalue) const;
-  // Returns the blocks with rule.IsActive(Get(id)). O(block_count), times the logarithm of the labels.
+  // Returns the blocks with rule.IsActive(Get(id)). O(block_count), times the logarithm of the
+  // labels.
   [[nodiscard]] BlockSet ActiveBlocks(const InsideRule& rule) const;
 
   // The table as it lies in files: min and max of block 0, min and max of block 1, ..., in the

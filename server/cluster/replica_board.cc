@@ -65,13 +65,13 @@ std::vector<std::size_t> OrderOf(const ReplicaSet& set, const std::vector<bool>&
 
 std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<volume::InsideRule> rules) {
   std::sort(rules.begin(), rules.end());
-  return absl::StrCat(
-      dataset_id, "/", absl::StrJoin(rules, ",", [](std::string* out, const auto& rule) {
-        absl::StrAppendFormat(out, "%.17g", rule.isovalue);
-        for (const double label : rule.labels) {
-          absl::StrAppend(out, "|", absl::Hex(std::bit_cast<std::uint64_t>(label)));
-        }
-      }));
+  return absl::StrCat(dataset_id, "/",
+                      absl::StrJoin(rules, ",", [](std::string* out, const auto& rule) {
+                        absl::StrAppendFormat(out, "%.17g", rule.isovalue);
+                        for (const double label : rule.labels) {
+                          absl::StrAppend(out, "|", absl::Hex(std::bit_cast<std::uint64_t>(label)));
+                        }
+                      }));
 }
 
 std::vector<int> MissingShards(int shard_count, const std::vector<FramePart>& parts) {

@@ -321,9 +321,9 @@ QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation
 // Fills in a question about points. Each set of labels travels once.
 void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::string>& volume_ids,
                internal::GetGradientsRequest* request) {
-  const bool has_labels =
-      std::any_of(points.begin(), points.end(),
-                  [](const ShownPoint& point) { return point.rule.has_labels(); });
+  const bool has_labels = std::any_of(points.begin(), points.end(), [](const ShownPoint& point) {
+    return point.rule.has_labels();
+  });
   std::vector<const std::vector<double>*> sets;
   for (const ShownPoint& point : points) {
     *request->add_points() = rpc::ToProto(point.position);

@@ -29,12 +29,12 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-constexpr absl::string_view kExpected =
+constexpr absl::string_view kLabelExpected =
     "SET, SET:COLOR or SET:COLOR:OPACITY, a set of values, ranges and names with commas between "
     "(3,7-9,left lung), a colour or none, and a number above 0, at most 1";
 
-absl::Status Malformed(absl::string_view text) {
-  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is not ", kExpected));
+absl::Status MalformedLabel(absl::string_view text) {
+  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is not ", kLabelExpected));
 }
 
 // True for "3" and "3,7-9": what can't be a part of a name.
@@ -225,7 +225,7 @@ absl::StatusOr<LabelValue> ParseLabel(absl::string_view text) {
     const absl::StatusOr<frame::Color> parsed = ParseColor(color);
     if (color.empty() || parsed.ok()) {
       if (!(opacity > 0 && opacity <= 1)) {
-        return Malformed(text);
+        return MalformedLabel(text);
       }
       value.opacity = static_cast<float>(opacity);
       value.color = color.empty() ? std::nullopt : std::optional<frame::Color>(*parsed);
@@ -243,7 +243,7 @@ absl::StatusOr<LabelValue> ParseLabel(absl::string_view text) {
   const bool has_wrong_color =
       absl::StrContains(value.set, ':') && IsOfNumbers(value.set.substr(0, value.set.find(':')));
   if (value.set.empty() || has_wrong_color) {
-    return Malformed(text);
+    return MalformedLabel(text);
   }
   return value;
 }
