@@ -108,6 +108,11 @@ std::string ComputeSeriesId(const store::SeriesManifest& series) {
       add(volume.dataset_id);
     }
   }
+  for (const volume::Label& label : series.labels) {
+    add(absl::StrFormat("label %a", label.value));
+    add(label.name);
+    add(label.color.has_value() ? volume::ToHex(*label.color) : "");
+  }
   constexpr std::size_t kIdDigits = 32;
   return base::Sha256Hex(text).substr(0, kIdDigits);
 }
@@ -191,6 +196,7 @@ absl::StatusOr<store::SeriesManifest> PlanSeries(source::VolumeSeries& source,
   series.shard_count = options.shard_count;
   series.times = source.times();
   series.time_unit = source.time_unit();
+  series.labels = options.labels;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::BlockLayout layout,
       volume::BlockLayout::Make(series.geometry.sample_dims, series.block_cells));
