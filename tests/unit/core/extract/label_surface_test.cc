@@ -278,7 +278,7 @@ void ExpectEqualsReference(const Volume& volume, const Index3& block_cells,
 
 TEST(LabelSurfaceTest, EqualsReferenceForEveryTypeAndBlockSize) {
   for (const ScalarType type : kAllTypes) {
-    const Volume volume = NoiseOfLabels(7, {15, 12, 10}, type, 5);
+    const Volume volume = NoiseOfLabels(7, {11, 9, 7}, type, 5);
     for (const Index3& block_cells : kBlockSizes) {
       ExpectEqualsReference(volume, block_cells, InsideRule::OfLabels({3}));
     }
@@ -292,7 +292,7 @@ TEST(LabelSurfaceTest, EveryInstructionSetEqualsTheReference) {
     SCOPED_TRACE(hwy::TargetName(target));
     hwy::SetSupportedTargetsForTest(target);
     for (const ScalarType type : kAllTypes) {
-      const Volume volume = NoiseOfLabels(5, {23, 13, 11}, type, 4);
+      const Volume volume = NoiseOfLabels(5, {19, 9, 7}, type, 4);
       ExpectEqualsReference(volume, {8, 8, 8}, InsideRule::OfLabels({0, 2}));
       ExpectEqualsReference(volume, {3, 4, 5}, InsideRule::OfLabels({0, 2}));
     }
