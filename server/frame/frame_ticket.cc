@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "absl/cleanup/cleanup.h"
-#include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 
 #include "core/base/log.h"
