@@ -281,7 +281,7 @@ def _set_surfaces(
     if (isovalue is not None and surfaces is not None) or (isovalue is None and surfaces is None and labels is None):
         raise InvalidArgumentError(
             "give isovalue=... for one surface, surfaces=[isoscope.Surface(...), ...], or labels=[3, 7, ...]"
-            + ("" if isovalue is None else ", not isovalue and surfaces")
+            + ("" if isovalue is None else ", and of isovalue and surfaces not both")
         )
     if surfaces is None and labels is None:
         request.isovalue = _number(isovalue, "isovalue")
