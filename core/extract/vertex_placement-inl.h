@@ -1,6 +1,5 @@
 // Pass 4 of extraction: positions and normals of vertices, in batches of 128 on edges of one axis.
-// Included once for each instruction set, by block_kernels.cc and, for NormalOf and Interleave, by
-// label_kernels.cc. For each batch:
+// Included once for each instruction set, by block_kernels.cc. For each batch:
 //
 //   1. Gather: isovalue - a and b - a for the edge's samples a and b, and at both ends twice the
 //      gradient, by central differences. GatherSmall and GatherLarge do that with SIMD gathers for
@@ -277,54 +276,14 @@ hn::Vec<FloatHalfTag> MagnitudeOf(DoubleVec largest, DoubleVec square, Mask usab
   return hn::DemoteTo(FloatHalfTag(), hn::IfThenElseZero(usable, hn::Min(length, most)));
 }
 
-// A normal, and what its length is made of.
-struct NormalVec {
-  std::array<DoubleVec, 3> unit;
-  DoubleVec largest;           // of the components of the gradient in world space
-  DoubleVec square;            // of the gradient's length, in parts of `largest`
-  hn::Mask<DoubleTag> usable;  // false where the gradient is 0 or not finite
-};
-
-// Takes a gradient from index to world space, negates and normalises it.
-HWY_INLINE NormalVec NormalOf(const std::array<DoubleVec, 3>& gradient,
-                              const math::Mat3d& to_world) {
-  const DoubleTag d;
-  const auto& columns = to_world.columns;
-  const auto one = hn::Set(d, 1.0);
-  const auto half = hn::Set(d, 0.5);
-  const auto world = [&](double a, double b, double c) {
-    return hn::Neg(
-        hn::Add(hn::Add(hn::Mul(hn::Set(d, a), gradient[0]), hn::Mul(hn::Set(d, b), gradient[1])),
-                hn::Mul(hn::Set(d, c), gradient[2])));
-  };
-  const auto gx = world(columns[0].x, columns[1].x, columns[2].x);
-  const auto gy = world(columns[0].y, columns[1].y, columns[2].y);
-  const auto gz = world(columns[0].z, columns[1].z, columns[2].z);
-  // Scale by the largest component first, so that squares neither overflow nor vanish.
-  const auto ax = hn::Abs(gx);
-  const auto ay = hn::Abs(gy);
-  const auto az = hn::Abs(gz);
-  // Instead of Max, whose result for NaN differs between instruction sets.
-  const auto axy = hn::IfThenElse(hn::Gt(ax, ay), ax, ay);
-  const auto largest = hn::IfThenElse(hn::Gt(axy, az), axy, az);
-  const auto scale = hn::Div(one, largest);
-  const auto nx = hn::Mul(gx, scale);
-  const auto ny = hn::Mul(gy, scale);
-  const auto nz = hn::Mul(gz, scale);
-  const auto square = hn::Add(hn::Add(hn::Mul(nx, nx), hn::Mul(ny, ny)), hn::Mul(nz, nz));
-  // False for NaN: the gradient is zero or not finite.
-  const auto usable = hn::And(hn::Ge(square, half), hn::Le(square, hn::Set(d, 4.0)));
-  const auto inverse = hn::Div(one, hn::Sqrt(square));
-  return {
-      {hn::Mul(nx, inverse), hn::Mul(ny, inverse), hn::Mul(nz, inverse)}, largest, square, usable};
-}
-
 // Step 2 computes positions and normals of a batch.
 template <std::size_t kAxis, typename D>
 void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
                      VertexBatch<D>* batch) {
   const DoubleTag d;
   const FloatHalfTag df;
+  const auto& columns = task.to_world->columns;
+  const auto one = hn::Set(d, 1.0);
   const auto half = hn::Set(d, 0.5);
   const auto row = hn::Set(d, static_cast<double>(task.shape->row));
   const auto slice = hn::Set(d, static_cast<double>(task.shape->slice));
@@ -353,15 +312,38 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
       const auto upper = LoadDoubles(batch->upper_gradients[k].data() + i);
       gradient[k] = hn::Add(lower, hn::Mul(t, hn::Sub(upper, lower)));
     }
-    const NormalVec normal = NormalOf(gradient, *task.to_world);
+    const auto world = [&](double a, double b, double c) {
+      return hn::Neg(
+          hn::Add(hn::Add(hn::Mul(hn::Set(d, a), gradient[0]), hn::Mul(hn::Set(d, b), gradient[1])),
+                  hn::Mul(hn::Set(d, c), gradient[2])));
+    };
+    const auto gx = world(columns[0].x, columns[1].x, columns[2].x);
+    const auto gy = world(columns[0].y, columns[1].y, columns[2].y);
+    const auto gz = world(columns[0].z, columns[1].z, columns[2].z);
+    // Normal: scale by the largest component first, so that squares neither overflow nor vanish.
+    const auto ax = hn::Abs(gx);
+    const auto ay = hn::Abs(gy);
+    const auto az = hn::Abs(gz);
+    // Instead of Max, whose result for NaN differs between instruction sets.
+    const auto axy = hn::IfThenElse(hn::Gt(ax, ay), ax, ay);
+    const auto largest = hn::IfThenElse(hn::Gt(axy, az), axy, az);
+    const auto scale = hn::Div(one, largest);
+    const auto nx = hn::Mul(gx, scale);
+    const auto ny = hn::Mul(gy, scale);
+    const auto nz = hn::Mul(gz, scale);
+    const auto square = hn::Add(hn::Add(hn::Mul(nx, nx), hn::Mul(ny, ny)), hn::Mul(nz, nz));
+    // False for NaN: the gradient is zero or not finite.
+    const auto usable = hn::And(hn::Ge(square, half), hn::Le(square, hn::Set(d, 4.0)));
+    const auto inverse = hn::Div(one, hn::Sqrt(square));
+    const std::array<DoubleVec, 3> normal{hn::Mul(nx, inverse), hn::Mul(ny, inverse),
+                                          hn::Mul(nz, inverse)};
     for (std::size_t k = 0; k < 3; ++k) {
       hn::Store(hn::DemoteTo(df, position[k]), df, batch->positions[k].data() + i);
-      hn::Store(hn::DemoteTo(df, hn::IfThenElseZero(normal.usable, normal.unit[k])), df,
+      hn::Store(hn::DemoteTo(df, hn::IfThenElseZero(usable, normal[k])), df,
                 batch->normals[k].data() + i);
     }
     if (task.keeps_gradient_magnitudes) {
-      hn::Store(MagnitudeOf(normal.largest, normal.square, normal.usable), df,
-                batch->gradient_magnitudes.data() + i);
+      hn::Store(MagnitudeOf(largest, square, usable), df, batch->gradient_magnitudes.data() + i);
     }
   }
 }
