@@ -249,7 +249,7 @@ absl::Status FramePipeline::FindBlocks() {
   const base::TraceScope trace(resources_.trace, "index");
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(SurfaceBlocks found,
-                            SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
+                            SurfaceBlocks::Find(shards_, frame::RulesOf(task_.spec),
                                                 resources_.cache, cancellation_, &cost));
   if (task_.report_active_blocks) {
     reported_ = found.Ids();  // with clipped ones: the coordinator keeps the list

@@ -1,7 +1,7 @@
 // For each block that shows points:
 //
 //   1. Its samples of the drawn volume are read, and its surfaces extracted: each point finds its
-//      triangle.
+//      triangle, and its label if the surface has labels.
 //   2. For each other volume, its samples are read, and the surfaces extracted once more, with
 //      these values at the vertices.
 //
@@ -21,6 +21,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 
+#include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
 #include "core/math/matrix.h"
@@ -28,6 +29,7 @@
 #include "core/store/shard_reader.h"
 #include "core/volume/cell_samples.h"
 #include "core/volume/field_gradient.h"
+#include "core/volume/scalar_type.h"
 #include "partition-agent/color_volumes.h"
 
 namespace isoscope::agent {
@@ -39,7 +41,7 @@ struct SurfacePlace {
   math::Vec3d position;                                      // in index space
   std::optional<mesh::MeshPoint> on_surface = std::nullopt;  // not set: on a cap
 };
-using SurfacePlaces = std::map<double, std::vector<SurfacePlace>>;
+using SurfacePlaces = std::map<volume::InsideRule, std::vector<SurfacePlace>>;
 using SurfacePlacesByBlock = std::map<volume::BlockId, SurfacePlaces>;
 
 SurfacePlacesByBlock SurfacePlacesOf(const volume::GridGeometry& geometry,
@@ -49,7 +51,7 @@ SurfacePlacesByBlock SurfacePlacesOf(const volume::GridGeometry& geometry,
   for (std::size_t i = 0; i < points.size(); ++i) {
     const math::Vec3d position = math::TransformPoint(index_from_world, points[i].position);
     if (points[i].block_id.has_value() && math::IsFinite(position)) {
-      places[*points[i].block_id][points[i].isovalue].push_back({i, position});
+      places[*points[i].block_id][points[i].rule].push_back({i, position});
     }
   }
   return places;
@@ -63,6 +65,67 @@ absl::Status ReadOneBlock(const store::ShardReader& reader, std::uint32_t ordina
     ISOSCOPE_RETURN_IF_ERROR(reader.ReadDiskRun(run, ordinals, buffer.data(), visit));
   }
   return absl::OkStatus();
+}
+
+double SampleAt(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
+                const math::Index3& at) {
+  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
+  const math::Index3 dims = stored.dims();
+  const math::Index3 local = at - stored.begin;
+  const auto index = static_cast<std::size_t>(local.x + dims.x * (local.y + dims.y * local.z));
+  return volume::VisitScalarType(samples.type, [&]<typename T>() {
+    return static_cast<double>(base::LoadLittleEndian<T>(samples.bytes + index * sizeof(T)));
+  });
+}
+
+double SquaredDistance(const math::Vec3d& a, const math::Vec3d& b) {
+  return math::Dot(a - b, a - b);
+}
+
+// The inside end of the grid edge of the nearest vertex of a triangle; of those that are as near,
+// of the lowest edge.
+double LabelOnSurface(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
+                      const volume::InsideRule& rule, const mesh::BlockMesh& mesh,
+                      const SurfacePlace& place) {
+  std::pair<double, std::int64_t> nearest = {std::numeric_limits<double>::infinity(), 0};
+  for (const std::uint32_t vertex : place.on_surface->vertices) {
+    const math::Vec3f& p = mesh.positions[vertex];
+    nearest =
+        std::min(nearest, {SquaredDistance({double{p.x}, double{p.y}, double{p.z}}, place.position),
+                           mesh.edge_keys[vertex]});
+  }
+  const std::int64_t lower = nearest.second / 3;
+  const math::Index3& dims = layout.sample_dims();
+  math::Index3 end = {lower % dims.x, lower / dims.x % dims.y, lower / (dims.x * dims.y)};
+  const double at_lower = SampleAt(layout, samples, end);
+  if (rule.IsInside(at_lower)) {
+    return at_lower;
+  }
+  ++end[static_cast<int>(nearest.second % 3)];
+  return SampleAt(layout, samples, end);
+}
+
+// The nearest inside sample that the block stores; of those that are as near, the first.
+std::optional<double> NearestLabel(const volume::BlockLayout& layout,
+                                   const volume::BlockSamples& samples,
+                                   const volume::InsideRule& rule, const math::Vec3d& position) {
+  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
+  std::optional<double> label;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::int64_t z = stored.begin.z; z < stored.end.z; ++z) {
+    for (std::int64_t y = stored.begin.y; y < stored.end.y; ++y) {
+      for (std::int64_t x = stored.begin.x; x < stored.end.x; ++x) {
+        const double distance = SquaredDistance(
+            {static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)}, position);
+        const double sample = SampleAt(layout, samples, {x, y, z});
+        if (distance < least && rule.IsInside(sample)) {
+          least = distance;
+          label = sample;
+        }
+      }
+    }
+  }
+  return label;
 }
 
 // The value of the cell of a point, or of the nearest cell whose samples the block stores.
@@ -110,18 +173,25 @@ class PointReader {
   std::vector<PointValues> Take() {
     std::vector<PointValues> found;
     for (auto& [point_index, values] : found_) {
-      found.push_back({point_index, std::move(values)});
+      found.push_back(std::move(values));
     }
     return found;
   }
 
  private:
   void FindTriangles(const volume::BlockSamples& samples, SurfacePlaces* places) {
-    for (auto& [isovalue, of_surface] : *places) {
-      const mesh::BlockMeshView mesh = extractor_.Extract(samples, isovalue);
+    for (auto& [rule, of_surface] : *places) {
+      extractor_.ExtractWithEdgeKeys(samples, rule, &mesh_);
       for (SurfacePlace& place : of_surface) {
+        PointValues& found = found_[place.point_index];
+        found.point_index = place.point_index;
         if (!points_[place.point_index].is_on_cap) {
-          place.on_surface = mesh::NearestPoint(mesh, place.position);
+          place.on_surface = mesh::NearestPoint(mesh_, place.position);
+        }
+        if (rule.has_labels()) {
+          found.label = place.on_surface.has_value()
+                            ? LabelOnSurface(layout_, samples, rule, mesh_, place)
+                            : NearestLabel(layout_, samples, rule, place.position);
         }
       }
     }
@@ -129,10 +199,10 @@ class PointReader {
 
   void AddValues(const volume::BlockSamples& samples, const volume::BlockSamples& field,
                  std::size_t volume, const SurfacePlaces& places) {
-    for (const auto& [isovalue, of_surface] : places) {
-      const mesh::BlockMeshView mesh = extractor_.ExtractWithField(samples, isovalue, field);
+    for (const auto& [rule, of_surface] : places) {
+      const mesh::BlockMeshView mesh = extractor_.ExtractWithField(samples, rule, field);
       for (const SurfacePlace& place : of_surface) {
-        std::vector<double>& values = found_[place.point_index];
+        std::vector<double>& values = found_[place.point_index].values;
         values.resize(volume_count_, std::numeric_limits<double>::quiet_NaN());
         values[volume] = place.on_surface.has_value()
                              ? mesh::ValueAt(mesh.values, *place.on_surface)
@@ -147,7 +217,8 @@ class PointReader {
   const std::size_t volume_count_;
   const volume::BlockLayout& layout_;
   extract::BlockExtractor extractor_;
-  std::map<std::size_t, std::vector<double>> found_;  // by point
+  mesh::BlockMesh mesh_;                      // reused
+  std::map<std::size_t, PointValues> found_;  // by point
 };
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "absl/strings/str_join.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/label_json.h"
 #include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
@@ -266,6 +267,7 @@ Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
   json["distribution"] = std::string(store::NameOf(store::Distribution::kRandom));
   json["seed"] = series.seed;
   json["shards"] = std::move(shards);
+  AddLabels(series.labels, &json);
   return json;
 }
 

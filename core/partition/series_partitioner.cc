@@ -78,6 +78,11 @@ std::string ComputeSeriesId(const store::SeriesManifest& series) {
       add(volume.dataset_id);
     }
   }
+  for (const volume::Label& label : series.labels) {
+    add(absl::StrFormat("label %a", label.value));
+    add(label.name);
+    add(label.color.has_value() ? volume::ToHex(*label.color) : "");
+  }
   constexpr std::size_t kIdDigits = 32;
   return base::Sha256Hex(text).substr(0, kIdDigits);
 }

@@ -158,6 +158,7 @@ absl::StatusOr<store::SeriesManifest> PlanSeries(source::VolumeSeries& source,
   series.shard_count = options.shard_count;
   series.times = source.times();
   series.time_unit = source.time_unit();
+  series.labels = options.labels;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::BlockLayout layout,
       volume::BlockLayout::Make(series.geometry.sample_dims, series.block_cells));

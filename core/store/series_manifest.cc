@@ -99,6 +99,7 @@ Json HeadOf(const SeriesManifest& manifest) {
     json["times"] = std::move(times);
   }
   AddText("time_unit", manifest.time_unit, &json);
+  AddLabels(manifest.labels, &json);
   return json;
 }
 
@@ -379,6 +380,7 @@ absl::StatusOr<SeriesManifest> DecodeSeriesManifest(absl::string_view bytes,
     }
   }
   ReadOptionalText("time_unit", &fields, &manifest.time_unit);
+  ReadLabels(where, &fields, &manifest.labels);
   if (const Json* volumes = fields.ReadArray("volumes")) {
     fields.Fail(ReadVolumes(*volumes, where, &manifest.volumes));
   }

@@ -245,9 +245,10 @@ class GlbWriter : public MeshWriter {
     const frame::Color color = options_.ColorOf(surface_index);
     Json material;
     if (parts_.size() > 1) {
-      material["name"] =
-          absl::StrCat("surface ", surface_index, ", isovalue ",
-                       options_.surfaces[static_cast<std::size_t>(surface_index)].isovalue);
+      const MeshSurface& surface = options_.surfaces[static_cast<std::size_t>(surface_index)];
+      material["name"] = absl::StrCat(
+          "surface ", surface_index, ", ",
+          surface.name.empty() ? absl::StrCat("isovalue ", surface.isovalue) : surface.name);
     }
     material["pbrMetallicRoughness"] = {
         {"baseColorFactor", {Linear(color.red), Linear(color.green), Linear(color.blue), 1.0}},

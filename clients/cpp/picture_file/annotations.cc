@@ -116,6 +116,12 @@ struct LegendItem {
   std::string title;
 };
 
+std::string SurfaceText(const AnnotationScene& scene, std::size_t surface_index) {
+  return surface_index < scene.label_names.size() && !scene.label_names[surface_index].empty()
+             ? scene.label_names[surface_index]
+             : absl::StrFormat("%.9g", scene.isovalues[surface_index]);
+}
+
 // Surfaces with the same colouring share an item.
 std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
   std::vector<LegendItem> items;
@@ -130,7 +136,7 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
       isovalues.emplace_back();
     }
     if (coloring.surface_index < scene.isovalues.size()) {
-      isovalues[i].push_back(absl::StrFormat("%.9g", scene.isovalues[coloring.surface_index]));
+      isovalues[i].push_back(SurfaceText(scene, coloring.surface_index));
     }
   }
   const std::array<const char*, 6> quantities = {
@@ -243,9 +249,11 @@ absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
 }
 
 std::string IsovalueText(const AnnotationScene& scene) {
-  return absl::StrJoin(scene.isovalues, ", ", [](std::string* out, double isovalue) {
-    absl::StrAppend(out, absl::StrFormat("%.9g", isovalue));
-  });
+  std::vector<std::string> texts;
+  for (std::size_t i = 0; i < scene.isovalues.size(); ++i) {
+    texts.push_back(SurfaceText(scene, i));
+  }
+  return absl::StrJoin(texts, ", ");
 }
 
 // The top left corner; lines that are too long for the picture reduce the size of all.

@@ -4,6 +4,7 @@ import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
+import { workerSource } from '../../../clients/web/view/worker.js';
 import { draw, gridOf } from './mock_gateway.mjs';
 import { cornerDepth, warpByGrid, warpPoint } from './warp.mjs';
 
@@ -322,7 +323,7 @@ test('any cut and any changed byte of a message gives a frame or a sentence', ()
 test('the worker is made of source that stands alone', () => {
   // As startWorker does it: nothing of the module may be in reach.
   const scope = { postMessage() {}, onmessage: null };
-  new Function('self', `const parse = ${view.parseMessage};\n(${view.workerMain})(self, parse);`)(scope);
+  new Function('self', workerSource())(scope);
   assert.equal(typeof scope.onmessage, 'function');
 });
 
