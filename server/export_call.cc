@@ -34,7 +34,7 @@
 #include "server/admission/call_turn.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/export/surface_export.h"
-#include "server/frame/agent_client.h"
+#include "server/frame/surface_stream.h"
 #include "server/isosurface_service_impl.h"
 #include "server/pace_alarm.h"
 

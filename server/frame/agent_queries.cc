@@ -23,6 +23,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
 #include "core/base/mutex.h"
@@ -33,7 +34,7 @@
 #include "core/rpc/request_context.h"
 #include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
-#include "server/frame/agent_client.h"
+#include "server/frame/agent_call.h"
 
 namespace isoscope::server {
 namespace {
@@ -140,9 +141,7 @@ class Inquiry {
     const std::size_t number = question.attempts.size();
     Attempt<Response>& attempt = question.attempts.emplace_back();
     attempt.stub = internal::PartitionAgentService::NewStub(question.agents[number].channel);
-    if (cancellation_.deadline() != absl::InfiniteFuture()) {
-      attempt.context.set_deadline(absl::ToChronoTime(cancellation_.deadline()));
-    }
+    SetDeadline(cancellation_.deadline(), &attempt.context);
     rpc::SetTraceparent(identity_, &attempt.context);
     ++live_count_;
     (attempt.stub->async()->*method_)(

@@ -14,7 +14,6 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-#include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"
