@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isoscope.camera import Camera, Vec3, default_camera, named_camera
+from isoscope.labels import Label
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class DatasetInfo:
         missing_shards: shards that no agent serves; empty if frames can be rendered.
         samples_digest: digest of samples and grid, however they were partitioned; None if unknown.
         patient_frame: sides of the patient that +x, +y, +z point to, such as "LPS"; None if there is none.
+        labels: names and colours of sample values, ascending by value; () if there are none.
         max_gradient: bound of the gradient's length, field units per world unit; None if unknown.
         fields: fields of the samples; empty: one without a name. With fields, dtype, range and max_gradient are those
             of the first one, over all steps.
@@ -114,6 +116,7 @@ class DatasetInfo:
     missing_shards: tuple[int, ...] = ()
     samples_digest: str | None = None
     patient_frame: str | None = None
+    labels: tuple[Label, ...] = ()
     max_gradient: float | None = None
     fields: tuple[Field, ...] = ()
     time_steps: tuple[TimeStep, ...] = ()

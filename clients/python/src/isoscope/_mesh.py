@@ -25,7 +25,7 @@ class Mesh:
         triangles: int64, shape (m, 3): indices of points, counter-clockwise seen from the side where
             the field is below the isovalue.
         triangle_surface: uint8, shape (m,): index of the surface of each triangle.
-        isovalues: isovalue of each surface.
+        isovalues: isovalue of each surface; NaN of one of labels.
     """
 
     points: npt.NDArray[np.float32]

@@ -14,6 +14,7 @@ from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, as_vec3
 from isoscope.data import DatasetInfo
 from isoscope.errors import InvalidArgumentError
+from isoscope.labels import Label, color_of, values_of
 from isoscope.look import (
     Caps,
     ClipLike,
@@ -163,11 +164,19 @@ def color_by_message(like: ColorByLike) -> pb.ColorBy | None:
 _CLAY = (222 / 255, 209 / 255, 190 / 255)
 
 
-def surface_message(surface: SurfaceLike, default_color: ColorLike = _CLAY) -> pb.Surface:
-    """Returns the message of a surface."""
+def surface_message(
+    surface: SurfaceLike, default_color: ColorLike = _CLAY, labels: Sequence[Label] = ()
+) -> pb.Surface:
+    """Returns the message of a surface. `labels` are those of the dataset."""
     value = as_surface(surface)
-    proto = pb.Surface(isovalue=as_number(value.isovalue, "surface isovalue"))
-    if value.color is not None or value.opacity is not None:
+    if (value.isovalue is None) == (value.labels is None):
+        raise InvalidArgumentError("surface: must have either an isovalue or labels")
+    if value.labels is None:
+        proto = pb.Surface(isovalue=as_number(value.isovalue, "surface isovalue"))
+    else:
+        proto = pb.Surface(labels=values_of(value.labels, labels))
+        default_color = color_of(proto.labels, labels)
+    if value.color is not None or value.opacity is not None or proto.labels:
         color = default_color if value.color is None else value.color
         proto.color.CopyFrom(color_message(color, "surface color", value.opacity))
     if value.material is not None:

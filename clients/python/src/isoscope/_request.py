@@ -33,8 +33,9 @@ from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, CameraLike, as_camera
 from isoscope.data import Capabilities, DatasetInfo
-from isoscope.errors import InvalidArgumentError
+from isoscope.errors import FailedPreconditionError, InvalidArgumentError
 from isoscope.frame import PlaneName
+from isoscope.labels import LabelsLike, as_label_sets
 from isoscope.look import (
     AmbientOcclusion,
     ClipLike,
@@ -42,6 +43,7 @@ from isoscope.look import (
     ColorLike,
     LightLike,
     Silhouette,
+    Surface,
     SurfaceLike,
     as_lights,
 )
@@ -49,6 +51,8 @@ from isoscope.look import (
 _CULLINGS = {"depth": 1, "mask": 2, "none": 3}
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
 _FITS = {"volume": 1, "surface": 2}
+#: The most surfaces of a frame; servers of 0.1 take 16.
+MAX_SURFACES = 128
 #: Type and components of a pixel of each plane.
 PLANES: dict[str, tuple[str, int]] = {
     "depth": ("<f4", 1),
@@ -79,20 +83,30 @@ def _camera_of(
 
 
 def _set_surfaces(
-    request: Any, isovalue: float | None, surfaces: Sequence[SurfaceLike] | SurfaceLike | None
+    request: Any,
+    dataset: DatasetInfo,
+    isovalue: float | None,
+    surfaces: Sequence[SurfaceLike] | SurfaceLike | None,
+    labels: LabelsLike | None,
 ) -> None:
-    if (isovalue is None) == (surfaces is None):
+    if (isovalue is not None and surfaces is not None) or (isovalue is None and surfaces is None and labels is None):
         raise InvalidArgumentError(
-            "give either isovalue=... for one surface, or surfaces=[isoscope.Surface(...), ...]"
-            + ("" if isovalue is None else ", not both")
+            "give isovalue=... for one surface, surfaces=[isoscope.Surface(...), ...], or labels=[3, 7, ...]"
+            + ("" if isovalue is None else ", and of isovalue and surfaces not both")
         )
-    if surfaces is None:
+    if surfaces is None and labels is None:
         request.isovalue = as_number(isovalue, "isovalue")
         return
-    several = surfaces if isinstance(surfaces, Iterable) else [surfaces]
-    request.surfaces.extend(surface_message(surface) for surface in several)
+    several: list[SurfaceLike] = [] if isovalue is None else [isovalue]
+    if surfaces is not None:
+        several += surfaces if isinstance(surfaces, Iterable) else [surfaces]
+    if labels is not None:
+        several += [Surface(labels=one) for one in as_label_sets(labels)]
+    request.surfaces.extend(surface_message(surface, labels=dataset.labels) for surface in several)
     if not request.surfaces:
-        raise InvalidArgumentError("surfaces is empty: give 1 to 16 surfaces")
+        raise InvalidArgumentError(f"surfaces is empty: give 1 to {MAX_SURFACES} surfaces")
+    if len(request.surfaces) > MAX_SURFACES:
+        raise InvalidArgumentError(f"there are {len(request.surfaces)} surfaces: give 1 to {MAX_SURFACES}")
 
 
 def frame(
@@ -100,6 +114,7 @@ def frame(
     isovalue: float | None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
     camera: CameraLike | None = None,
     view: str | None = None,
     azimuth: float = 0,
@@ -118,7 +133,7 @@ def frame(
     """Returns the request for what a frame or a pick sees: surfaces, camera, size, clip region, field and time."""
     selection = selection_message(dataset, field, component, time, step)
     request = pb.RenderIsosurfaceRequest(dataset=dataset.name, selection=selection)
-    _set_surfaces(request, isovalue, surfaces)
+    _set_surfaces(request, dataset, isovalue, surfaces, labels)
     request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
     request.camera_fit = cast(Any, choice(_FITS, fit, "fit"))
     sides = (size, size) if isinstance(size, (int, np.integer)) else size
@@ -243,11 +258,12 @@ def export(
     component: str | int | None = None,
     time: float | None = None,
     step: int | str | None = None,
+    labels: LabelsLike | None = None,
 ) -> pb.ExportIsosurfaceRequest:
     """Returns the request for a mesh."""
     selection = selection_message(dataset, field, component, time, step)
     request = pb.ExportIsosurfaceRequest(dataset=dataset.name, selection=selection)
-    _set_surfaces(request, isovalue, surfaces)
+    _set_surfaces(request, dataset, isovalue, surfaces, labels)
     if clip is not None:
         clip_region, caps = clip_messages(clip)
         if caps is not None:
@@ -284,3 +300,8 @@ def expect_dataset(
     """Lets a request fail if the name has other contents by now. Older servers refuse the field."""
     if capabilities is not None and "dataset_id" in capabilities.features:
         request.dataset_id = dataset.id
+    surfaces = [] if isinstance(request, datasets_pb.GetHistogramRequest) else request.surfaces
+    if capabilities is not None and "labels" not in capabilities.features and any(one.labels for one in surfaces):
+        raise FailedPreconditionError(
+            f"the server, version {capabilities.version}, does not know surfaces of labels: it is older than the client"
+        )

@@ -197,6 +197,8 @@ class PickedPoint:
         block_id: id of the block that drew it.
         shard_index: shard that holds the block; None if unknown.
         field_values: values of all fields, in the dataset's order; empty unless `all_fields` asked for them.
+        label: value of the label there, if the surface has labels, else None.
+        label_name: its name; None if it has none.
     """
 
     pixel: tuple[int, int]
@@ -208,6 +210,8 @@ class PickedPoint:
     block_id: int
     shard_index: int | None
     field_values: tuple[FieldValue, ...] = ()
+    label: float | None = None
+    label_name: str | None = None
 
     @property
     def is_hit(self) -> bool:
