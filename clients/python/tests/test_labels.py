@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import isoscope
-from isoscope import _core, _request
+from isoscope import _core, _messages, _request
 from isoscope.data import Capabilities, Histogram
 from isoscope.errors import FailedPreconditionError, InvalidArgumentError
 from isoscope.labels import Label, as_label_sets, color_of, label_color, values_of
@@ -50,14 +50,14 @@ def test_names_and_values_make_ascending_sets():
 def test_the_colour_is_that_of_the_dataset_or_of_the_value():
     assert color_of((3.0, 4.0), KNOWN) == "#ff8000"
     assert color_of((4.0,), KNOWN) == label_color(4)
-    proto = _request.surface_message(isoscope.Surface(labels=[4, "left lung"], opacity=0.5), labels=KNOWN)
+    proto = _messages.surface_message(isoscope.Surface(labels=[4, "left lung"], opacity=0.5), labels=KNOWN)
     assert list(proto.labels) == [3, 4]
     assert proto.color.green == pytest.approx(128 / 255) and proto.color.alpha == 0.5
-    proto = _request.surface_message(isoscope.Surface(labels=3, color="#0000ff"), labels=KNOWN)
+    proto = _messages.surface_message(isoscope.Surface(labels=3, color="#0000ff"), labels=KNOWN)
     assert proto.color.blue == 1
     for wrong in (isoscope.Surface(), isoscope.Surface(60, labels=3)):
         with pytest.raises(InvalidArgumentError, match="either"):
-            _request.surface_message(wrong)
+            _messages.surface_message(wrong)
 
 
 def test_labels_follow_the_other_surfaces_of_a_request():

@@ -85,6 +85,18 @@ async function decodePicture(image, type) {
 }
 
 /**
+ * Returns the message to the page for one of the server. Self-contained, as workerMain.
+ * @param {typeof parseMessage} parse @param {ArrayBuffer} buffer @param {number} receivedAt
+ */
+async function decodeMessage(parse, buffer, receivedAt) {
+  const startedAt = performance.now();
+  const { header, image, depths } = parse(buffer);
+  const bitmap = await decodePicture(image, header.image?.type);
+  return { kind: 'frame', header, bitmap, depths, bytes: buffer.byteLength,
+    receivedAt: performance.timeOrigin + receivedAt, decodeMs: performance.now() - startedAt };
+}
+
+/**
  * Decodes one picture at a time; one waits. A third replaces the waiting one, which `drop` gets.
  * Self-contained, as workerMain.
  * @param {(buffer: ArrayBuffer, receivedAt: number) => Promise<void>} decode
@@ -183,18 +195,14 @@ export function workerMain(scope, parse) {
   const bad = (sentence) => scope.postMessage({ kind: 'bad', sentence });
   const queue = makeQueue(async (buffer, receivedAt) => {
     const mine = generation;
-    const startedAt = performance.now();
     try {
-      const { header, image, depths } = parse(buffer);
-      const bitmap = await decodePicture(image, header.image?.type);
+      const frame = await decodeMessage(parse, buffer, receivedAt);
+      const { bitmap, depths } = frame;
       if (mine !== generation) {
         bitmap?.close();
         return;
       }
-      scope.postMessage({
-        kind: 'frame', header, bitmap, depths, bytes: buffer.byteLength, generation: mine,
-        receivedAt: performance.timeOrigin + receivedAt, decodeMs: performance.now() - startedAt,
-      }, bitmap ? [bitmap, depths.buffer] : [depths.buffer]);
+      scope.postMessage({ ...frame, generation: mine }, bitmap ? [bitmap, depths.buffer] : [depths.buffer]);
     } catch (error) {
       bad(String(/** @type {Error} */ (error).message));
     }
@@ -243,7 +251,7 @@ export function workerMain(scope, parse) {
 
 /** The source of a worker: a module in one file has no address that a worker could import. */
 export const workerSource = () =>
-  `${[decodePicture, makeQueue, makeSocket].join('\n')}\nconst parse = ${parseMessage};\n(${workerMain})(self, parse);`;
+  `${[decodePicture, decodeMessage, makeQueue, makeSocket].join('\n')}\nconst parse = ${parseMessage};\n(${workerMain})(self, parse);`;
 
 /**
  * Starts workerMain in a worker, or in the page if the page allows no worker.

@@ -1,6 +1,6 @@
 // The view module without a browser: cameras, moves, the warp, and messages.
 import assert from 'node:assert/strict';
-import { readFileSync } from 'node:fs';
+import { readFileSync, readdirSync } from 'node:fs';
 import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
@@ -249,6 +249,12 @@ test('lengths of scale bars are 1, 2 or 5 times a power of ten', () => {
   for (const [limit, value] of [[1, 1], [1.99, 1], [2, 2], [4.9, 2], [5, 5], [99, 50], [0.03, 0.02], [1000, 1000], [1e-7, 1e-7]]) {
     assert.ok(Math.abs(view.roundLength(limit) - value) < 1e-9 * value, `${limit}: ${view.roundLength(limit)}`);
   }
+});
+
+test('the page asks for all parts of the view at once', () => {
+  const web = new URL('../../../clients/web/', import.meta.url);
+  const asked = [...readFileSync(new URL('index.html', web), 'utf8').matchAll(/<link rel="modulepreload" href="view\/(.+)">/g)].map((match) => match[1]);
+  assert.deepEqual(asked, readdirSync(new URL('view', web)).filter((name) => name !== 'types.js').sort());
 });
 
 // ---- messages ----

@@ -18,7 +18,8 @@ from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_pb2, frame_pb2, geometry_pb2
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
-from isoscope._request import MAPS, PLANES, QUANTITIES
+from isoscope._messages import MAPS, QUANTITIES
+from isoscope._request import PLANES
 from isoscope.camera import Camera
 from isoscope.data import (
     AgentState,

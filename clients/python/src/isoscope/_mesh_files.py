@@ -14,7 +14,7 @@ import numpy.typing as npt
 from isoscope.errors import InvalidArgumentError, IsoscopeError
 
 if TYPE_CHECKING:
-    from isoscope.data import Mesh
+    from isoscope._mesh import Mesh
 
 # glTF 2.0, sections 3.6 and 4.4.
 _GLB_MAGIC, _GLB_VERSION, _JSON_CHUNK, _BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"

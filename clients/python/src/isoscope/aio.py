@@ -17,6 +17,7 @@ import grpc
 import grpc.aio
 
 from isoscope import _core
+from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_aio_channel
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion
 from isoscope.errors import InvalidArgumentError
@@ -62,7 +63,7 @@ def connect(*where: Any, **how: Any) -> _Connecting:
     return _Connecting(*_core.connection(*where, **how))
 
 
-class Client(_core.Connection):
+class Client(Connection):
     """A connection to a coordinator. Close it, or use `async with`."""
 
     _name = "isoscope.aio.Client"
@@ -101,7 +102,7 @@ class Client(_core.Connection):
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("an async client belongs to its event loop and is not pickled: pickle an isoscope.Dataset")
 
-    async def _do(self, call: _core.Call[_T]) -> _T:
+    async def _do(self, call: Call[_T]) -> _T:
         """Makes one call; errors are this package's. A cancelled task stops the server."""
         retries = self._retries(call)
         while True:

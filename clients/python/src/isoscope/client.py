@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, overload
 import grpc
 
 from isoscope import _core
+from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_channel
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion
@@ -36,7 +37,7 @@ def connect(*where: Any, **how: Any) -> Client:
     return client
 
 
-class Client(_core.Connection):
+class Client(Connection):
     """A connection to a coordinator, made by `isoscope.connect` or `isoscope.serve`.
 
     Close it, or use it as a context manager. Thread-safe.
@@ -95,7 +96,7 @@ class Client(_core.Connection):
         """Pickles where to connect, without the token; see `_shared_client`."""
         return _shared_client, (self._target, self._capabilities)
 
-    def _do(self, call: _core.Call[_T]) -> _T:
+    def _do(self, call: Call[_T]) -> _T:
         """Makes one call and waits; errors are this package's. An interrupt stops the server."""
         retries = self._retries(call)
         while True:

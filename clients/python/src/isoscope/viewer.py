@@ -199,7 +199,8 @@ class View:
 
     def _hint(self) -> str:
         if _viewer_module.text() is None:
-            return f"The exact picture. This package was built without {_viewer_module.NAME}: build the wheel from a checkout."
+            name = _viewer_module.NAME
+            return f"The exact picture. This package was built without {name}: build the wheel from a checkout."
         return (
             "The exact picture. For the surface under the mouse, start the web gateway: "
             f"'isoscope-gateway --server {self._server_flags()} --allow-origin ORIGIN', with the origin of this "
