@@ -156,10 +156,12 @@ std::optional<Label> ParseCsvLine(absl::string_view line) {
 
 // "value,name,color".
 bool IsCsvHead(absl::string_view line) {
+  double number = 0;  // "nan" is a number, and no head
   const std::string word = absl::AsciiStrToLower(
       absl::StripAsciiWhitespace(absl::StripPrefix(line.substr(0, line.find(',')), "\"")));
   return absl::StrContains(line, ',') && !word.empty() &&
-         absl::ascii_isalpha(static_cast<unsigned char>(word[0])) && !NumberIn(word);
+         absl::ascii_isalpha(static_cast<unsigned char>(word[0])) &&
+         !absl::SimpleAtod(word, &number);
 }
 
 std::optional<Label> ParseLine(absl::string_view line) {

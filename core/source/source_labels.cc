@@ -285,13 +285,13 @@ class LabelXml {
 
 absl::StatusOr<std::vector<Label>> NiftiLabels(const std::string& path, bool is_second) {
   const std::size_t header_bytes = is_second ? kNifti2Bytes : kNifti1Bytes;
-  ISOSCOPE_ASSIGN_OR_RETURN(FileStart start,
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileStart start,
                             ReadFileStart(path, header_bytes + 4 + kMaxExtensionBytes));
-  const bool is_big_endian = BeginsBigEndian(start.bytes, static_cast<std::uint32_t>(header_bytes));
-  const BinaryHeader file(std::move(start.bytes), is_big_endian);
-  if (file.bytes().size() < header_bytes + 4 || file.bytes()[header_bytes] == 0) {
+  if (start.bytes.size() < header_bytes + 4 || start.bytes[header_bytes] == 0) {
     return std::vector<Label>();
   }
+  const BinaryHeader file(start.bytes,
+                          BeginsBigEndian(start.bytes, static_cast<std::uint32_t>(header_bytes)));
   // In front of the samples, if they are in this file.
   const bool is_pair = file.bytes().substr(is_second ? 4 : 344, 3) == (is_second ? "ni2" : "ni1");
   const double offset = is_second ? static_cast<double>(file.Load<std::int64_t>(168))

@@ -94,7 +94,7 @@ constexpr const char* kLabelTable =
     "<?xml version=\"1.0\"?><CaretExtension><VolumeInformation Index=\"0\"><LabelTable>"
     "<Label Key=\"4\" Red=\"1\" Green=\"0.5\" Blue=\"0\" Alpha=\"1\"><![CDATA[left & "
     "right]]></Label>"
-    "<Label Key=\"0\">???</Label></LabelTable></VolumeInformation>"
+    "<Label Key=\"0\">?\?\?</Label></LabelTable></VolumeInformation>"
     "<VolumeInformation Index=\"1\"><LabelTable><Label Key=\"9\">other map</Label></LabelTable>"
     "</VolumeInformation></CaretExtension>";
 
@@ -172,8 +172,9 @@ TEST_F(SourceLabelsTest, ExtensionsOfNiftiAreReadInEitherByteOrderAndCompressed)
     EXPECT_EQ(Labels("a.nii", file).size(), 3U);
     EXPECT_EQ(Labels("a.nii.gz", testing::Gzip(file)).size(), 3U);
   }
-  EXPECT_THAT(Labels("b.nii", NiftiWith({{30, kLabelTable}})),
-              ElementsAre(Label{0, "???", {}}, Label{4, "left & right", LabelColor{255, 128, 0}}));
+  EXPECT_THAT(
+      Labels("b.nii", NiftiWith({{30, kLabelTable}})),
+      ElementsAre(Label{0, "?\?\?", {}}, Label{4, "left & right", LabelColor{255, 128, 0}}));
 }
 
 TEST_F(SourceLabelsTest, SamplesAreNotTakenForExtensions) {
