@@ -154,6 +154,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   if (!flags.append && !partition::NeedsSeries(*source)) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
                               source->Open(0, 0, 0));
+    PrintNote(*volume, context);
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
                               PartitionVolume(*volume, options, context));
     *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
@@ -163,6 +164,11 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     return UsageError(
         "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
         "or time steps, has its blocks in the same shard in every volume: --distribution random");
+  }
+  if (flags.source.ignores_shear || flags.source.resamples) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
+                              source->Open(0, 0, 0));
+    PrintNote(*first, context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       const store::SeriesManifest series,

@@ -183,6 +183,9 @@ Json VolumeToJson(const source::VolumeSource& source,
   if (!value_range) {
     json.erase("value_range");
   }
+  if (const std::string note = source.note(); !note.empty()) {
+    json["note"] = note;
+  }
   return json;
 }
 
@@ -229,6 +232,9 @@ std::string DescribeVolume(const Json& volume) {
   std::string text;
   AddLine("volume", Text(volume, "name"), &text);
   AddGridLines(volume, &text);
+  if (volume.contains("note")) {
+    AddLine("note", Text(volume, "note"), &text);
+  }
   return text;
 }
 

@@ -57,14 +57,16 @@ absl::StatusOr<std::string> ParseFormatName(absl::string_view text) {
 
 const char* SourceFlags::FirstGiven() const {
   const char* const raw = FirstOfRaw();
-  return raw != nullptr ? raw
-         : format       ? "--format"
-         : dicom_series ? "--series"
-         : crop         ? "--crop"
-         : stride       ? "--stride"
-         : fill         ? "--fill"
-         : label_names  ? "--label-names"
-                        : nullptr;
+  return raw != nullptr  ? raw
+         : format        ? "--format"
+         : dicom_series  ? "--series"
+         : crop          ? "--crop"
+         : stride        ? "--stride"
+         : fill          ? "--fill"
+         : ignores_shear ? "--ignore-shear"
+         : resamples     ? "--resample"
+         : label_names   ? "--label-names"
+                         : nullptr;
 }
 
 const char* SourceFlags::FirstOfRaw() const {
@@ -98,6 +100,10 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
                  "every Nth sample on each axis; values are picked, not averaged"));
   of_any(AddFlag(set, "--fill", "VALUE", &flags->fill, client::ParseNumber,
                  "samples of this value become NaN: holes in the surface"));
+  of_any(set->AddSwitch("--ignore-shear", &flags->ignores_shear,
+                        "take the nearest right angles where the axes of the source have none"));
+  of_any(set->AddSwitch("--resample", &flags->resamples,
+                        "interpolate samples at uneven distances onto even ones"));
   of_any(AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
                  "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
                  "them)"));
@@ -162,8 +168,9 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFla
                                                                  const std::string& path) {
   if (!flags.dims) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<source::VolumeSource> volume,
-                              source::OpenVolumeFile(file, flags.format.value_or("")));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<source::VolumeSource> volume,
+        source::OpenVolumeFile(file, flags.format.value_or(""), flags.rules()));
     return source::AdjustSource(std::move(volume), flags.adjustment());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -190,7 +197,7 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
   absl::StatusOr<std::vector<std::string>> files =
-      source::FilesOfVolume(file, flags.format.value_or(""));
+      source::FilesOfVolume(file, flags.format.value_or(""), flags.rules());
   if (files.ok()) {
     files->insert(files->end(), names.begin(), names.end());
   }
@@ -250,6 +257,8 @@ std::string DescribeForKey(const SourceFlags& flags) {
   if (flags.label_names) {
     absl::StrAppend(&parts, " label-names");  // the file is among SourceFiles
   }
+  absl::StrAppend(&parts, flags.ignores_shear ? " ignore-shear" : "",
+                  flags.resamples ? " resample" : "");
   if (flags.format || flags.dicom_series) {
     absl::StrAppend(&parts, " format ", flags.format.value_or(""), " series ",
                     flags.dicom_series.value_or(""));

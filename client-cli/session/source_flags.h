@@ -16,6 +16,7 @@
 #include "core/cli/flag_set.h"
 #include "core/math/vec.h"
 #include "core/source/adjusted_source.h"
+#include "core/source/grid_rules.h"
 #include "core/source/volume_source.h"
 #include "core/volume/label.h"
 #include "core/volume/scalar_type.h"
@@ -37,12 +38,18 @@ struct SourceFlags {
   std::optional<std::int64_t> stride;
   std::optional<double> fill;
   std::optional<std::string> label_names;  // a file
+  bool ignores_shear = false;
+  bool resamples = false;
 
   // The first flag given, "--dims" for instance, or null; of all, and of those of raw files.
   [[nodiscard]] const char* FirstGiven() const;
   [[nodiscard]] const char* FirstOfRaw() const;
   [[nodiscard]] source::Adjustment adjustment() const {
-    return {.crop = crop, .stride = stride.value_or(1), .fill = fill};
+    return {
+        .crop = crop, .stride = stride.value_or(1), .fill = fill, .ignores_shear = ignores_shear};
+  }
+  [[nodiscard]] source::GridRules rules() const {
+    return {.ignores_shear = ignores_shear, .resamples = resamples, .fill = fill};
   }
 };
 
@@ -60,8 +67,9 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 // as source::FindDicomSeriesFile.
 absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path);
 
-// Opens the volume as a raw file if --dims is given, else by its format; the part of it that --crop
-// and --stride leave, with holes for --fill. Errors as source::OpenRawFile, source::OpenVolumeFile
+// Opens the volume as a raw file if --dims is given, else by its format, with the grids that
+// --ignore-shear and --resample take; the part of it that --crop and --stride leave, with holes for
+// --fill. Errors as source::OpenRawFile, source::OpenVolumeFile
 // and source::AdjustSource.
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
