@@ -24,6 +24,7 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
+#include "core/extract/cell_label.h"
 #include "core/math/matrix.h"
 #include "core/mesh/mesh_point.h"
 #include "core/store/shard_reader.h"
@@ -82,29 +83,6 @@ double SquaredDistance(const math::Vec3d& a, const math::Vec3d& b) {
   return math::Dot(a - b, a - b);
 }
 
-// The inside end of the grid edge of the nearest vertex of a triangle; of those that are as near,
-// of the lowest edge.
-double LabelOnSurface(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
-                      const volume::InsideRule& rule, const mesh::BlockMesh& mesh,
-                      const SurfacePlace& place) {
-  std::pair<double, std::int64_t> nearest = {std::numeric_limits<double>::infinity(), 0};
-  for (const std::uint32_t vertex : place.on_surface->vertices) {
-    const math::Vec3f& p = mesh.positions[vertex];
-    nearest =
-        std::min(nearest, {SquaredDistance({double{p.x}, double{p.y}, double{p.z}}, place.position),
-                           mesh.edge_keys[vertex]});
-  }
-  const std::int64_t lower = nearest.second / 3;
-  const math::Index3& dims = layout.sample_dims();
-  math::Index3 end = {lower % dims.x, lower / dims.x % dims.y, lower / (dims.x * dims.y)};
-  const double at_lower = SampleAt(layout, samples, end);
-  if (rule.IsInside(at_lower)) {
-    return at_lower;
-  }
-  ++end[static_cast<int>(nearest.second % 3)];
-  return SampleAt(layout, samples, end);
-}
-
 // The nearest inside sample that the block stores; of those that are as near, the first.
 std::optional<double> NearestLabel(const volume::BlockLayout& layout,
                                    const volume::BlockSamples& samples,
@@ -128,15 +106,30 @@ std::optional<double> NearestLabel(const volume::BlockLayout& layout,
   return label;
 }
 
-// The value of the cell of a point, or of the nearest cell whose samples the block stores.
-double ValueOfCell(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
-                   const math::Vec3d& position) {
+// The cell of a point, or the nearest one whose samples the block stores.
+math::Index3 StoredCellAt(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
+                          const math::Vec3d& position) {
   const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
   math::Index3 cell = volume::CellAt(layout, position);
   for (int axis = 0; axis < 3; ++axis) {
     cell[axis] = std::clamp(cell[axis], stored.begin[axis], stored.end[axis] - 2);
   }
+  return cell;
+}
+
+double ValueOfCell(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
+                   const math::Vec3d& position) {
+  const math::Index3 cell = StoredCellAt(layout, samples, position);
+  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
   return volume::ValueInCell(volume::SamplesOfCell(samples, stored, cell), cell, position);
+}
+
+std::optional<double> LabelOfCell(const volume::BlockLayout& layout,
+                                  const volume::BlockSamples& samples,
+                                  const volume::InsideRule& rule, const math::Vec3d& position) {
+  const math::Index3 cell = StoredCellAt(layout, samples, position);
+  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
+  return extract::LabelInCell(volume::SamplesOfCell(samples, stored, cell), cell, position, rule);
 }
 
 // Answers for the points of one block after the other.
@@ -181,17 +174,19 @@ class PointReader {
  private:
   void FindTriangles(const volume::BlockSamples& samples, SurfacePlaces* places) {
     for (auto& [rule, of_surface] : *places) {
-      extractor_.ExtractWithEdgeKeys(samples, rule, &mesh_);
+      const mesh::BlockMeshView mesh = extractor_.Extract(samples, rule);
       for (SurfacePlace& place : of_surface) {
-        PointValues& found = found_[place.point_index];
-        found.point_index = place.point_index;
-        if (!points_[place.point_index].is_on_cap) {
-          place.on_surface = mesh::NearestPoint(mesh_, place.position);
+        const bool is_on_cap = points_[place.point_index].is_on_cap;
+        if (!is_on_cap) {
+          place.on_surface = mesh::NearestPoint(mesh, place.position);
         }
         if (rule.has_labels()) {
-          found.label = place.on_surface.has_value()
-                            ? LabelOnSurface(layout_, samples, rule, mesh_, place)
-                            : NearestLabel(layout_, samples, rule, place.position);
+          PointValues& found = FoundOf(place);
+          found.label =
+              is_on_cap ? std::nullopt : LabelOfCell(layout_, samples, rule, place.position);
+          if (!found.label.has_value()) {
+            found.label = NearestLabel(layout_, samples, rule, place.position);
+          }
         }
       }
     }
@@ -202,7 +197,7 @@ class PointReader {
     for (const auto& [rule, of_surface] : places) {
       const mesh::BlockMeshView mesh = extractor_.ExtractWithField(samples, rule, field);
       for (const SurfacePlace& place : of_surface) {
-        std::vector<double>& values = found_[place.point_index].values;
+        std::vector<double>& values = FoundOf(place).values;
         values.resize(volume_count_, std::numeric_limits<double>::quiet_NaN());
         values[volume] = place.on_surface.has_value()
                              ? mesh::ValueAt(mesh.values, *place.on_surface)
@@ -211,13 +206,18 @@ class PointReader {
     }
   }
 
+  PointValues& FoundOf(const SurfacePlace& place) {
+    PointValues& found = found_[place.point_index];
+    found.point_index = place.point_index;
+    return found;
+  }
+
   const Shards& shards_;
   const ColorVolumes& volumes_;
   const std::vector<SurfacePoint>& points_;
   const std::size_t volume_count_;
   const volume::BlockLayout& layout_;
   extract::BlockExtractor extractor_;
-  mesh::BlockMesh mesh_;                      // reused
   std::map<std::size_t, PointValues> found_;  // by point
 };
 

@@ -5,8 +5,9 @@
 // field"): of the values at the vertices of the triangle that is nearest to the point, mixed by the
 // weights of the nearest point; on a cap, of the samples of the cell.
 //
-// A label is the sample at the inside end of a grid edge: of the vertex of that triangle that is
-// nearest to the point. On a cap it is the nearest inside sample.
+// A label is the sample at the inside end of the crossed edge of the point's cell whose middle is
+// nearest (extract::LabelInCell). On a cap it is the nearest inside sample, and so it is where
+// rounding has moved the point into a cell without the surface.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_POINT_VALUES_H_
 #define ISOSCOPE_PARTITION_AGENT_POINT_VALUES_H_

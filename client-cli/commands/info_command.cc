@@ -207,6 +207,10 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
                             LabelsOfSource(flags.source, *flags.input, context.err));
   AddLabels(labels, &volume);
+  if (is_single && !labels.empty()) {
+    volume["commands"].push_back(
+        absl::StrCat("isoscope render ", InputAsTyped(flags), " --labels all"));
+  }
   Json json;
   json["volume"] = std::move(volume);
   return json;

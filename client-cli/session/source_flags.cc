@@ -135,9 +135,6 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   if (given == nullptr) {
     return absl::OkStatus();
   }
-  if (flags.label_names) {
-    absl::StrAppend(&parts, " label-names");  // the file is among SourceFiles
-  }
   if (flags.format || flags.dicom_series) {
     return UsageError(absl::StrCat(given, " is for raw files only; it can't be used with ",
                                    flags.format ? "--format" : "--series"));
@@ -249,6 +246,9 @@ std::string DescribeForKey(const SourceFlags& flags) {
   }
   if (flags.fill) {
     absl::StrAppend(&parts, absl::StrFormat(" fill %a", *flags.fill));
+  }
+  if (flags.label_names) {
+    absl::StrAppend(&parts, " label-names");  // the file is among SourceFiles
   }
   if (flags.format || flags.dicom_series) {
     absl::StrAppend(&parts, " format ", flags.format.value_or(""), " series ",

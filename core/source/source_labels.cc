@@ -1,7 +1,7 @@
 // Where the three formats keep their labels:
 //
 //   NRRD    Segment3_LabelValue:=4              keys and values of the header, after its fields;
-//           Segment3_Name:=left lung            an escape is \n or \\
+//           Segment3_Name:=left lung            escapes are those of NRRD: a line feed, a backslash
 //           Segment3_Color:=0.5 0.68 0.46       red, green, blue, 0 to 1
 //           Segment3_Layer:=0                   component of the samples
 //

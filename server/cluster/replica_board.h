@@ -31,6 +31,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/mutex.h"
+#include "core/volume/inside_rule.h"
 #include "server/cluster/frame_part.h"
 
 namespace isoscope::server {

@@ -10,6 +10,7 @@
 
 #include "clients/cpp/mesh_file/sectioned_file.h"
 #include "core/base/status_macros.h"
+#include "core/volume/label.h"
 
 namespace isoscope::client {
 namespace {
@@ -106,7 +107,7 @@ class ObjWriter : public MeshWriter {
         *text += "isovalue_";
         AppendNumber(surface.isovalue, text);
       } else {
-        *text += ObjectName(surface.name);
+        *text += ObjectName(volume::CleanLabelName(surface.name));
       }
       *text += "\n";
     }

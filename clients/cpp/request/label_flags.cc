@@ -18,7 +18,6 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/frame/appearance.h"
 #include "core/frame/frame_spec.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/label.h"

@@ -21,6 +21,10 @@
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
+namespace isoscope::v1 {
+class GetHistogramResponse;
+}  // namespace isoscope::v1
+
 namespace isoscope::client {
 
 // "SET[:COLOR[:OPACITY]]"; COLOR may be empty. SET is a name, or values, ranges and names with

@@ -181,7 +181,7 @@ def test_clip_is_a_plane_a_box_or_both():
 @pytest.mark.parametrize(
     "look, words",
     [
-        ({}, "isovalue=..."), ({"isovalue": 1, "surfaces": [1]}, "not both"), ({"surfaces": []}, "1 to 16"),
+        ({}, "isovalue=..."), ({"isovalue": 1, "surfaces": [1]}, "not both"), ({"surfaces": []}, "1 to 128"),
         ({"isovalue": "x"}, "isovalue 'x'"), ({"isovalue": 1, "size": (1.5, 2)}, "size"),
         ({"isovalue": 1, "size": 2**40}, "size"), ({"isovalue": 1, "region": (1, 2)}, "region"),
         ({"isovalue": 1, "max_layers": "a"}, "max_layers 'a'"), ({"isovalue": 1, "fit": "all"}, "fit 'all'"),

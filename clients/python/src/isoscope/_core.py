@@ -28,6 +28,7 @@ from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint
 from isoscope.errors import CancelledError, InternalError, InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
+from isoscope.labels import Label, LabelsLike
 from isoscope.look import (
     AmbientOcclusion,
     ClipLike,
@@ -275,6 +276,7 @@ def render(
     isovalue: float | None = None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
     field: str | None = None,
     component: str | int | None = None,
     time: float | None = None,
@@ -311,7 +313,9 @@ def render(
 
     Args:
         isovalue: level of the only surface, field units.
-        surfaces: 1 to 16 surfaces (or isovalues) instead.
+        surfaces: 1 to 128 surfaces (or isovalues) instead.
+        labels: surfaces of labels, after the others: values or names, each element a surface; a tuple within is one
+            surface of several labels. "all": one for each that `present_labels` returns.
         field: field whose surfaces are drawn; default: the first of `Dataset.fields`. "velocity:x" names a component,
             too.
         component: "x", "y", "z", a number or "magnitude"; default: the only one, or the magnitude.
@@ -347,7 +351,7 @@ def render(
         IsoscopeError: see isoscope.errors. A frame is right or an error, never incomplete.
     """
     request = _request.frame(
-        self, isovalue, surfaces=surfaces, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
+        self, isovalue, surfaces=surfaces, labels=labels, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
         zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers, field=field,
         component=component, time=time, step=step,
     )  # fmt: skip
@@ -384,7 +388,7 @@ def points(
 
 
 _PICK_ARGUMENTS = (
-    "surfaces", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers", "field",
+    "surfaces", "labels", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers", "field",
     "component", "time", "step",
 )  # fmt: skip
 
@@ -410,7 +414,7 @@ def pick(
         isovalue: as in `render`.
         frame: the frame whose pixels are meant, instead of isovalue and the rest.
         all_fields: whether the points have the values of all fields; only for datasets with fields.
-        look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
+        look: surfaces, labels, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
             step, as in `render`.
         timeout: deadline in seconds; default: the client's.
 
@@ -435,6 +439,7 @@ def mesh(
     isovalue: float | None = None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
     clip: ClipLike | None = None,
     field: str | None = None,
     component: str | int | None = None,
@@ -448,12 +453,13 @@ def mesh(
 
     Args:
         isovalue: level of the only surface, field units.
-        surfaces: 1 to 16 surfaces (or isovalues) instead.
+        surfaces: 1 to 128 surfaces (or isovalues) instead.
+        labels: surfaces of labels, as in `render`.
         clip: triangles are cut at its borders; nothing closes the cut.
         field, component, time, step: as in `render`.
         timeout: deadline in seconds; default: the client's.
     """
-    request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step))
+    request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step, labels))
     return Call(request, _answer.MeshParts(request), timeout)
 
 
@@ -478,6 +484,29 @@ def histogram(
     """
     request = _expecting(self, _request.histogram(self, bins, range, field, component, time, step))
     return Call(request, One(_answer.histogram), timeout)
+
+
+_SELECTION = ("field", "component", "time", "step", "timeout")
+
+
+def wants_present(how: dict[str, Any]) -> bool:
+    """True for the arguments of a call with labels="all"."""
+    return isinstance(how.get("labels"), str) and how["labels"] == "all"
+
+
+def selection_of(how: dict[str, Any]) -> dict[str, Any]:
+    """Returns the arguments of `histogram` that say which samples a call is about."""
+    return {name: how[name] for name in _SELECTION if how.get(name) is not None}
+
+
+def present(dataset: DatasetInfo, counted: Histogram) -> tuple[Label, ...]:
+    """Returns the labels but 0 that samples have, by a histogram of 4096 bins; those with names if it is not exact."""
+    known = {label.value: label for label in dataset.labels}
+    widths = counted.edges[1:] - counted.edges[:-1]
+    if not (dataset.dtype.kind in "iu" and counted.has_sample_counts and (widths == 1).all()):
+        return tuple(label for label in dataset.labels if label.value != 0)
+    values = (float(value) for value in counted.edges[:-1][counted.sample_count > 0])
+    return tuple(known.get(value, Label(value)) for value in values if value != 0)
 
 
 def _expecting(dataset: DatasetOfClient, request: _R) -> _R:

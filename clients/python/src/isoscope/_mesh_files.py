@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pathlib
 import struct
 from typing import TYPE_CHECKING, Any
@@ -109,7 +110,7 @@ def _glb(mesh: Mesh) -> bytes:
             {
                 "attributes": attributes,
                 "indices": add(indices, _UNSIGNED_INT, "SCALAR", _INDEX_BUFFER),
-                "extras": {"isovalue": mesh.isovalues[surface]},
+                "extras": {} if math.isnan(mesh.isovalues[surface]) else {"isovalue": mesh.isovalues[surface]},
             }
         )
     document = {

@@ -19,8 +19,9 @@ from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, CameraLike, as_camera, as_vec3
 from isoscope.data import Capabilities, DatasetInfo
-from isoscope.errors import InvalidArgumentError
+from isoscope.errors import FailedPreconditionError, InvalidArgumentError
 from isoscope.frame import PlaneName
+from isoscope.labels import Label, LabelsLike, as_label_sets, color_of, values_of
 from isoscope.look import (
     AmbientOcclusion,
     Caps,
@@ -30,6 +31,7 @@ from isoscope.look import (
     LightLike,
     Material,
     Silhouette,
+    Surface,
     SurfaceLike,
     as_bounds,
     as_clip,
@@ -48,6 +50,8 @@ _CULLINGS = {"depth": 1, "mask": 2, "none": 3}
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
 _ENDS = {"first": 0, "last": -1}
 _FITS = {"volume": 1, "surface": 2}
+#: The most surfaces of a frame; servers of 0.1 take 16.
+MAX_SURFACES = 128
 #: Type and components of a pixel of each plane.
 PLANES: dict[str, tuple[str, int]] = {
     "depth": ("<f4", 1),
@@ -183,11 +187,19 @@ def _color_by(like: ColorByLike) -> pb.ColorBy | None:
 _CLAY = (222 / 255, 209 / 255, 190 / 255)
 
 
-def surface_message(surface: SurfaceLike, default_color: ColorLike = _CLAY) -> pb.Surface:
-    """Returns the message of a surface."""
+def surface_message(
+    surface: SurfaceLike, default_color: ColorLike = _CLAY, labels: Sequence[Label] = ()
+) -> pb.Surface:
+    """Returns the message of a surface. `labels` are those of the dataset."""
     value = as_surface(surface)
-    proto = pb.Surface(isovalue=_number(value.isovalue, "surface isovalue"))
-    if value.color is not None or value.opacity is not None:
+    if (value.isovalue is None) == (value.labels is None):
+        raise InvalidArgumentError("surface: must have either an isovalue or labels")
+    if value.labels is None:
+        proto = pb.Surface(isovalue=_number(value.isovalue, "surface isovalue"))
+    else:
+        proto = pb.Surface(labels=values_of(value.labels, labels))
+        default_color = color_of(proto.labels, labels)
+    if value.color is not None or value.opacity is not None or proto.labels:
         color = default_color if value.color is None else value.color
         proto.color.CopyFrom(_color(color, "surface color", value.opacity))
     if value.material is not None:
@@ -260,20 +272,30 @@ def _camera_of(
 
 
 def _set_surfaces(
-    request: Any, isovalue: float | None, surfaces: Sequence[SurfaceLike] | SurfaceLike | None
+    request: Any,
+    dataset: DatasetInfo,
+    isovalue: float | None,
+    surfaces: Sequence[SurfaceLike] | SurfaceLike | None,
+    labels: LabelsLike | None,
 ) -> None:
-    if (isovalue is None) == (surfaces is None):
+    if (isovalue is not None and surfaces is not None) or (isovalue is None and surfaces is None and labels is None):
         raise InvalidArgumentError(
-            "give either isovalue=... for one surface, or surfaces=[isoscope.Surface(...), ...]"
-            + ("" if isovalue is None else ", not both")
+            "give isovalue=... for one surface, surfaces=[isoscope.Surface(...), ...], or labels=[3, 7, ...]"
+            + ("" if isovalue is None else ", and of isovalue and surfaces not both")
         )
-    if surfaces is None:
+    if surfaces is None and labels is None:
         request.isovalue = _number(isovalue, "isovalue")
         return
-    several = surfaces if isinstance(surfaces, Iterable) else [surfaces]
-    request.surfaces.extend(surface_message(surface) for surface in several)
+    several: list[SurfaceLike] = [] if isovalue is None else [isovalue]
+    if surfaces is not None:
+        several += surfaces if isinstance(surfaces, Iterable) else [surfaces]
+    if labels is not None:
+        several += [Surface(labels=one) for one in as_label_sets(labels)]
+    request.surfaces.extend(surface_message(surface, labels=dataset.labels) for surface in several)
     if not request.surfaces:
-        raise InvalidArgumentError("surfaces is empty: give 1 to 16 surfaces")
+        raise InvalidArgumentError(f"surfaces is empty: give 1 to {MAX_SURFACES} surfaces")
+    if len(request.surfaces) > MAX_SURFACES:
+        raise InvalidArgumentError(f"there are {len(request.surfaces)} surfaces: give 1 to {MAX_SURFACES}")
 
 
 def frame(
@@ -281,6 +303,7 @@ def frame(
     isovalue: float | None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
     camera: CameraLike | None = None,
     view: str | None = None,
     azimuth: float = 0,
@@ -299,7 +322,7 @@ def frame(
     """Returns the request for what a frame or a pick sees: surfaces, camera, size, clip region, field and time."""
     selection = _selection(dataset, field, component, time, step)
     request = pb.RenderIsosurfaceRequest(dataset=dataset.name, selection=selection)
-    _set_surfaces(request, isovalue, surfaces)
+    _set_surfaces(request, dataset, isovalue, surfaces, labels)
     request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
     request.camera_fit = cast(Any, _choice(_FITS, fit, "fit"))
     sides = (size, size) if isinstance(size, (int, np.integer)) else size
@@ -435,11 +458,12 @@ def export(
     component: str | int | None = None,
     time: float | None = None,
     step: int | str | None = None,
+    labels: LabelsLike | None = None,
 ) -> pb.ExportIsosurfaceRequest:
     """Returns the request for a mesh."""
     selection = _selection(dataset, field, component, time, step)
     request = pb.ExportIsosurfaceRequest(dataset=dataset.name, selection=selection)
-    _set_surfaces(request, isovalue, surfaces)
+    _set_surfaces(request, dataset, isovalue, surfaces, labels)
     if clip is not None:
         clip_region, caps = clip_messages(clip)
         if caps is not None:
@@ -476,3 +500,8 @@ def expect_dataset(
     """Lets a request fail if the name has other contents by now. Older servers refuse the field."""
     if capabilities is not None and "dataset_id" in capabilities.features:
         request.dataset_id = dataset.id
+    surfaces = [] if isinstance(request, datasets_pb.GetHistogramRequest) else request.surfaces
+    if capabilities is not None and "labels" not in capabilities.features and any(one.labels for one in surfaces):
+        raise FailedPreconditionError(
+            f"the server, version {capabilities.version}, does not know surfaces of labels: it is older than the client"
+        )

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from isoscope._renamed import renamed
 from isoscope.camera import Camera, Vec3, default_camera, named_camera
 from isoscope.errors import IsoscopeError
+from isoscope.labels import Label
 
 if TYPE_CHECKING:
     from isoscope.look import ColorBy
@@ -177,6 +178,7 @@ class DatasetInfo:
         missing_shards: shards that no agent serves; empty if frames can be rendered.
         samples_digest: digest of samples and grid, however they were partitioned; None if unknown.
         patient_frame: sides of the patient that +x, +y, +z point to, such as "LPS"; None if there is none.
+        labels: names and colours of sample values, ascending by value; () if there are none.
         max_gradient: bound of the gradient's length, field units per world unit; None if unknown.
         fields: fields of the samples; empty: one without a name. With fields, dtype, range and max_gradient are those
             of the first one, over all steps.
@@ -199,6 +201,7 @@ class DatasetInfo:
     missing_shards: tuple[int, ...] = ()
     samples_digest: str | None = None
     patient_frame: str | None = None
+    labels: tuple[Label, ...] = ()
     max_gradient: float | None = None
     fields: tuple[Field, ...] = ()
     time_steps: tuple[TimeStep, ...] = ()
@@ -515,6 +518,8 @@ class PickedPoint:
         block_id: id of the block that drew it.
         shard_index: shard that holds the block; None if unknown.
         field_values: values of all fields, in the dataset's order; empty unless `all_fields` asked for them.
+        label: value of the label there, if the surface has labels, else None.
+        label_name: its name; None if it has none.
     """
 
     pixel: tuple[int, int]
@@ -526,6 +531,8 @@ class PickedPoint:
     block_id: int
     shard_index: int | None
     field_values: tuple[FieldValue, ...] = ()
+    label: float | None = None
+    label_name: str | None = None
 
     @property
     def is_hit(self) -> bool:
@@ -547,7 +554,7 @@ class Mesh:
         triangles: int64, shape (m, 3): indices of points, counter-clockwise seen from the side where
             the field is below the isovalue.
         triangle_surface: uint8, shape (m,): index of the surface of each triangle.
-        isovalues: isovalue of each surface.
+        isovalues: isovalue of each surface; NaN of one of labels.
     """
 
     points: npt.NDArray[np.float32]
