@@ -23,6 +23,7 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/dataset_json.h"
 #include "client-cli/output/histogram_plot.h"
+#include "client-cli/output/label_json.h"
 #include "client-cli/output/series_json.h"
 #include "client-cli/output/source_json.h"
 #include "client-cli/session/connection_flags.h"
@@ -49,6 +50,7 @@
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
+#include "core/volume/label.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
 #include "isoscope/v1/cluster_service.pb.h"
@@ -151,6 +153,9 @@ std::string InputAsTyped(const InfoFlags& flags) {
   }
   if (source.fill) {
     absl::StrAppend(&text, " --fill ", *source.fill);
+  }
+  if (source.label_names) {
+    absl::StrAppend(&text, " --label-names ", ShellWord(*source.label_names));
   }
   absl::StrAppend(&text, source.ignores_shear ? " --ignore-shear" : "",
                   source.resamples ? " --resample" : "");
@@ -255,6 +260,13 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   }
   AddSource(*series, *source, ranges, InputAsTyped(flags), &volume);
   volume["is_single"] = is_single;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
+                            LabelsOfSource(flags.source, *flags.input, context.err));
+  AddLabels(labels, &volume);
+  if (is_single && !labels.empty()) {
+    volume["commands"].push_back(
+        absl::StrCat("isoscope render ", InputAsTyped(flags), " --labels all"));
+  }
   Json json;
   json["volume"] = std::move(volume);
   return json;
@@ -363,7 +375,7 @@ std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
   if (json.contains("volume")) {  // the lines of the grid are printed already
     const Json& volume = json.at("volume");
     return absl::StrCat(volume.at("is_single").get<bool>() ? DescribeValueRange(volume) : "",
-                        DescribeSource(volume));
+                        DescribeSource(volume), DescribeLabels(volume));
   }
   std::string text;
   if (json.contains("server")) {
@@ -382,6 +394,7 @@ std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
     if (dataset.contains("fields") && !dataset.contains("missing_volumes")) {
       absl::StrAppend(&text, DescribeSteps(dataset), "\n", DescribeFields(dataset, max_width));
     }
+    absl::StrAppend(&text, DescribeLabels(dataset));
   }
   if (json.at("datasets").empty()) {
     absl::StrAppend(&text, "\nno dataset is served\n");

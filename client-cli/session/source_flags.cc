@@ -16,7 +16,9 @@
 #include "core/io/file.h"
 #include "core/source/dicom_source.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/label_names.h"
 #include "core/source/series_format.h"
+#include "core/source/source_labels.h"
 #include "core/source/vti_source.h"
 #include "core/store/shard_reader.h"
 
@@ -63,6 +65,7 @@ const char* SourceFlags::FirstGiven() const {
          : fill          ? "--fill"
          : ignores_shear ? "--ignore-shear"
          : resamples     ? "--resample"
+         : label_names   ? "--label-names"
                          : nullptr;
 }
 
@@ -108,6 +111,10 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
       AddFlag(set, format_flag, "NAME", &flags->format, ParseFormatName,
               "read the file as this format ('isoscope info --list-formats' lists them; default: "
               "as the name says, else the content)"));
+  of_any(AddFlag(set, "--label-names", "FILE", &flags->label_names, ParseText,
+                 "names and colours of sample values, in place of those of the file: lines of a "
+                 "FreeSurfer colour table, of an ITK-SNAP label description, or "
+                 "VALUE,NAME[,#rrggbb]"));
 }
 
 bool HasSelfDescribingName(const std::string& path) {
@@ -180,12 +187,20 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFla
 
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path) {
+  std::vector<std::string> names;
+  if (flags.label_names) {
+    names.push_back(*flags.label_names);
+  }
   if (flags.dims) {
-    return std::vector<std::string>{path};
+    names.insert(names.begin(), path);
+    return names;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
   absl::StatusOr<std::vector<std::string>> files =
       source::FilesOfVolume(file, flags.format.value_or(""), flags.rules());
+  if (files.ok()) {
+    files->insert(files->end(), names.begin(), names.end());
+  }
   if (!files.ok() && io::IsDirectory(path)) {
     return absl::NotFoundError(
         absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
@@ -193,6 +208,27 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                    : "; 'isoscope partition' makes a dataset"));
   }
   return files;
+}
+
+absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const SourceFlags& flags,
+                                                          const std::string& path,
+                                                          std::ostream* err) {
+  if (flags.label_names) {
+    return source::ReadLabelNames(*flags.label_names);
+  }
+  if (flags.dims) {
+    return std::vector<volume::Label>();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
+  absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
+  if (labels.ok()) {
+    return labels;
+  }
+  if (err != nullptr) {
+    *err << "isoscope: the names of labels are not used: " << labels.status().message()
+         << std::endl;
+  }
+  return std::vector<volume::Label>();
 }
 
 std::string ListFormats() {
@@ -217,6 +253,9 @@ std::string DescribeForKey(const SourceFlags& flags) {
   }
   if (flags.fill) {
     absl::StrAppend(&parts, absl::StrFormat(" fill %a", *flags.fill));
+  }
+  if (flags.label_names) {
+    absl::StrAppend(&parts, " label-names");  // the file is among SourceFiles
   }
   absl::StrAppend(&parts, flags.ignores_shear ? " ignore-shear" : "",
                   flags.resamples ? " resample" : "");

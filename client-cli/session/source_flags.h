@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@
 #include "core/source/adjusted_source.h"
 #include "core/source/grid_rules.h"
 #include "core/source/volume_source.h"
+#include "core/volume/label.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
@@ -35,6 +37,7 @@ struct SourceFlags {
   std::optional<source::SampleBox> crop;
   std::optional<std::int64_t> stride;
   std::optional<double> fill;
+  std::optional<std::string> label_names;  // a file
   bool ignores_shear = false;
   bool resamples = false;
 
@@ -71,10 +74,17 @@ absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::st
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
 
-// Returns the files of the volume. Errors as source::FilesOfVolume; NOT_FOUND if it is a folder
-// that holds no volume.
+// Returns the files of the volume, and that of --label-names. Errors as source::FilesOfVolume;
+// NOT_FOUND if it is a folder that holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path);
+
+// Returns the names and colours of labels: those of --label-names, else those that the file has.
+// Labels of the file that are damaged are reported on `err`, which may be null, and passed over.
+// Errors as source::ReadLabelNames.
+absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const SourceFlags& flags,
+                                                          const std::string& path,
+                                                          std::ostream* err);
 
 // One line a format that --format knows, and those that only names tell.
 std::string ListFormats();
