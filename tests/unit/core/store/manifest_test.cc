@@ -136,9 +136,9 @@ TEST(ManifestTest, LabelsAreOptionalAndChecked) {
   EXPECT_THAT(bytes, HasSubstr("\"color\": \"#0102ff\""));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded, DecodeManifest(bytes, "m"));
   EXPECT_EQ(decoded, manifest);
-  const std::string kSeal = "\"crc32c\": \"";
+  const std::string seal = "\"crc32c\": \"";
   std::string unsealed = bytes;
-  unsealed.replace(unsealed.find(kSeal) + kSeal.size(), 8, "00000000");
+  unsealed.replace(unsealed.find(seal) + seal.size(), 8, "00000000");
   const auto refuses = [&](const char* from, const char* to, const char* what) {
     EXPECT_THAT(DecodeManifest(SealJson(Replaced(unsealed, from, to)), "m"),
                 StatusIs(absl::StatusCode::kDataLoss, HasSubstr(what)))
