@@ -180,8 +180,8 @@ TEST(PointValuesTest, LabelsAreThoseOfTheNearestEdgesForAnyNumberOfShards) {
     const volume::BlockLayout layout = fields.drawn.layout();
     const math::Index3& dims = layout.sample_dims();
     const auto sample_at = [&](std::int64_t index) {
-      return double{
-          static_cast<std::uint8_t>(fields.drawn.samples()[static_cast<std::size_t>(index)])};
+      return static_cast<double>(
+          static_cast<std::uint8_t>(fields.drawn.samples()[static_cast<std::size_t>(index)]));
     };
     extract::BlockExtractor extractor(fields.drawn.geometry(), layout);
     std::vector<SurfacePoint> points;
