@@ -132,12 +132,9 @@ AffineRows QformOf(const NiftiNumbers& header) {
 }
 
 // The transform of indices to RAS, in the file's unit of length.
-absl::StatusOr<AffineRows> TransformOf(const NiftiNumbers& header, const std::string& path) {
-  const std::optional<Shear> shear = header.has_sform() ? FindShear(header.Sform()) : std::nullopt;
-  if (shear.has_value() && !header.has_qform()) {
-    return ShearError(*shear, path);
-  }
-  if (header.has_sform() && !shear.has_value()) {
+AffineRows TransformOf(const NiftiNumbers& header) {
+  const bool is_sheared = header.has_sform() && FindShear(header.Sform()).has_value();
+  if (header.has_sform() && (!is_sheared || !header.has_qform())) {
     return header.Sform();
   }
   if (header.has_qform()) {
@@ -183,7 +180,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   layout->steps = dims[3];
   layout->components = dims[4];
   layout->location.volume_count = dims[3] * dims[4];
-  ISOSCOPE_ASSIGN_OR_RETURN(AffineRows rows, TransformOf(header, path));
+  AffineRows rows = TransformOf(header);
   for (std::array<double, 4>& row : rows) {
     for (double& number : row) {
       number *= MillimetresOf(header.units());
@@ -191,6 +188,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   }
   ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows,
                                                              PatientWorld::kRas, path));
+  layout->shear = FindShear(rows);
   if (header.has_qform() || header.has_sform()) {
     layout->patient_frame.emplace();
   }
