@@ -196,7 +196,8 @@ TEST_F(DicomFramesTest, HighThroughputJpeg2000IsNamed) {
     bytes.replace(bytes.find(raw_element), raw_element.size(), element);
     // The length of the group grows with it.
     const std::size_t length = bytes.find(DicomElement(2, 0, "UL", "").substr(0, 6)) + 8;
-    bytes[length] = static_cast<char>(bytes[length] + (element.size() - raw_element.size()));
+    const auto growth = static_cast<int>(element.size()) - static_cast<int>(raw_element.size());
+    bytes[length] = static_cast<char>(bytes[length] + growth);
     testing::WriteFile(dir_.Sub("h.dcm"), bytes);
     EXPECT_THAT(OpenVolumeSeries(dir_.Sub("h.dcm")),
                 StatusIs(kInvalid, AllOf(HasSubstr("High-Throughput"), HasSubstr(syntax),
