@@ -30,6 +30,7 @@ namespace {
 using isoscope::testing::IsOk;
 using isoscope::testing::StatusIs;
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 TEST(FrameSpecFromProtoTest, UnsetMembersTakeTheirDefaults) {
@@ -156,16 +157,21 @@ TEST(ExportSpecFromProtoTest, SurfacesAndRegionArrive) {
   isoscope::v1::ExportIsosurfaceRequest request;
   request.set_isovalue(60);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec one, ExportSpecFromProto(request));
-  EXPECT_EQ(one.isovalues, (std::vector<double>{60}));
+  EXPECT_THAT(one.rules, ElementsAre(volume::InsideRule::OfIsovalue(60)));
   EXPECT_EQ(one.clip, view::ClipRegion());
   request.set_isovalue(0);
   request.add_surfaces()->set_isovalue(75);
   request.add_surfaces()->set_isovalue(-3);
+  isoscope::v1::Surface* const labels = request.add_surfaces();
+  labels->add_labels(7);
+  labels->add_labels(3);
   isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
   half_space->mutable_normal()->set_y(-2);
   half_space->set_offset(3.5);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec several, ExportSpecFromProto(request));
-  EXPECT_EQ(several.isovalues, (std::vector<double>{75, -3}));
+  EXPECT_THAT(several.rules,
+              ElementsAre(volume::InsideRule::OfIsovalue(75), volume::InsideRule::OfIsovalue(-3),
+                          volume::InsideRule::OfLabels({3, 7})));
   EXPECT_EQ(several.clip,
             (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}}, .box = std::nullopt}));
 }
