@@ -187,7 +187,7 @@ TEST_F(ColorVolumesTest, EachBlockIsVisitedOnceWithItsSamplesWithinAnyLimit) {
                 ++visits[i];
                 EXPECT_EQ(fields.size(), 2U);
                 for (std::size_t volume = 0; volume < 2; ++volume) {
-                  if ((blocks[i].volumes >> volume & 1) == 0) {
+                  if (!blocks[i].volumes.test(volume)) {
                     EXPECT_EQ(fields[volume].bytes, nullptr);
                     continue;
                   }
