@@ -10,6 +10,7 @@
 
 #include "clients/cpp/request/render_request.h"
 #include "core/cli/usage.h"
+#include "core/view/camera.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "tests/support/status_matchers.h"
 
@@ -181,7 +182,7 @@ TEST(LabelFlagsTest, SurfacesOfLabelsFollowThoseOfIsovalues) {
   RequestFlags flags{.isovalue = 60, .base_color = Color{0, 1, 0, 1}, .label = FlagsOf({"3"})};
   ASSERT_THAT(ResolveLabels(Organs(), std::nullopt, &flags.label), IsOk());
   ASSERT_THAT(CheckUsage(flags), IsOk());
-  v1::RenderIsosurfaceRequest request = MakeRequest(flags, "organs", {});
+  v1::RenderIsosurfaceRequest request = MakeRequest(flags, "organs", view::Camera());
   ASSERT_EQ(request.surfaces_size(), 2);
   EXPECT_EQ(request.surfaces(0).isovalue(), 60);
   EXPECT_EQ(request.surfaces(0).color().green(), 1);
@@ -194,7 +195,7 @@ TEST(LabelFlagsTest, SurfacesOfLabelsFollowThoseOfIsovalues) {
 
   RequestFlags alone{.label = flags.label};
   ASSERT_THAT(CheckUsage(alone), IsOk());
-  request = MakeRequest(alone, "organs", {});
+  request = MakeRequest(alone, "organs", view::Camera());
   ASSERT_EQ(request.surfaces_size(), 1);
   EXPECT_THAT(alone.isovalues(), ElementsAre());
 

@@ -156,7 +156,7 @@ TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
   }
   EXPECT_EQ(spec.lights, flags.lights);
   ASSERT_EQ(spec.surfaces.size(), 1U);
-  EXPECT_EQ(spec.surfaces[0].isovalue, 60);
+  EXPECT_EQ(spec.surfaces[0].rule.isovalue, 60);
   EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
   EXPECT_EQ(spec.surfaces[0].color_by, flags.color_by[0].color_by);
 }

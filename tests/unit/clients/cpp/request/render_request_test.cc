@@ -81,7 +81,7 @@ TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   const isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, "head", SampleCamera());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
   ASSERT_EQ(spec.surfaces.size(), 2U);
-  EXPECT_EQ(spec.surfaces[1].isovalue, 30);
+  EXPECT_EQ(spec.surfaces[1].rule.isovalue, 30);
   EXPECT_EQ(spec.surfaces[1].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
   EXPECT_EQ(spec.clip, (view::ClipRegion{.half_spaces = {{{1, 0, 0}, 12}},
                                          .box = math::Box3d{{0, 1, 2}, {3, 4, 5}}}));
