@@ -218,10 +218,10 @@ std::size_t FlawCount(const Mesh& mesh, const std::vector<std::int64_t>& triangl
     const std::int64_t a = triangles[i];
     const std::int64_t b = triangles[i % 3 == 2 ? i - 2 : i + 1];
     edges[std::minmax(a, b)] += a < b ? 1 : -1;
-    flaws += vertex_at.emplace(CornerOf(mesh, a), a).first->second != a ? 1 : 0;
+    flaws += vertex_at.emplace(CornerOf(mesh, a), a).first->second != a ? 1U : 0U;
   }
   for (const auto& [edge, balance] : edges) {
-    flaws += balance != 0 ? 1 : 0;
+    flaws += balance != 0 ? 1U : 0U;
   }
   return flaws;
 }
