@@ -126,10 +126,9 @@ absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, ImageLayout layo
 
 // "too many axes" of "ITK ERROR: NrrdImageIO(0x55ae): too many axes".
 absl::string_view WithoutAddress(absl::string_view message) {
-  const std::size_t end = message.find("): ");
-  return absl::StartsWith(message, "ITK ERROR: ") && end != absl::string_view::npos
-             ? message.substr(end + 3)
-             : message;
+  const std::size_t begin = message.find("(0x");
+  const std::size_t end = begin == absl::string_view::npos ? begin : message.find("): ", begin);
+  return end == absl::string_view::npos ? message : message.substr(end + 3);
 }
 
 // Without a check of the number of axes.

@@ -96,9 +96,9 @@ TEST(RenderRequestTest, SurfacesExcludeTheFlagsOfASingleOne) {
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(
       RequestFlags{.base_color = frame::Color(), .surfaces = {{.isovalue = 1, .color = {}}}})));
   RequestFlags many;
-  many.surfaces.resize(17);
+  many.surfaces.resize(129);
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(many)));
-  many.surfaces.resize(16);
+  many.surfaces.resize(128);
   ISOSCOPE_EXPECT_OK(CheckUsage(many));
   many.clip.planes.resize(7);
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(many)));
