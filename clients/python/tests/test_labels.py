@@ -132,7 +132,7 @@ def test_labels_are_drawn_in_their_colours_and_picked_with_their_names(boxes):
     right = boxes.pick((66, 48), frame=frame)
     assert (left.label, left.label_name, left.surface_index) == (1.0, "left box", 0)
     assert (right.label, right.label_name, right.surface_index) == (2.0, "right box", 1)
-    pixels = frame.pixels
+    pixels = frame.rgb.astype(int)
     assert pixels[48, 30, 0] > 2 * pixels[48, 30, 2]  # red
     both = boxes.render(labels=[("left box", 2)], size=96, planes=["surface_index"])
     assert set(np.unique(both.surface_index)) == {0, 255}

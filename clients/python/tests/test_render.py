@@ -329,7 +329,7 @@ def test_the_servers_refusals_are_sentences_of_the_right_class(client, dataset):
         ({"isovalue": 1, "samples": 3}, "samples is 3"),
         ({"isovalue": 1, "format": "jpeg", "quality": 101}, "quality"),
         ({"isovalue": 1, "camera": ((1, 1, 1), (1, 1, 1))}, "must differ"),
-        ({"surfaces": [1] * 17}, "surfaces"),
+        ({"surfaces": [1] * 129}, "surfaces"),
         ({"isovalue": 1, "lights": [(1, 0, 0)] * 5}, "lights"),
         ({"isovalue": 1, "lights": [(0, 0, 0)]}, "direction"),
     ):
