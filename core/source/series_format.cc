@@ -23,6 +23,8 @@
 #include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
 #include "core/source/slc_series.h"
+#include "core/source/tiff_file.h"
+#include "core/source/tiff_source.h"
 
 namespace isoscope::source {
 namespace {
@@ -147,6 +149,15 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".cube", ".cub"},
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenCubeSeries(file, field); }},
+      {.name = "TIFF",
+       .endings = {".tif", ".tiff", ".lsm"},
+       .more_names = ", a folder of them, or a pattern",
+       .is_content = IsTiff,
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenTiffSeries({file}, file, field, ""); },
+       .open_as = [](const std::string& file, const std::string& field,
+                     const std::string& axes) { return OpenTiffSeries({file}, file, field, axes); },
+       .find_files = FilesOfTiff},
       {.name = "SLC",
        .endings = {".slc"},
        .is_content = IsSlc,
@@ -214,15 +225,23 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path) {
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
-                                                             const std::string& field) {
+                                                             const std::string& field,
+                                                             const std::string& axes) {
   if (!io::PathExists(file.file)) {
     return absl::NotFoundError(absl::StrCat(file.file, ": no such file"));
   }
   if (io::IsDirectory(file.file)) {
     return absl::InvalidArgumentError(absl::StrCat(file.file, ": a folder; expected a file"));
   }
+  if (!axes.empty() && file.format->open_as == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(file.file, ": --axes ", axes,
+                     ": the axes of this kind of file have their meaning; "
+                     "--axes is for datasets of HDF5 files and for TIFF"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            file.format->open(file.file, field, file.part));
+                            axes.empty() ? file.format->open(file.file, field, file.part)
+                                         : file.format->open_as(file.file, field, axes));
   return file.part.empty() ? std::move(series)
                            : SelectPart(std::move(series), file.file, file.part);
 }
