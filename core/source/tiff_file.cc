@@ -283,7 +283,7 @@ absl::Status ReadTiffPlane(TIFF* tiff, const PageFormat& format, std::uint16_t p
 
 absl::StatusOr<TiffPages> ScanTiffPages(TIFF* tiff, const std::string& path) {
   TiffPages pages;
-  do {
+  while (true) {
     std::uint32_t kind = 0;
     TIFFGetFieldDefaulted(tiff, TIFFTAG_SUBFILETYPE, &kind);
     if (pages.offsets.empty()) {
@@ -296,11 +296,14 @@ absl::StatusOr<TiffPages> ScanTiffPages(TIFF* tiff, const std::string& path) {
       return absl::InvalidArgumentError(
           absl::StrFormat("%s: more than %d pages", path, kMaxTiffPages));
     }
-  } while (TIFFReadDirectory(tiff) != 0);
-  if (TIFFLastDirectory(tiff) == 0) {
-    return absl::DataLossError(
-        absl::StrFormat("%s: page %d can't be read: %s: the file is cut or damaged", path,
-                        pages.offsets.size() + 1, TakeMessage()));
+    if (TIFFLastDirectory(tiff) != 0) {  // libtiff forgets it if the next page can't be read
+      break;
+    }
+    if (TIFFReadDirectory(tiff) == 0) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: page %d can't be read: %s: the file is cut or damaged", path,
+                          pages.offsets.size() + 1, TakeMessage()));
+    }
   }
   return pages;
 }
