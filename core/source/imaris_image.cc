@@ -125,13 +125,13 @@ void TakeImarisTimes(hid_t file, std::int64_t steps, Hdf5MeshFile* meshes) {
     }
     times.push_back(*time - first);
   }
-  meshes->time_unit = times.empty() ? "" : "s";
-  for (std::int64_t i = 0; times.empty() && steps > 1 && i < steps; ++i) {
-    meshes->times.push_back(static_cast<double>(i));
-  }
   if (steps == 1) {
     times.clear();
-    meshes->time_unit.clear();
+  }
+  const bool has_times = !times.empty();
+  meshes->time_unit = has_times ? "s" : "";
+  for (std::int64_t i = 0; !has_times && steps > 1 && i < steps; ++i) {
+    times.push_back(static_cast<double>(i));
   }
 }
 
