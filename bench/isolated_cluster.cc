@@ -337,7 +337,7 @@ absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
   agent::BlockCache no_cache(0);
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<agent::SurfaceExtraction> extraction,
-      agent::SurfaceExtraction::Make(shards_, isovalue, /*clip=*/{},
+      agent::SurfaceExtraction::Make(shards_, volume::InsideRule::OfIsovalue(isovalue), /*clip=*/{},
                                      {.arena = &arena_, .cache = &no_cache}, &cancellation));
   std::vector<std::int64_t> counts;
   while (true) {

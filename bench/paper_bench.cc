@@ -99,7 +99,7 @@ class Bench {
   // Returns the view of all figures.
   [[nodiscard]] frame::FrameSpec MakeSpec(double isovalue, frame::Culling culling) const {
     frame::FrameSpec spec;
-    spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+    spec.surfaces = {{.rule = {.isovalue = isovalue}, .appearance = {}}};
     spec.culling = culling;
     spec.viewport = {plan_.side_px, plan_.side_px};
     spec.camera = camera_;

@@ -1,12 +1,12 @@
-# Writes files as one C++ source. Run by cmake -P, at build time:
+# Writes files of a folder as one C++ source, by their names in it. Run by cmake -P, at build time:
 #
-#   cmake -DOUTPUT=out.cc -DFILES="a.html;b.js" -P EmbedFiles.cmake
+#   cmake -DOUTPUT=out.cc -DFOLDER=/folder -DFILES="/folder/a.html;/folder/view/b.js" -P EmbedFiles.cmake
 list(SORT FILES)
 set(arrays "")
 set(entries "")
 set(index 0)
 foreach(file IN LISTS FILES)
-  get_filename_component(name "${file}" NAME)
+  file(RELATIVE_PATH name "${FOLDER}" "${file}")
   file(READ "${file}" hex HEX)
   string(REGEX REPLACE "([0-9a-f][0-9a-f])" "\\\\x\\1" bytes "${hex}")
   # Lines of 32 bytes: compilers and editors bear them.

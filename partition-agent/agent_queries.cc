@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/rpc/frame_convert.h"
@@ -28,32 +30,38 @@ void SortShards(v1::DescribeShardsResponse* description) {
             });
 }
 
-// Adds the values of scalar volumes that a request asks for.
+// Adds the labels, and the values of scalar volumes, that a request asks for.
 absl::Status AddValues(const ShardSet& shards, const v1::GetGradientsRequest& request,
                        const Shards& found, const std::vector<math::Vec3d>& points,
                        const std::vector<std::optional<volume::BlockId>>& block_ids,
                        const base::Cancellation& cancellation, v1::GetGradientsResponse* response) {
-  if (!request.has_values()) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<rpc::PickedSurface> surfaces,
+                            rpc::PickedSurfacesFromProto(request));
+  if (surfaces.empty()) {
     return absl::OkStatus();
   }
-  const v1::PointValuesQuery& query = request.values();
-  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckPointValuesQuery(request));
   std::vector<SurfacePoint> surface_points;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const int index = static_cast<int>(i);
-    surface_points.push_back(
-        {points[i], block_ids[i], query.isovalues(index), query.on_caps(index)});
+    surface_points.push_back({points[i], block_ids[i], surfaces[i].rule, surfaces[i].is_on_cap});
   }
   std::vector<Shards> volumes;
-  for (const std::string& id : query.dataset_ids()) {
+  for (const std::string& id : request.values().dataset_ids()) {
     ISOSCOPE_ASSIGN_OR_RETURN(volumes.emplace_back(), shards.Find(id, request.shard_indices()));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointValues> values,
                             ValuesAt(found, volumes, surface_points, cancellation));
   for (const PointValues& of_point : values) {
-    v1::PointValues* const out = response->add_values();
-    out->set_point_index(static_cast<std::int32_t>(of_point.point_index));
-    out->mutable_values()->Assign(of_point.values.begin(), of_point.values.end());
+    const auto point_index = static_cast<std::int32_t>(of_point.point_index);
+    if (!volumes.empty()) {
+      v1::PointValues* const out = response->add_values();
+      out->set_point_index(point_index);
+      out->mutable_values()->Assign(of_point.values.begin(), of_point.values.end());
+    }
+    if (of_point.label.has_value()) {
+      v1::PointLabel* const out = response->add_labels();
+      out->set_point_index(point_index);
+      out->set_label(*of_point.label);
+    }
   }
   return absl::OkStatus();
 }
@@ -110,19 +118,26 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequ
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& request,
                          const base::Cancellation& /*cancellation*/,
                          v1::GetActiveBoxResponse* response) {
-  if (request.isovalues().empty()) {
-    return absl::InvalidArgumentError("isovalues is empty: must name at least one");
+  if (request.isovalues().empty() && request.label_sets().empty()) {
+    return absl::InvalidArgumentError(
+        "isovalues is empty: must name at least one, unless there are label_sets");
   }
+  std::vector<volume::InsideRule> rules;
   for (const double isovalue : request.isovalues()) {
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(isovalue, "isovalues"));
+    rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
+  }
+  for (int i = 0; i < request.label_sets_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(rules.emplace_back(),
+                              rpc::LabelsFromProto(request.label_sets(i).labels(),
+                                                   absl::StrCat("label_sets[", i, "].labels")));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                             rpc::ClipRegionFromProto(request.clip(), "clip"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
                             shards.FindAny(request.dataset_id()));
   const store::ShardReader& reader = *found->reader;
-  const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(),
-                                    {request.isovalues().begin(), request.isovalues().end()},
+  const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
                                     view::Clipper(clip, reader.manifest().geometry));
   *response = rpc::ToProto(box.block_count, box.cells);
   return absl::OkStatus();

@@ -6,7 +6,6 @@
 #define ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
 
 #include <atomic>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -22,6 +21,7 @@
 #include "core/base/memory_pool.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/inside_rule.h"
 #include "partition-agent/mesh_cache.h"
 #include "partition-agent/shard.h"
 
@@ -106,13 +106,16 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   }
 
   // Returns the active blocks of a shard, ascending by block id; null if they are not kept.
-  std::shared_ptr<const std::vector<ActiveBlock>> FindActive(const Shard& shard, double isovalue) {
-    return actives_.Find({shard.number, BitsOf(isovalue)});
+  std::shared_ptr<const std::vector<ActiveBlock>> FindActive(const Shard& shard,
+                                                             const volume::InsideRule& rule) {
+    return actives_.Find({shard.number, rule});
   }
-  void InsertActive(const Shard& shard, double isovalue,
+  void InsertActive(const Shard& shard, const volume::InsideRule& rule,
                     std::shared_ptr<const std::vector<ActiveBlock>> active) {
-    const std::size_t size = active->capacity() * sizeof(ActiveBlock);
-    actives_.Insert({shard.number, BitsOf(isovalue)}, std::move(active), size);
+    // The key is kept twice, in the list and in the map.
+    const std::size_t size =
+        active->capacity() * sizeof(ActiveBlock) + 2 * rule.labels.size() * sizeof(double);
+    actives_.Insert({shard.number, rule}, std::move(active), size);
   }
 
   [[nodiscard]] std::size_t mesh_bytes() const { return meshes_.size_bytes(); }
@@ -124,12 +127,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
 
  private:
   using BlockKey = std::pair<std::uint32_t, std::uint32_t>;  // shard, ordinal
-  using ActiveKey = std::pair<std::uint32_t, std::uint64_t>;
-
-  // + 0.0 makes -0 the key of 0.
-  static std::uint64_t BitsOf(double isovalue) {
-    return std::bit_cast<std::uint64_t>(isovalue + 0.0);
-  }
+  using ActiveKey = std::pair<std::uint32_t, volume::InsideRule>;
 
   const std::shared_ptr<base::MemoryPool> pool_;
   MeshCache meshes_;

@@ -118,9 +118,11 @@ class Drawing {
       });
     });
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    std::uint32_t volumes = 0;
+    VolumeSet volumes;
     for (const std::optional<std::size_t>& volume : shown_volumes_) {
-      volumes |= volume.has_value() ? 1U << *volume : 0U;
+      if (volume.has_value()) {
+        volumes.set(*volume);
+      }
     }
     std::vector<ColoredBlock> to_read;
     for (std::size_t i = 0; i < is_painted.size(); ++i) {
@@ -129,7 +131,7 @@ class Drawing {
       }
     }
     return VisitColoredBlocks(
-        shards_, volumes == 0 ? ColorVolumes() : colors_, to_read, resources_, cancellation_,
+        shards_, volumes.none() ? ColorVolumes() : colors_, to_read, resources_, cancellation_,
         [&](std::size_t i, const volume::BlockSamples& samples,
             std::span<const volume::BlockSamples> fields) {
           const BlockToRead& block = to_read[i].block;

@@ -120,7 +120,7 @@ class HeldSamples {
   void ForEachWanted(const Visit& visit) {
     for (std::size_t i = 0; i < blocks_.size(); ++i) {
       for (std::size_t volume = 0; volume < colors_.volume_count(); ++volume) {
-        if ((blocks_[i].volumes >> volume & 1) != 0) {
+        if (blocks_[i].volumes.test(volume)) {
           const BlockToRead& at = blocks_[i].block;
           ++wanted_count_;
           visit(i * colors_.volume_count() + volume,
@@ -146,7 +146,7 @@ std::size_t WantedBytes(const Shards& shards, const ColorVolumes& colors,
   const store::ShardReader& reader = *shards[colored.block.shard_index]->reader;
   std::size_t bytes = 0;
   for (std::size_t volume = 0; volume < colors.volume_count(); ++volume) {
-    if ((colored.volumes >> volume & 1) != 0) {
+    if (colored.volumes.test(volume)) {
       bytes += volume::StoredSizeBytes(
           reader.layout(), reader.block_id(colored.block.ordinal),
           colors.shards()[colors.IndexOf(volume, 0)]->reader->manifest().scalar_type);

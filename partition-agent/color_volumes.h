@@ -5,6 +5,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_COLOR_VOLUMES_H_
 #define ISOSCOPE_PARTITION_AGENT_COLOR_VOLUMES_H_
 
+#include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -16,6 +17,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
+#include "core/frame/frame_spec.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "partition-agent/agent_resources.h"
@@ -39,7 +41,8 @@ class ColorVolumes {
                                            const std::vector<Shards>& by_surface);
 
   [[nodiscard]] bool empty() const { return shards_.empty(); }
-  // Volumes are counted once, however many surfaces show them: at most 16.
+  // Volumes are counted once, however many surfaces show them. Those of a frame are at most as many
+  // as its surfaces.
   [[nodiscard]] std::size_t volume_count() const { return volume_count_; }
   // The volume of a surface. Not set: it shows no other field.
   [[nodiscard]] std::optional<std::size_t> VolumeOf(std::size_t surface_index) const {
@@ -67,10 +70,13 @@ class ColorVolumes {
   std::vector<std::optional<std::size_t>> volume_of_;  // by surface
 };
 
-// A block to read, and the volumes whose samples of it are wanted too: bit i for volume i.
+// A set of the volumes of ColorVolumes.
+using VolumeSet = std::bitset<frame::kMaxSurfaces>;
+
+// A block to read, and the volumes whose samples of it are wanted too.
 struct ColoredBlock {
   BlockToRead block;
-  std::uint32_t volumes = 0;
+  VolumeSet volumes = {};
 };
 
 // Visits the blocks as BlockReads::ForEach, each with its samples in the volumes that are wanted:

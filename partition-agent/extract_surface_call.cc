@@ -21,10 +21,10 @@
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
-#include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
+#include "core/volume/inside_rule.h"
 #include "partition-agent/agent_streams.h"
 #include "partition-agent/surface_extraction.h"
 #include "proto/message_checksum.h"
@@ -103,7 +103,7 @@ class ExtractSurfaceCall final : public SurfaceReactor {
               status.ok() ? "extraction_done" : "extraction_failed",
               {{"request", identity_.request_id()},
                {"dataset_id", request_.dataset_id()},
-               {"isovalue", request_.isovalue()},
+               {"surface", rule_.Text()},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"triangles", triangle_count_},
                {"status", status}});
@@ -112,15 +112,16 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   absl::Status Extract() {
     ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        rule_, rpc::InsideRuleFromProto(request_.isovalue(), request_.labels(), /*path=*/""));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                               rpc::ClipRegionFromProto(request_.clip(), "clip"));
     ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
                               agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), clip,
-                                agent_.Resources(/*trace=*/nullptr), &cancellation_));
+        SurfaceExtraction::Make(std::move(shards), rule_, clip, agent_.Resources(/*trace=*/nullptr),
+                                &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {
@@ -150,6 +151,7 @@ class ExtractSurfaceCall final : public SurfaceReactor {
 
   AgentContext& agent_;
   const v1::ExtractSurfaceRequest request_;
+  volume::InsideRule rule_;  // set by Extract
   const base::TraceContext identity_;
   const absl::Time arrival_ = absl::Now();
   base::Cancellation cancellation_;

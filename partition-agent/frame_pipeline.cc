@@ -66,6 +66,36 @@ absl::StatusOr<ColorVolumes> ColorsOf(const frame::FrameSpec& spec, const Shards
   return ColorVolumes::Make(shards, by_surface);
 }
 
+render::Renderer& RendererOf(const frame::FrameSpec& spec, const AgentResources& resources) {
+  const bool only_cpu = frame::ShowsValues(spec) && resources.cpu_renderer != nullptr;
+  return only_cpu ? *resources.cpu_renderer : *resources.renderer;
+}
+
+bool IsTranslucent(const frame::FrameSpec& spec, std::size_t surface_index) {
+  return spec.surfaces[surface_index].is_translucent();
+}
+
+// Returns the pixels that each block can cover. The shape of its open pixels follows from them.
+std::vector<view::PixelRect> RectsOf(const std::vector<volume::BlockId>& blocks,
+                                     const view::View& view, const volume::BlockLayout& layout,
+                                     base::TaskArena* arena) {
+  std::vector<view::PixelRect> rects(blocks.size());
+  base::RunIn(arena, [&] {
+    tbb::parallel_for(
+        tbb::blocked_range<std::size_t>(0, blocks.size(), kFootprintsPerTask),
+        [&](const tbb::blocked_range<std::size_t>& range) {
+          std::array<view::Footprint, kFootprintsPerTask> footprints;
+          view.FootprintsOf(layout, absl::MakeSpan(blocks).subspan(range.begin(), range.size()),
+                            absl::MakeSpan(footprints).first(range.size()));
+          for (std::size_t i = 0; i < range.size(); ++i) {
+            rects[range.begin() + i] = footprints[i].rect;
+          }
+        },
+        tbb::simple_partitioner());
+  });
+  return rects;
+}
+
 // Draws what is added: opaque meshes into `pass`, translucent ones into `layer_pass`, which is
 // null if there are none.
 class PassSink final : public MeshSink {
@@ -81,7 +111,7 @@ class PassSink final : public MeshSink {
     std::vector<render::MeshToDraw> sorted(meshes.begin(), meshes.end());
     const auto translucent =
         std::stable_partition(sorted.begin(), sorted.end(), [this](const render::MeshToDraw& mesh) {
-          return !spec_.surfaces[mesh.surface_index].is_translucent();
+          return !IsTranslucent(spec_, mesh.surface_index);
         });
     const auto opaque_count = static_cast<std::size_t>(translucent - sorted.begin());
     ISOSCOPE_RETURN_IF_ERROR(pass_.Add(std::span(sorted).first(opaque_count)));
@@ -145,7 +175,9 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderOccluders(
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
     if (frame::HasLayers(task_.spec)) {
       occluding_ = blocks;
-      std::erase_if(chosen, [this](const ChosenMesh& mesh) { return IsTranslucent(mesh); });
+      std::erase_if(chosen, [this](const ChosenMesh& mesh) {
+        return IsTranslucent(task_.spec, mesh.surface_index);
+      });
     }
     return DrawWithCaps(chosen, blocks.size(), frame::Culling::kDepth);
   };
@@ -157,7 +189,7 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
   const auto draw = [&]() -> absl::StatusOr<image::FrameImage> {
     std::vector<image::PixelMask> masks;
     if (!open_pixels.empty()) {
-      const std::vector<view::PixelRect> rects = RectsOf(blocks);
+      const std::vector<view::PixelRect> rects = RectsOf(blocks, view_, layout_, resources_.arena);
       ISOSCOPE_ASSIGN_OR_RETURN(masks, base::RunIn(resources_.arena, [&] {
                                   return visibility::DecodeOpenPixels(open_pixels, rects);
                                 }));
@@ -217,7 +249,7 @@ absl::Status FramePipeline::FindBlocks() {
   const base::TraceScope trace(resources_.trace, "index");
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(SurfaceBlocks found,
-                            SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
+                            SurfaceBlocks::Find(shards_, frame::RulesOf(task_.spec),
                                                 resources_.cache, cancellation_, &cost));
   if (task_.report_active_blocks) {
     reported_ = found.Ids();  // with clipped ones: the coordinator keeps the list
@@ -248,31 +280,6 @@ std::vector<volume::BlockId> FramePipeline::HiddenBlocks(const volume::BlockSet&
   return hidden;
 }
 
-render::Renderer& FramePipeline::RendererOfFrame() const {
-  const bool only_cpu = frame::ShowsValues(task_.spec) && resources_.cpu_renderer != nullptr;
-  return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;
-}
-
-// Returns the pixels that each block can cover. The shape of its open pixels follows from them.
-std::vector<view::PixelRect> FramePipeline::RectsOf(
-    const std::vector<volume::BlockId>& blocks) const {
-  std::vector<view::PixelRect> rects(blocks.size());
-  base::RunIn(resources_.arena, [&] {
-    tbb::parallel_for(
-        tbb::blocked_range<std::size_t>(0, blocks.size(), kFootprintsPerTask),
-        [&](const tbb::blocked_range<std::size_t>& range) {
-          std::array<view::Footprint, kFootprintsPerTask> footprints;
-          view_.FootprintsOf(layout_, absl::MakeSpan(blocks).subspan(range.begin(), range.size()),
-                             absl::MakeSpan(footprints).first(range.size()));
-          for (std::size_t i = 0; i < range.size(); ++i) {
-            rects[range.begin() + i] = footprints[i].rect;
-          }
-        },
-        tbb::simple_partitioner());
-  });
-  return rects;
-}
-
 // Returns the meshes of step 3 in `blocks`: without the opaque ones that step 2 drew.
 //
 // masks:     open pixels of each block; empty: all are open
@@ -287,7 +294,7 @@ absl::StatusOr<std::vector<ChosenMesh>> FramePipeline::ChooseVisible(
       return std::binary_search(occluding_.begin(), occluding_.end(), id);
     };
     std::erase_if(chosen, [&](const ChosenMesh& mesh) {
-      return !IsTranslucent(mesh) && was_drawn(mesh.block_id);
+      return !IsTranslucent(task_.spec, mesh.surface_index) && was_drawn(mesh.block_id);
     });
     *new_count -= static_cast<std::size_t>(std::count_if(blocks.begin(), blocks.end(), was_drawn));
   }
@@ -305,8 +312,9 @@ absl::StatusOr<image::FrameImage> FramePipeline::Draw(const std::vector<ChosenMe
                                                       std::size_t block_count) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   statistics_.visible_block_count += static_cast<std::int64_t>(block_count);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
-                            RendererOfFrame().BeginPass(view_, layout_, task_.spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<render::RenderPass> pass,
+      RendererOf(task_.spec, resources_).BeginPass(view_, layout_, task_.spec));
   std::optional<render::LayerPass> layer_pass;
   if (frame::HasLayers(task_.spec)) {
     layer_pass.emplace(view_, layout_, task_.spec, resources_.layers);
@@ -338,10 +346,10 @@ absl::StatusOr<image::FrameImage> FramePipeline::DrawWithCaps(const std::vector<
   }
   const base::TraceScope trace(resources_.trace, "caps");
   const base::ScopedTimer timer(&statistics_.render_duration);
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::int64_t read_bytes,
-      DrawCaps(shards_, colors_, view_, task_.spec, RendererOfFrame().picture_revision().back_end,
-               resources_, cancellation_, &*image));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t read_bytes,
+                            DrawCaps(shards_, colors_, view_, task_.spec,
+                                     RendererOf(task_.spec, resources_).picture_revision().back_end,
+                                     resources_, cancellation_, &*image));
   statistics_.read_bytes += read_bytes;
   if (resources_.metrics != nullptr) {
     resources_.metrics->read_bytes.Add(read_bytes);

@@ -94,9 +94,6 @@ class FramePipeline {
   std::invoke_result_t<Work> RunStep(const char* name, Step step, Step next, const Work& work);
   absl::Status FindBlocksWhile(const std::function<void()>& work);
   absl::Status FindBlocks();
-  [[nodiscard]] render::Renderer& RendererOfFrame() const;
-  [[nodiscard]] std::vector<view::PixelRect> RectsOf(
-      const std::vector<volume::BlockId>& blocks) const;
   absl::StatusOr<std::vector<ChosenMesh>> ChooseVisible(const std::vector<volume::BlockId>& blocks,
                                                         const std::vector<image::PixelMask>& masks,
                                                         std::size_t* new_count) const;
@@ -105,9 +102,6 @@ class FramePipeline {
   absl::StatusOr<image::FrameImage> DrawWithCaps(const std::vector<ChosenMesh>& chosen,
                                                  std::size_t block_count,
                                                  frame::Culling of_culling);
-  [[nodiscard]] bool IsTranslucent(const ChosenMesh& mesh) const {
-    return task_.spec.surfaces[mesh.surface_index].is_translucent();
-  }
 
   const Shards shards_;
   const ColorVolumes colors_;

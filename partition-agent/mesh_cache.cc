@@ -1,7 +1,6 @@
 // The way to a mesh:
 //
-//   MeshCache::tables_   (shard, isovalue, what vertices have values of) to MeshTable, the last
-//   used
+//   MeshCache::tables_   (shard, surface, what vertices have values of) to MeshTable, the last used
 //                        first
 //   MeshTable::slots_    active index to the mesh and a weak pointer to its segment
 //   MeshSegment          memory that fills up with meshes, from its beginning on
@@ -27,7 +26,6 @@
 #include "partition-agent/mesh_cache.h"
 
 #include <algorithm>
-#include <bit>
 
 #include "absl/cleanup/cleanup.h"
 
@@ -66,23 +64,21 @@ std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
     ++round_;
     last_motion_ = std::exchange(motion_, {});
     is_slider_moving_.store(false, std::memory_order_relaxed);
-    std::erase_if(asked_, [this](const AskedIsovalue& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    std::erase_if(asked_, [this](const AskedRule& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
       return asked.round + kRecentRounds < round_;
     });
   }
   return round_;
 }
 
-std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double isovalue,
+std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number,
+                                              const volume::InsideRule& rule,
                                               std::size_t block_count, const MeshValues& values) {
-  // + 0.0 makes -0 the key of 0.
-  const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
   base::MutexLock lock(&mutex_);
-  const auto asked =
-      std::find_if(asked_.begin(), asked_.end(),
-                   [bits](const AskedIsovalue& recent) { return recent.bits == bits; });
+  const auto asked = std::find_if(asked_.begin(), asked_.end(),
+                                  [&rule](const AskedRule& recent) { return recent.rule == rule; });
   if (asked == asked_.end()) {
-    asked_.push_back({bits, round_});
+    asked_.push_back({rule, round_});
     motion_ = {.has_moved = true, .has_new = true};
   } else {
     motion_.has_moved = motion_.has_moved || asked->round + 1 < round_;
@@ -92,18 +88,17 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
       motion_.has_moved && last_motion_.has_moved && (motion_.has_new || last_motion_.has_new),
       std::memory_order_relaxed);
   const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
-    return keyed.shard_number == shard_number && keyed.isovalue_bits == bits &&
-           keyed.values == values;
+    return keyed.shard_number == shard_number && keyed.rule == rule && keyed.values == values;
   });
   if (found != tables_.end()) {
     tables_.splice(tables_.begin(), tables_, found);
     return found->table;
   }
   auto table = std::make_shared<MeshTable>(block_count);
-  tables_.push_front({shard_number, bits, values, table});
-  table_bytes_ += table->size_bytes();
+  tables_.push_front({shard_number, rule, values, table});
+  table_bytes_ += tables_.front().size_bytes();
   while (table_bytes_ > max_bytes_ / kTableShare) {  // the new table goes last
-    table_bytes_ -= tables_.back().table->size_bytes();
+    table_bytes_ -= tables_.back().size_bytes();
     tables_.pop_back();
   }
   return table;

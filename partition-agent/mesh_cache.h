@@ -23,6 +23,7 @@
 #include "core/base/mutex.h"
 #include "core/mesh/block_mesh.h"
 #include "core/mesh/compact_mesh.h"
+#include "core/volume/inside_rule.h"
 
 namespace isoscope::agent {
 
@@ -51,7 +52,7 @@ struct MeshValues {
   friend bool operator==(const MeshValues&, const MeshValues&) = default;
 };
 
-// The meshes of one shard at one isovalue with one kind of values, by active index in the shard's
+// The meshes of one shard and one surface with one kind of values, by active index in the shard's
 // list of active blocks. Thread-safe.
 class MeshTable {
  public:
@@ -94,10 +95,10 @@ class MeshCache {
   // Begins a frame and returns its round. Agents of one process may call it for the same frame.
   std::uint64_t BeginRound(std::int64_t frame_number);
 
-  // Returns the table of a shard (by Shard::number) at an isovalue, and makes it if there is none.
+  // Returns the table of a shard (by Shard::number) and a surface, and makes it if there is none.
   // Meshes with other values have tables of their own. Evicts the least recently used tables if
   // all take more than 1 / kTableShare of the bytes.
-  std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
+  std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, const volume::InsideRule& rule,
                                      std::size_t block_count, const MeshValues& values = {});
 
   // Copies meshes into segments, for one thread at a time. A stored mesh lives as long as it is
@@ -141,19 +142,23 @@ class MeshCache {
  private:
   struct KeyedTable {
     std::uint32_t shard_number = 0;
-    std::uint64_t isovalue_bits = 0;
+    volume::InsideRule rule;
     MeshValues values;
     std::shared_ptr<MeshTable> table;
+
+    [[nodiscard]] std::size_t size_bytes() const {
+      return table->size_bytes() + rule.labels.size() * sizeof(double);
+    }
   };
   static constexpr std::size_t kTableShare = 8;
   // The most users who take turns. A larger number makes a slider that reverses take more fresh
   // memory.
   static constexpr std::uint64_t kRecentRounds = 4;
-  struct AskedIsovalue {
-    std::uint64_t bits = 0;
+  struct AskedRule {
+    volume::InsideRule rule;
     std::uint64_t round = 0;  // the last one that asked for it
   };
-  // Changes of a round's isovalues against the rounds before.
+  // Changes of a round's surfaces against the rounds before.
   struct Motion {
     bool has_moved = false;  // one was not asked for in the last round
     bool has_new = false;    // one was not asked for in the last kRecentRounds
@@ -186,9 +191,9 @@ class MeshCache {
   std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // most recently used first
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
-  std::vector<AskedIsovalue> asked_ ABSL_GUARDED_BY(mutex_);  // in the last kRecentRounds
-  Motion motion_ ABSL_GUARDED_BY(mutex_);                     // of this round
-  Motion last_motion_ ABSL_GUARDED_BY(mutex_);                // of the round before
+  std::vector<AskedRule> asked_ ABSL_GUARDED_BY(mutex_);  // in the last kRecentRounds
+  Motion motion_ ABSL_GUARDED_BY(mutex_);                 // of this round
+  Motion last_motion_ ABSL_GUARDED_BY(mutex_);            // of the round before
   std::atomic<bool> is_slider_moving_{false};
   std::atomic<std::uint64_t> unkept_count_{0};
 };

@@ -64,9 +64,9 @@ MeshSupply::MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
       colors_(std::move(colors)),
       workers_([this] {
         return MeshWorker(*blocks_.shards().front(), resources_.cache->meshes(), round_,
-                          blocks_.isovalues().size());
+                          blocks_.rules().size());
       }) {
-  keeps_gradient_magnitudes_.resize(blocks_.isovalues().size(), false);
+  keeps_gradient_magnitudes_.resize(blocks_.rules().size(), false);
 }
 
 absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& chosen,
@@ -74,7 +74,7 @@ absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& 
   ISOSCOPE_RETURN_IF_ERROR(CheckColors(chosen));
   OpenTables();
   SupplyCost cost;
-  cost.surfaces.resize(blocks_.isovalues().size());
+  cost.surfaces.resize(blocks_.rules().size());
   const absl::Time start = absl::Now();
   std::vector<char> is_missing(chosen.size(), 0);
   ISOSCOPE_RETURN_IF_ERROR(AddCached(chosen, &is_missing, sink));
@@ -114,9 +114,9 @@ void MeshSupply::OpenTables() {
     return;
   }
   for (std::size_t shard = 0; shard < blocks_.shards().size(); ++shard) {
-    for (std::size_t surface = 0; surface < blocks_.isovalues().size(); ++surface) {
+    for (std::size_t surface = 0; surface < blocks_.rules().size(); ++surface) {
       tables_.push_back(resources_.cache->meshes()->TableOf(
-          blocks_.shards()[shard]->number, blocks_.isovalues()[surface],
+          blocks_.shards()[shard]->number, blocks_.rules()[surface],
           blocks_.ActiveOf(shard, surface).size(), ValuesOf(shard, surface)));
     }
   }
@@ -212,11 +212,11 @@ bool MeshSupply::Find(const ChosenMesh& chosen, MeshWorker* worker) {
 // `field`: the samples that the values of vertices come of; null: of none
 void MeshSupply::Extract(const volume::BlockSamples& samples, const volume::BlockSamples* field,
                          const ChosenMesh& chosen, MeshWorker* worker) {
-  const double isovalue = blocks_.isovalues()[chosen.surface_index];
+  const volume::InsideRule& rule = blocks_.rules()[chosen.surface_index];
   const mesh::BlockMeshView mesh =
-      field != nullptr ? worker->extractor.ExtractWithField(samples, isovalue, *field)
+      field != nullptr ? worker->extractor.ExtractWithField(samples, rule, *field)
                        : worker->extractor.Extract(
-                             samples, isovalue, keeps_gradient_magnitudes_[chosen.surface_index]);
+                             samples, rule, keeps_gradient_magnitudes_[chosen.surface_index]);
   worker->Collect(worker->writer.Store(mesh, &TableOf(chosen), chosen.active_index), chosen);
   worker->mesh_bytes += worker->meshes.back().mesh->size_bytes();
 }
@@ -255,8 +255,9 @@ absl::Status MeshSupply::AddRead(const std::vector<ChosenMesh>& chosen,
       blocks.push_back({.block = block_of(wanted[i])});
       first_wanted.push_back(i);
     }
-    const std::optional<std::size_t> volume = colors_.VolumeOf(chosen[wanted[i]].surface_index);
-    blocks.back().volumes |= volume.has_value() ? 1U << *volume : 0U;
+    if (const auto volume = colors_.VolumeOf(chosen[wanted[i]].surface_index)) {
+      blocks.back().volumes.set(*volume);
+    }
   }
   first_wanted.push_back(wanted.size());
   ISOSCOPE_ASSIGN_OR_RETURN(

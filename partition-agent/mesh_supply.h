@@ -61,7 +61,7 @@ class MeshSupply {
     return *blocks_.shards()[mesh.shard_index];
   }
   [[nodiscard]] MeshTable& TableOf(const ChosenMesh& mesh) const {
-    return *tables_[mesh.shard_index * blocks_.isovalues().size() + mesh.surface_index];
+    return *tables_[mesh.shard_index * blocks_.rules().size() + mesh.surface_index];
   }
 
   [[nodiscard]] MeshValues ValuesOf(std::size_t shard_index, std::size_t surface_index) const;

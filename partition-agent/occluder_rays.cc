@@ -24,7 +24,7 @@ std::shared_ptr<const volume::BlockSet> BlocksThatStopRays(const store::ShardRea
   std::vector<std::shared_ptr<const volume::BlockSet>> active;
   for (const frame::Surface& surface : spec.surfaces) {
     if (!surface.is_translucent()) {
-      active.push_back(reader.ActiveBlocks(surface.isovalue));
+      active.push_back(reader.ActiveBlocks(surface.rule));
     }
   }
   if (active.size() == 1 && clipper.empty()) {

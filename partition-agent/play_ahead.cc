@@ -24,7 +24,11 @@ std::string LookOf(const SeriesShard& series, const SeriesShard::Place& place,
   std::string look = absl::StrCat(series.served()->manifest.dataset_id, " ", place.key.field, ".",
                                   place.key.component);
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
-    absl::StrAppend(&look, " ", absl::Hex(std::bit_cast<std::uint64_t>(spec.surfaces[i].isovalue)));
+    const volume::InsideRule& rule = spec.surfaces[i].rule;
+    absl::StrAppend(&look, " ", absl::Hex(std::bit_cast<std::uint64_t>(rule.isovalue)));
+    for (const double label : rule.labels) {
+      absl::StrAppend(&look, "|", absl::Hex(std::bit_cast<std::uint64_t>(label)));
+    }
     if (i < colors.size() && colors[i].has_value()) {
       absl::StrAppend(&look, ":", colors[i]->field, ".", colors[i]->component);
     }
@@ -141,7 +145,7 @@ PlayAhead::StepPointer PlayAhead::MakeStep(const Frame& frame, const SeriesShard
     }
     step->color_ids.push_back(id.empty() ? "" : id_of(color->key));
   }
-  step->frame.isovalues = frame::IsovaluesOf(frame.spec);
+  step->frame.rules = frame::RulesOf(frame.spec);
   for (const frame::Surface& surface : frame.spec.surfaces) {
     step->frame.with_magnitudes.push_back(frame.spec.sends_map_steps && surface.shows_gradient());
   }
@@ -204,7 +208,7 @@ absl::StatusOr<ExpectedFrame> PlayAhead::Open(const Step& step) const {
   ExpectedFrame frame = step.frame;
   ISOSCOPE_ASSIGN_OR_RETURN(frame.shards, shards_.Find(step.dataset_id, step.shard_indices,
                                                        SeriesShard::Opening::kAhead));
-  std::vector<Shards> by_surface(step.frame.isovalues.size());
+  std::vector<Shards> by_surface(step.frame.rules.size());
   for (std::size_t i = 0; i < step.color_ids.size(); ++i) {
     if (!step.color_ids[i].empty()) {
       ISOSCOPE_ASSIGN_OR_RETURN(by_surface[i], shards_.Find(step.color_ids[i], step.shard_indices,

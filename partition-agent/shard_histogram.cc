@@ -127,10 +127,10 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
 }
 
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<double>& isovalues, const view::Clipper& clipper) {
+                      const std::vector<volume::InsideRule>& rules, const view::Clipper& clipper) {
   volume::BlockSet active(layout.block_count());
-  for (const double isovalue : isovalues) {
-    active.UnionWith(ranges.ActiveBlocks(isovalue));
+  for (const volume::InsideRule& rule : rules) {
+    active.UnionWith(ranges.ActiveBlocks(rule));
   }
   clipper.EraseOutside(layout, &active);
   ActiveBox box;

@@ -13,6 +13,7 @@
 
 #include "core/math/box.h"
 #include "core/view/clip_region.h"
+#include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
@@ -30,14 +31,15 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
     const Shards& shards, std::int64_t max_bin_count,
     const std::optional<volume::ScalarSpan>& range);
 
-// The blocks of the volume that are active for any of some isovalues, and not wholly clipped.
+// The blocks of the volume that are active for any of some surfaces, and not wholly clipped.
 struct ActiveBox {
   std::int64_t block_count = 0;
   math::IndexBox cells;  // box around these blocks; empty if there are none
 };
 // O(blocks of the volume). REQUIRES: isovalues are finite.
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<double>& isovalues, const view::Clipper& clipper = {});
+                      const std::vector<volume::InsideRule>& rules,
+                      const view::Clipper& clipper = {});
 
 }  // namespace isoscope::agent
 

@@ -59,7 +59,7 @@ absl::StatusOr<std::unique_ptr<StepAhead>> StepAhead::Make(const ExpectedFrame& 
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(
       SurfaceBlocks blocks,
-      SurfaceBlocks::Find(frame.shards, frame.isovalues, resources.cache, *cancellation, &cost));
+      SurfaceBlocks::Find(frame.shards, frame.rules, resources.cache, *cancellation, &cost));
   blocks.EraseOutside(view::Clipper(frame.clip, frame.shards.front()->reader->manifest().geometry));
   return std::unique_ptr<StepAhead>(
       new StepAhead(frame, std::move(blocks), resources, cancellation));

@@ -16,6 +16,7 @@
 #include "core/io/read_queue.h"
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/inside_rule.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/color_volumes.h"
 #include "partition-agent/frames_in_work.h"
@@ -29,8 +30,8 @@ namespace isoscope::agent {
 struct ExpectedFrame {
   Shards shards;  // of the step's volume
   ColorVolumes colors;
-  std::vector<double> isovalues;      // by surface
-  std::vector<bool> with_magnitudes;  // by surface
+  std::vector<volume::InsideRule> rules;  // by surface
+  std::vector<bool> with_magnitudes;      // by surface
   view::ClipRegion clip;
   std::vector<volume::BlockId> hidden;  // blocks that it will most likely not draw
   std::uint64_t cache_round = 0;        // of the frame before

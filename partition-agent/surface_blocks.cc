@@ -5,10 +5,10 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/frame/frame_spec.h"
 
 namespace isoscope::agent {
 namespace {
@@ -40,6 +40,23 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
   return active;
 }
 
+// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
+// range table, which is in memory, has them all in one pass.
+ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
+  const store::ShardReader& reader = *shard.reader;
+  const std::shared_ptr<const volume::BlockSet> of_volume = reader.ActiveBlocks(rule);
+  auto active = std::make_shared<std::vector<ActiveBlock>>();
+  for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+    if (of_volume->Contains(reader.block_id(ordinal))) {
+      active->push_back({reader.block_id(ordinal), ordinal});
+    }
+  }
+  std::sort(active->begin(), active->end(),
+            [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
+  active->shrink_to_fit();
+  return active;
+}
+
 ChosenMesh MeshAt(const std::vector<ActiveBlock>& active, std::size_t active_index,
                   std::size_t shard_index, std::size_t surface_index) {
   return {.block_id = active[active_index].block_id,
@@ -51,23 +68,28 @@ ChosenMesh MeshAt(const std::vector<ActiveBlock>& active, std::size_t active_ind
 
 }  // namespace
 
-absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards, std::vector<double> isovalues,
+absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards,
+                                                  std::vector<volume::InsideRule> rules,
                                                   BlockCache* cache,
                                                   const base::Cancellation& cancellation,
                                                   IndexCost* cost) {
-  ISOSCOPE_CHECK(!shards.empty() && !isovalues.empty());
+  ISOSCOPE_CHECK(!shards.empty() && !rules.empty());
   SurfaceBlocks blocks;
   blocks.shards_ = std::move(shards);
-  blocks.isovalues_ = std::move(isovalues);
+  blocks.rules_ = std::move(rules);
   for (const std::shared_ptr<const Shard>& shard : blocks.shards_) {
-    for (const double isovalue : blocks.isovalues_) {
-      ActiveList active = cache == nullptr ? nullptr : cache->FindActive(*shard, isovalue);
+    for (const volume::InsideRule& rule : blocks.rules_) {
+      ActiveList active = cache == nullptr ? nullptr : cache->FindActive(*shard, rule);
       ++(active != nullptr ? cost->kept_list_count : cost->queried_list_count);
       if (active == nullptr) {
         ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-        ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard, isovalue, cost));
+        if (rule.has_labels()) {
+          active = BlocksOfLabels(*shard, rule);
+        } else {
+          ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard, rule.isovalue, cost));
+        }
         if (cache != nullptr) {
-          cache->InsertActive(*shard, isovalue, active);
+          cache->InsertActive(*shard, rule, active);
         }
       }
       blocks.active_.push_back(std::move(active));
@@ -93,7 +115,7 @@ std::int64_t SurfaceBlocks::block_count() const {
   if (shown_) {
     return shown_->Count();
   }
-  if (isovalues_.size() > 1) {
+  if (rules_.size() > 1) {
     return static_cast<std::int64_t>(Ids().size());
   }
   std::int64_t count = 0;
@@ -119,7 +141,7 @@ std::vector<volume::BlockId> SurfaceBlocks::Ids() const {
 std::vector<ChosenMesh> SurfaceBlocks::ChooseAll() const {
   std::vector<ChosenMesh> chosen;
   for (std::size_t shard = 0; shard < shards_.size(); ++shard) {
-    for (std::size_t surface = 0; surface < isovalues_.size(); ++surface) {
+    for (std::size_t surface = 0; surface < rules_.size(); ++surface) {
       const std::vector<ActiveBlock>& active = ActiveOf(shard, surface);
       chosen.reserve(chosen.size() + active.size());
       for (std::size_t i = 0; i < active.size(); ++i) {
@@ -138,7 +160,7 @@ absl::StatusOr<std::vector<ChosenMesh>> SurfaceBlocks::Choose(
   chosen.reserve(ids.size());
   std::vector<char> is_found(ids.size(), 0);
   for (std::size_t shard = 0; shard < shards_.size(); ++shard) {
-    for (std::size_t surface = 0; surface < isovalues_.size(); ++surface) {
+    for (std::size_t surface = 0; surface < rules_.size(); ++surface) {
       const std::vector<ActiveBlock>& active = ActiveOf(shard, surface);
       std::size_t id_index = 0;
       for (std::size_t i = 0; i < active.size() && id_index < ids.size(); ++i) {
@@ -155,9 +177,9 @@ absl::StatusOr<std::vector<ChosenMesh>> SurfaceBlocks::Choose(
   }
   const auto missing = std::count(is_found.begin(), is_found.end(), 0);
   if (missing != 0) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%d of %d blocks to draw are not active blocks of this agent at %s %s", missing, ids.size(),
-        isovalues_.size() == 1 ? "isovalue" : "isovalues", absl::StrJoin(isovalues_, ", ")));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%d of %d blocks to draw are not active blocks of this agent at %s",
+                        missing, ids.size(), frame::TextOf(rules_)));
   }
   return chosen;
 }

@@ -16,6 +16,7 @@
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
+#include "core/volume/inside_rule.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/shard.h"
 
@@ -27,7 +28,7 @@ struct ChosenMesh {
   std::uint32_t ordinal = 0;        // of the block in its shard
   std::uint32_t active_index = 0;   // in the list of active blocks of its shard and surface
   std::uint32_t shard_index = 0;    // in SurfaceBlocks::shards()
-  std::uint32_t surface_index = 0;  // in SurfaceBlocks::isovalues()
+  std::uint32_t surface_index = 0;  // in SurfaceBlocks::rules()
   // The open pixels of the block; null: all are open.
   const image::PixelMask* open = nullptr;
 };
@@ -44,20 +45,22 @@ struct IndexCost {
 // Immutable; thread-safe. A block counts once, however many surfaces meet it.
 class SurfaceBlocks {
  public:
-  // Asks the cache, which may be null, then the interval trees. Adds to `cost`. Errors are those of
-  // IntervalTree::Query; also DATA_LOSS if a tree contradicts the block index of its shard.
-  // REQUIRES: at least one shard, all of one dataset; at least one isovalue, all finite.
-  static absl::StatusOr<SurfaceBlocks> Find(Shards shards, std::vector<double> isovalues,
+  // Asks the cache, which may be null, then for isovalues the interval trees, for labels the range
+  // table. Adds to `cost`. Errors are those of IntervalTree::Query; also DATA_LOSS if a tree
+  // contradicts the block index of its shard.
+  // REQUIRES: at least one shard, all of one dataset; at least one rule; isovalues are finite.
+  static absl::StatusOr<SurfaceBlocks> Find(Shards shards, std::vector<volume::InsideRule> rules,
                                             BlockCache* cache,
                                             const base::Cancellation& cancellation,
                                             IndexCost* cost);
 
   [[nodiscard]] const Shards& shards() const { return shards_; }
-  [[nodiscard]] const std::vector<double>& isovalues() const { return isovalues_; }
+  // By surface.
+  [[nodiscard]] const std::vector<volume::InsideRule>& rules() const { return rules_; }
   // Returns the active blocks of a shard and surface, in ascending order of block ids.
   [[nodiscard]] const std::vector<ActiveBlock>& ActiveOf(std::size_t shard_index,
                                                          std::size_t surface_index) const {
-    return *active_[shard_index * isovalues_.size() + surface_index];
+    return *active_[shard_index * rules_.size() + surface_index];
   }
 
   // Removes the blocks that are wholly clipped: the functions below no longer return them.
@@ -80,7 +83,7 @@ class SurfaceBlocks {
   [[nodiscard]] bool IsShown(volume::BlockId id) const { return !shown_ || shown_->Contains(id); }
 
   Shards shards_;
-  std::vector<double> isovalues_;
+  std::vector<volume::InsideRule> rules_;
   std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> active_;  // by shard, surface
   std::optional<volume::BlockSet> shown_;  // not set: all active blocks
 };

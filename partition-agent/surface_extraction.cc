@@ -14,12 +14,12 @@
 namespace isoscope::agent {
 
 absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
-    Shards shards, double isovalue, const view::ClipRegion& clip, const AgentResources& resources,
-    const base::Cancellation* cancellation) {
+    Shards shards, const volume::InsideRule& rule, const view::ClipRegion& clip,
+    const AgentResources& resources, const base::Cancellation* cancellation) {
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(
       SurfaceBlocks blocks,
-      SurfaceBlocks::Find(std::move(shards), {isovalue}, resources.cache, *cancellation, &cost));
+      SurfaceBlocks::Find(std::move(shards), {rule}, resources.cache, *cancellation, &cost));
   blocks.EraseOutside(view::Clipper(clip, blocks.shards().front()->reader->manifest().geometry));
   return std::unique_ptr<SurfaceExtraction>(
       new SurfaceExtraction(std::move(blocks), resources, cancellation));
@@ -80,7 +80,7 @@ absl::StatusOr<std::vector<mesh::BlockMesh>> SurfaceExtraction::Extract(
       BlockReads(blocks_.shards(), blocks)
           .ForEach(resources_, cancellation_,
                    [&](std::size_t block, const volume::BlockSamples& samples) {
-                     extractors_.local().ExtractWithEdgeKeys(samples, blocks_.isovalues().front(),
+                     extractors_.local().ExtractWithEdgeKeys(samples, blocks_.rules().front(),
                                                              &meshes[order[block]]);
                      return cancellation_.Check();
                    }));

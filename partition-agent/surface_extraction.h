@@ -16,6 +16,7 @@
 #include "core/extract/block_extractor.h"
 #include "core/mesh/block_mesh.h"
 #include "core/view/clip_region.h"
+#include "core/volume/inside_rule.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 #include "partition-agent/surface_blocks.h"
@@ -29,12 +30,11 @@ namespace isoscope::agent {
 // arguments must outlive it.
 class SurfaceExtraction {
  public:
-  // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.
-  // Blocks wholly outside of `clip` are left out; triangles are not cut. REQUIRES: isovalue is
-  // finite.
+  // `shards`: of one dataset, at least one. Errors as SurfaceBlocks::Find. Blocks wholly outside of
+  // `clip` are left out; triangles are not cut. REQUIRES: an isovalue is finite.
   static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
-      Shards shards, double isovalue, const view::ClipRegion& clip, const AgentResources& resources,
-      const base::Cancellation* cancellation);
+      Shards shards, const volume::InsideRule& rule, const view::ClipRegion& clip,
+      const AgentResources& resources, const base::Cancellation* cancellation);
 
   // Returns the meshes of the next blocks, with edge keys, ascending; blocks without triangles are
   // left out. Empty: the end. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED,

@@ -8,16 +8,17 @@ set -euo pipefail
 usage() {
   cat <<'USAGE'
 Usage: scripts/soak.sh [MINUTES] [--seed N]
-       scripts/soak.sh --threads|--series [--frames N] [--seed N]
+       scripts/soak.sh --threads|--labels|--series [--frames N] [--seed N]
 
   MINUTES     of all parts together (default: 30)
   --threads   instead, small random frames: each is drawn with 1, 2, 3, 8 or 32 threads, some memory
               limit, options and cut of its volume, and compared with the same frame of one agent
               without culling and limit; prints seeds, frames, differences, and frames by threads
               and limits
+  --labels    the same of random segmentations, with surfaces of labels; a tenth again with OpenGL
   --series    the same of random series (fields, components, steps, colours by another field), each
               compared with the frame of a dataset of its array alone; a tenth again with OpenGL
-  --frames N  how many frames are compared, at least (default: 100000; of series 20000)
+  --frames N  how many frames are compared, at least (default: 100000; of series and labels 20000)
   --seed N    of the first volume or series; each one after it has the next (default: from the clock)
   -h, --help  this text
 USAGE
@@ -37,8 +38,8 @@ while [ $# -gt 0 ]; do
       usage
       exit 0
       ;;
-    --threads | --series)
-      [ -z "$small" ] || fail "--threads and --series are runs of their own"
+    --threads | --labels | --series)
+      [ -z "$small" ] || fail "--threads, --labels and --series are runs of their own"
       small="$1"
       ;;
     --frames | --seed)
@@ -58,7 +59,7 @@ done
 if [ -n "$small" ] && [ -n "$minutes" ]; then
   fail "$small ends after --frames, not after minutes"
 elif [ -z "$small" ] && [ -n "$frames" ]; then
-  fail "--frames needs --threads or --series"
+  fail "--frames needs --threads, --labels or --series"
 fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -75,6 +76,9 @@ if [ -n "$small" ]; then
   }
   if [ "$small" = --threads ]; then
     run '*SmallFrames/Cpu' "${frames:-100000}"
+  elif [ "$small" = --labels ]; then
+    run '*FramesOfLabels/Cpu' "${frames:-20000}"
+    run '*FramesOfLabels/Egl' "$((${frames:-20000} / 10 + 1))"
   else
     run 'BackEnds/SoakTest.FramesOfSeries*/Cpu' "${frames:-20000}"
     run 'BackEnds/SoakTest.FramesOfSeries*/Egl' "$((${frames:-20000} / 10 + 1))"

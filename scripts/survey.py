@@ -134,8 +134,10 @@ def middle_of(words, folder, arguments):
                              + ([] if os.path.isdir(words[1]) else ["--values"]), folder, arguments.timeout)
     described = json.loads(output or "{}")
     volume = described.get("volume") or described.get("datasets", [{}])[0]
-    field = words[words.index("--field") + 1] if "--field" in words else None
-    for one in volume.get("fields", []):
+    fields = volume.get("fields", [])
+    # Without --field, the first one is drawn.
+    field = words[words.index("--field") + 1] if "--field" in words else fields[0]["name"] if fields else None
+    for one in fields:
         if one["name"] == field and isinstance(one["components"][-1], dict):
             volume = one["components"][-1]
     low_high = volume.get("value_range")

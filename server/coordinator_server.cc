@@ -40,8 +40,8 @@ namespace {
 
 // Features of this server beyond the first version that clients may use; ascending. proto/README.md
 // explains each name.
-constexpr std::array<const char*, 4> kFeatures = {"dataset_id", "draining_agents", "error_info",
-                                                  "pages"};
+constexpr std::array<const char*, 5> kFeatures = {"dataset_id", "draining_agents", "error_info",
+                                                  "labels", "pages"};
 
 isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
   isoscope::v1::GetCapabilitiesResponse capabilities;

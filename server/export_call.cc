@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 
 #include "core/base/cancellation.h"
@@ -35,7 +34,7 @@
 #include "server/admission/call_turn.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/export/surface_export.h"
-#include "server/frame/agent_client.h"
+#include "server/frame/surface_stream.h"
 #include "server/isosurface_service_impl.h"
 #include "server/pace_alarm.h"
 
@@ -188,7 +187,7 @@ class IsosurfaceServiceImpl::ExportCall final
               status.ok() ? "export_done" : "export_failed",
               {{"request", identity_.request_id()},
                {"dataset", request_.dataset()},
-               {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
+               {"surfaces", frame::TextOf(spec_.rules)},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_.load()},
                {"caller", caller_.name()},
@@ -221,7 +220,7 @@ class IsosurfaceServiceImpl::ExportCall final
     memory_.emplace(std::move(memory));
     const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
     std::int64_t vertex_count = 0;
-    for (std::size_t i = 0; i < spec_.isovalues.size(); ++i) {
+    for (std::size_t i = 0; i < spec_.rules.size(); ++i) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t added,
                                 ExportOne(*selected.dataset, volume, i, vertex_count));
       vertex_count += added;
@@ -234,7 +233,9 @@ class IsosurfaceServiceImpl::ExportCall final
                                          std::size_t surface_index, std::int64_t first_vertex) {
     isoscope::internal::v1::ExtractSurfaceRequest request;
     request.set_dataset_id(dataset.dataset.dataset_id());
-    request.set_isovalue(spec_.isovalues[surface_index]);
+    const volume::InsideRule& rule = spec_.rules[surface_index];
+    request.set_isovalue(rule.isovalue);
+    request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
     if (request_.has_clip()) {
       *request.mutable_clip() = request_.clip();
     }

@@ -109,6 +109,7 @@ UNTESTED_HEADERS = {
     "core/index/interval_tree_builder.h": "inside of interval_tree_test",
     "core/index/interval_tree_format.h": "constants; inside of interval_tree_test",
     "core/source/file_source.h": "inside of volume_source_test",
+    "core/source/grid_rules.h": "inside of layout_formats_test and resampled_source_test",
     "core/source/hdf5_handle.h": "inside of hdf5_source_test and hdf5_storage_test",
     "core/source/inflate_reader.h": "inside of volume_source_test",
     "core/source/itk_header.h": "inside of volume_source_test",

@@ -16,6 +16,7 @@
 
 #include "clients/cpp/request/clip_flags.h"
 #include "clients/cpp/request/effect_flags.h"
+#include "clients/cpp/request/label_flags.h"
 #include "clients/cpp/request/look_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
@@ -146,8 +147,11 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &flags.label)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(view, flags.camera)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(look, flags.isovalues().size())));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(look, flags.surface_count())));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(look, dataset)));
   if (quality && format != Format::kJpeg) {
     return absl::InvalidArgumentError(
@@ -170,28 +174,35 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   std::optional<double> isovalue;
   std::optional<frame::Color> color;
   std::vector<client::SurfaceValue> surfaces;
+  client::LabelFlags label;
   client::ClipFlags clip;
   client::SelectionFlags selection;
   cli::FlagSet set({.has_help = false});
   cli::AddFlag(&set, "--isovalue", "V", &isovalue, client::ParseNumber, "");
   cli::AddFlag(&set, "--color", "COLOR", &color, client::ParseColor, "");
   cli::AddRepeatableFlag(&set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface, "");
+  client::AddLabelFlags(&set, &label, /*has_opacity=*/false);
   client::AddClipFlags(&set, &clip);
   client::AddSelectionFlags(&set, &selection);
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
-  if (isovalue.has_value() != surfaces.empty()) {
-    return absl::InvalidArgumentError("give isovalue=V, or surface=V:COLOR for each surface");
+  if ((isovalue.has_value() && !surfaces.empty()) ||
+      (!isovalue.has_value() && surfaces.empty() && label.empty())) {
+    return absl::InvalidArgumentError(
+        "give isovalue=V, surface=V:COLOR for each surface, or label=SET:COLOR for each surface of "
+        "labels");
   }
   ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(client::CheckSurfaces(isovalue, surfaces, /*color=*/std::nullopt)));
+      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &label)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::CheckSurfaces(isovalue, surfaces, /*color=*/std::nullopt, label)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(clip)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
   MeshQuery mesh;
-  mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name());
+  mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name(), label);
   if (const auto proto = ToProto(selection); proto) {
     *mesh.request.mutable_selection() = *proto;
   }
-  if (surfaces.empty()) {
+  if (isovalue) {
     mesh.surfaces = {{.isovalue = *isovalue, .color = color}};
   }
   for (const client::SurfaceValue& surface : surfaces) {
@@ -199,6 +210,10 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
     if (surface.color && surface.color->alpha != 1.0F) {
       mesh.surfaces.back().color->alpha = 1;  // meshes are opaque
     }
+  }
+  for (const client::LabelSurface& surface : label.surfaces) {
+    mesh.surfaces.push_back({.color = surface.color, .name = surface.name});
+    mesh.surfaces.back().color->alpha = 1;
   }
   return mesh;
 }

@@ -2,6 +2,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 #include "web-gateway/etag.h"
 #include "web-gateway/url.h"
@@ -28,9 +29,9 @@ std::string ContentTypeOf(absl::string_view name) {
 
 HttpResponse ServeStaticFile(const HttpRequest& request) {
   const std::vector<std::string>& segments = request.target.segments;
-  const std::string name = segments.empty() ? "index.html" : segments[0];
+  const std::string name = segments.empty() ? "index.html" : absl::StrJoin(segments, "/");
   for (const StaticFile& file : StaticFiles()) {
-    if (file.name != name || segments.size() > 1) {
+    if (file.name != name) {
       continue;
     }
     HttpResponse response;

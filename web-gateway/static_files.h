@@ -13,7 +13,7 @@
 namespace isoscope::gateway {
 
 struct StaticFile {
-  absl::string_view name;  // "index.html"
+  absl::string_view name;  // in clients/web: "index.html", "view/camera.js"
   absl::string_view content;
 };
 
@@ -23,7 +23,7 @@ const std::vector<StaticFile>& StaticFiles();
 // The type of a file by its suffix: "text/html; charset=utf-8".
 std::string ContentTypeOf(absl::string_view name);
 
-// Answers a request for the page ("/") or a file beside it. 404 for any other path.
+// Answers a request for the page ("/") or one of its files. 404 for any other path.
 HttpResponse ServeStaticFile(const HttpRequest& request);
 
 }  // namespace isoscope::gateway

@@ -22,6 +22,7 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/no_surface.h"
 #include "client-cli/session/session.h"
+#include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/mesh_export.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/mesh_file/mesh_components.h"
@@ -51,6 +52,7 @@ struct ExportFlags {
   SessionFlags session;
   std::optional<double> isovalue;
   std::vector<client::SurfaceValue> surfaces;
+  client::LabelFlags label;
   client::ClipFlags clip;
   client::SelectionFlags selection;
   std::optional<std::string> output;
@@ -65,14 +67,20 @@ struct ExportFlags {
   [[nodiscard]] bool has_filter() const {
     return min_component || simplify_share || simplify_error;
   }
-  // REQUIRES: CheckUsage is OK.
+  // Those of isovalues, then those of labels. REQUIRES: CheckUsage is OK.
   [[nodiscard]] std::vector<client::MeshSurface> mesh_surfaces() const {
-    if (surfaces.empty()) {
-      return {{.isovalue = *isovalue, .color = color}};
-    }
     std::vector<client::MeshSurface> list;
+    if (isovalue) {
+      list.push_back({.isovalue = *isovalue, .color = color});
+    }
     for (const client::SurfaceValue& surface : surfaces) {
       list.push_back({.isovalue = surface.isovalue, .color = surface.color});
+    }
+    for (const client::LabelSurface& surface : label.surfaces) {
+      list.push_back({.color = surface.color, .name = surface.name});
+    }
+    if (list.empty()) {
+      list.push_back({.name = "label"});  // the dataset tells which
     }
     return list;
   }
@@ -89,7 +97,14 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
 
 absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color));
+  ISOSCOPE_RETURN_IF_ERROR(
+      client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color, flags.label));
+  for (const client::LabelValue& value : flags.label.sets) {
+    if (value.opacity.value_or(1) != 1.0F) {
+      return UsageError(absl::StrCat("--label ", value.set, " has opacity ", *value.opacity,
+                                     ": meshes are opaque, leave :OPACITY out"));
+    }
+  }
   for (const client::SurfaceValue& surface : flags.surfaces) {
     if (surface.color && surface.color->alpha != 1.0F) {
       return UsageError(absl::StrCat("--surface ", surface.isovalue, " has opacity ",
@@ -118,7 +133,7 @@ absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
 isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
                                                   const std::string& dataset) {
   isoscope::v1::ExportIsosurfaceRequest request =
-      client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip, dataset);
+      client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip, dataset, flags.label);
   if (const auto selection = client::ToProto(flags.selection)) {
     *request.mutable_selection() = *selection;
   }
@@ -235,7 +250,8 @@ absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
                                                       : absl::OkStatus();
 }
 
-absl::Status Run(const ExportFlags& flags, const Context& context) {
+absl::Status Run(const ExportFlags& given, const Context& context) {
+  ExportFlags flags = given;
   ISOSCOPE_ASSIGN_OR_RETURN(client::MeshFileOptions file_options, FileOptions(flags));
   ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
@@ -243,9 +259,16 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
+      dataset, flags.selection, session->question_timeout(), &session->client(), &flags.label));
+  ISOSCOPE_ASSIGN_OR_RETURN(file_options, FileOptions(flags));
+  const isoscope::v1::Dataset of_field = client::DatasetOfField(dataset, flags.selection);
   for (const client::MeshSurface& surface : file_options.surfaces) {
-    WarnIfNoSurface(client::DatasetOfField(dataset, flags.selection), {surface.isovalue}, context);
+    if (surface.name.empty()) {
+      WarnIfNoSurface(of_field, {surface.isovalue}, context);
+    }
   }
+  WarnIfNoLabel(of_field, flags.label, context);
   isoscope::v1::ExportIsosurfaceRequest request = MakeRequest(flags, dataset.name());
   file_options.field = client::PinSelection(dataset, &request);
   const absl::Time start = absl::Now();
@@ -274,9 +297,10 @@ Action RegisterExportFlags(FlagSet* set) {
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level, in field units");
   AddRepeatableFlag(set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,
-                    "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
+                    "a surface: its level and colour; instead of --isovalue and --color, up to 128 "
                     "times. All go into one file: as primitives with materials in GLB, as objects "
                     "in OBJ, with a surface index of vertices in PLY and VTP");
+  client::AddLabelFlags(set, &flags->label, /*has_opacity=*/false);
   client::AddClipFlags(set, &flags->clip, "export");
   client::AddSelectionFlags(set, &flags->selection);
   AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,

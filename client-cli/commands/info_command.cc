@@ -5,6 +5,8 @@
 // --json prints as it is and the text is made from. --histogram adds a histogram: it opens a
 // session, which partitions a volume into the cache.
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <memory>
@@ -21,6 +23,7 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/dataset_json.h"
 #include "client-cli/output/histogram_plot.h"
+#include "client-cli/output/label_json.h"
 #include "client-cli/output/series_json.h"
 #include "client-cli/output/source_json.h"
 #include "client-cli/session/connection_flags.h"
@@ -47,6 +50,7 @@
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
+#include "core/volume/label.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
 #include "isoscope/v1/cluster_service.pb.h"
@@ -150,6 +154,11 @@ std::string InputAsTyped(const InfoFlags& flags) {
   if (source.fill) {
     absl::StrAppend(&text, " --fill ", *source.fill);
   }
+  if (source.label_names) {
+    absl::StrAppend(&text, " --label-names ", ShellWord(*source.label_names));
+  }
+  absl::StrAppend(&text, source.ignores_shear ? " --ignore-shear" : "",
+                  source.resamples ? " --resample" : "");
   return text;
 }
 
@@ -164,8 +173,54 @@ absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
   return entries.size() > 1 ? DicomSeriesToJson(entries) : Json::object();
 }
 
-// Prints the header before it reads the volume for the range of its values. Reads the volume only
-// if it is the only one, and that is quick or asked for.
+// How many steps of a source of several volumes are read for the ranges of their values: all, if
+// that is quick or asked for, else the first, if that is quick; else none. A source that is read
+// forwards only is read from its start for each volume.
+int StepsToRead(const source::VolumeSeries& series, const source::VolumeSource& first,
+                std::int64_t volume_bytes, bool reads_all) {
+  std::int64_t components = 0;
+  for (const source::SourceField& field : series.fields()) {
+    components += static_cast<std::int64_t>(field.components.size());
+  }
+  const auto is_quick = [&](int steps) {
+    const double volumes = static_cast<double>(components) * steps;
+    const double reads = first.is_seekable() ? volumes : volumes * (volumes + 1) / 2;
+    return reads * static_cast<double>(volume_bytes) <= static_cast<double>(kMaxQuickBytes);
+  };
+  return reads_all || is_quick(series.step_count()) ? series.step_count() : is_quick(1) ? 1 : 0;
+}
+
+absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
+                                        const Context& context) {
+  SourceRanges ranges{.steps = steps};
+  if (steps == 0) {
+    return ranges;
+  }
+  ProgressLine line(context.err, context.err_is_terminal);
+  std::int64_t done = 0;
+  for (std::size_t field = 0; field < series.fields().size(); ++field) {
+    std::vector<volume::ScalarSpan>& spans = ranges.spans.emplace_back();
+    for (std::size_t component = 0; component < series.fields()[field].components.size();
+         ++component) {
+      volume::ScalarSpan& span = spans.emplace_back();
+      for (int step = 0; step < steps; ++step) {
+        line.Update(absl::StrCat("reading values of volume ", ++done));
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            const std::unique_ptr<source::VolumeSource> volume,
+            series.Open(static_cast<int>(field), static_cast<int>(component), step));
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            const volume::ScalarSpan of_step,
+            source::FindValueRange(volume.get(), nullptr, context.interrupt->cancellation()));
+        span.min = std::min(span.min, of_step.min);
+        span.max = std::max(span.max, of_step.max);
+      }
+    }
+  }
+  return ranges;
+}
+
+// Prints the header before it reads volumes for the ranges of their values. Reads only what is
+// quick or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeDicomFolder(flags));
   if (!folder.empty()) {
@@ -197,8 +252,21 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
     volume = VolumeToJson(*source, range);
     volume["name"] = *flags.input;
   }
-  AddSource(*series, *source, InputAsTyped(flags), &volume);
+  SourceRanges ranges;
+  if (!is_single) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        ranges,
+        ReadRanges(*series, StepsToRead(*series, *source, bytes, flags.reads_values), context));
+  }
+  AddSource(*series, *source, ranges, InputAsTyped(flags), &volume);
   volume["is_single"] = is_single;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
+                            LabelsOfSource(flags.source, *flags.input, context.err));
+  AddLabels(labels, &volume);
+  if (is_single && !labels.empty()) {
+    volume["commands"].push_back(
+        absl::StrCat("isoscope render ", InputAsTyped(flags), " --labels all"));
+  }
   Json json;
   json["volume"] = std::move(volume);
   return json;
@@ -307,7 +375,7 @@ std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
   if (json.contains("volume")) {  // the lines of the grid are printed already
     const Json& volume = json.at("volume");
     return absl::StrCat(volume.at("is_single").get<bool>() ? DescribeValueRange(volume) : "",
-                        DescribeSource(volume));
+                        DescribeSource(volume), DescribeLabels(volume));
   }
   std::string text;
   if (json.contains("server")) {
@@ -326,6 +394,7 @@ std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
     if (dataset.contains("fields") && !dataset.contains("missing_volumes")) {
       absl::StrAppend(&text, DescribeSteps(dataset), "\n", DescribeFields(dataset, max_width));
     }
+    absl::StrAppend(&text, DescribeLabels(dataset));
   }
   if (json.at("datasets").empty()) {
     absl::StrAppend(&text, "\nno dataset is served\n");
@@ -382,7 +451,7 @@ Action RegisterInfoFlags(FlagSet* set) {
           "how long to wait for the server (default: 10)");
   set->AddSwitch("--json", &flags->is_json, "print JSON instead of text");
   set->AddSwitch("--values", &flags->reads_values,
-                 "read the whole volume for the range of its values (default: up to 64 MiB)");
+                 "read all volumes for the ranges of their values (default: up to 64 MiB)");
   set->AddSwitch("--list-formats", &flags->lists_formats,
                  "list the formats of volumes, by the names that --format takes");
   set->AddSwitch(

@@ -70,6 +70,10 @@ absl::Status CheckUsage(const PartitionFlags& flags) {
                                      " can't be used with --append DIR; what is appended is "
                                      "cut as the series"));
     }
+    if (flags.source.label_names) {
+      return UsageError(
+          "--label-names can't be used with --append DIR; the series keeps the names it has");
+    }
   } else if (!flags.output) {
     return UsageError("--output DIR is missing: the dataset folder to make");
   }
@@ -139,13 +143,18 @@ partition::PartitionOptions OptionsOf(const PartitionFlags& flags) {
 
 absl::Status Run(const PartitionFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  const partition::PartitionOptions options = OptionsOf(flags);
+  partition::PartitionOptions options = OptionsOf(flags);
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
                             OpenSourceSeries(flags.source, flags.series, *flags.input));
+  if (!flags.append) {
+    ISOSCOPE_ASSIGN_OR_RETURN(options.labels,
+                              LabelsOfSource(flags.source, *flags.input, context.err));
+  }
   if (!flags.append && !partition::NeedsSeries(*source)) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
                               source->Open(0, 0, 0));
+    PrintNote(*volume, context);
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
                               PartitionVolume(*volume, options, context));
     *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
@@ -155,6 +164,11 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     return UsageError(
         "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
         "or time steps, has its blocks in the same shard in every volume: --distribution random");
+  }
+  if (flags.source.ignores_shear || flags.source.resamples) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
+                              source->Open(0, 0, 0));
+    PrintNote(*first, context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       const store::SeriesManifest series,

@@ -19,10 +19,13 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/no_surface.h"
 #include "client-cli/session/session.h"
+#include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/camera_file.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/view_flags.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/table.h"
@@ -96,6 +99,10 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
       out["position"] = ToJson(point.position());
       out["depth"] = point.depth();
       out["surface_index"] = point.surface_index();
+      if (point.has_label()) {
+        out["label"] = point.label();
+        out["label_name"] = point.label_name();
+      }
       if (point.has_normal()) {
         out["normal"] = ToJson(point.normal());
       }
@@ -138,6 +145,23 @@ std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
   return table.ToString(max_width);
 }
 
+// The labels at the points, one a row; "" if no surface has labels.
+std::string DescribeLabelsOf(const v1::PickSurfaceRequest& request,
+                             const v1::PickSurfaceResponse& response, int max_width) {
+  Table table({"pixel", "label", "name"});
+  bool has_labels = false;
+  for (int i = 0; i < response.points_size(); ++i) {
+    const v1::PickedPoint& point = response.points(i);
+    if (point.has_label()) {
+      has_labels = true;
+      table.AddRow({absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y()),
+                    absl::StrFormat("%.9g", point.label()),
+                    point.label_name().empty() ? "-" : base::Printable(point.label_name())});
+    }
+  }
+  return has_labels ? absl::StrCat("\n", table.ToString(max_width)) : "";
+}
+
 // The values of all fields, one a row; "" if there are none.
 std::string DescribeValues(const v1::PickSurfaceRequest& request,
                            const v1::PickSurfaceResponse& response, int max_width) {
@@ -166,15 +190,20 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
-  WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.selection),
-                  flags.request.isovalues(), context);
+  client::RequestFlags of_frame = flags.request;
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, of_frame.selection,
+                                                 session->question_timeout(), &session->client(),
+                                                 &of_frame.label));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(of_frame));
+  const v1::Dataset of_field = client::DatasetOfField(dataset, of_frame.selection);
+  WarnIfNoSurface(of_field, of_frame.isovalues(), context);
+  WarnIfNoLabel(of_field, of_frame.label, context);
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   v1::PickSurfaceRequest request;
   request.set_with_field_values(flags.all_fields);
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      *request.mutable_frame(),
-      client::MakeRequest(flags.request, dataset.name(), camera, flags.view.fit));
+  ISOSCOPE_ASSIGN_OR_RETURN(*request.mutable_frame(),
+                            client::MakeRequest(of_frame, dataset.name(), camera, flags.view.fit));
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_ASSIGN_OR_RETURN(const rpc::PixelPosition pixel,
                               ParsePixel(text, flags.request.viewport()));
@@ -199,6 +228,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
     *context.out << DescribeAsJson(request, response);
   } else {
     *context.out << DescribeAsTable(request, response, context.out_columns)
+                 << DescribeLabelsOf(request, response, context.out_columns)
                  << DescribeValues(request, response, context.out_columns);
   }
   return absl::OkStatus();

@@ -24,6 +24,7 @@
 #include "client-cli/output/no_surface.h"
 #include "client-cli/output/picture_output.h"
 #include "client-cli/output/trace_file.h"
+#include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/connection/png_metadata.h"
 #include "clients/cpp/connection/render_frame.h"
@@ -324,6 +325,13 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   const v1::Dataset& dataset = subject.dataset;
   ISOSCOPE_RETURN_IF_ERROR(client::CheckColorFields(given.look, dataset));
   RenderFlags flags = given;
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, flags.request.selection,
+                                                 session->question_timeout(), &session->client(),
+                                                 &flags.request.label));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count()));
+  WarnIfNoLabel(client::DatasetOfField(dataset, flags.request.selection), flags.request.label,
+                context);
   ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(dataset, &flags.sweep));
   if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
     flags.annotations.caption = "{time}";

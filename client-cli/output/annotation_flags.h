@@ -4,6 +4,7 @@
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_ANNOTATION_FLAGS_H_
 
 #include "clients/cpp/picture_file/annotations.h"
+#include "core/cli/flag_set.h"
 
 namespace isoscope::cli {
 

@@ -21,10 +21,12 @@
 #include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/label_json.h"
 #include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/rpc/proto_convert.h"
+#include "core/volume/label.h"
 
 namespace isoscope::cli {
 namespace {
@@ -164,6 +166,9 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   if (!dataset.fields().empty()) {
     AddFields(dataset, &json);
   }
+  // Of a server whose labels are damaged, the rest is told all the same.
+  AddLabels(rpc::LabelsFromProto(dataset.labels(), "labels").value_or(std::vector<volume::Label>()),
+            &json);
   return json;
 }
 
@@ -177,6 +182,9 @@ Json VolumeToJson(const source::VolumeSource& source,
              &json);
   if (!value_range) {
     json.erase("value_range");
+  }
+  if (const std::string note = source.note(); !note.empty()) {
+    json["note"] = note;
   }
   return json;
 }
@@ -224,6 +232,9 @@ std::string DescribeVolume(const Json& volume) {
   std::string text;
   AddLine("volume", Text(volume, "name"), &text);
   AddGridLines(volume, &text);
+  if (volume.contains("note")) {
+    AddLine("note", Text(volume, "note"), &text);
+  }
   return text;
 }
 

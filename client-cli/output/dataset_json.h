@@ -26,7 +26,8 @@ using Json = nlohmann::ordered_json;
 // serve.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
-// above; without value_range if the samples were not read.
+// above; without value_range if the samples were not read. "note": how the grid differs from that
+// of the file, if it does.
 Json VolumeToJson(const source::VolumeSource& source,
                   const std::optional<volume::ScalarSpan>& value_range);
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",

@@ -1,9 +1,12 @@
 #include "client-cli/output/no_surface.h"
 
+#include <algorithm>
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+
+#include "core/base/printable.h"
 
 namespace isoscope::cli {
 namespace {
@@ -34,6 +37,25 @@ void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, const std::vector<dou
     const std::string line = DescribeNoSurface(dataset, isovalue);
     if (!line.empty()) {
       *context.err << "isoscope: " << line << std::endl;
+    }
+  }
+}
+
+void WarnIfNoLabel(const isoscope::v1::Dataset& dataset, const client::LabelFlags& flags,
+                   const Context& context) {
+  const auto can_be_sample = [&](double value) {
+    return dataset.has_value_range() && dataset.value_range().min() <= value &&
+           value <= dataset.value_range().max();
+  };
+  for (const client::LabelSurface& surface : flags.surfaces) {
+    if (std::none_of(surface.values.begin(), surface.values.end(), can_be_sample)) {
+      *context.err << "isoscope: " << base::Printable(surface.name) << " has no surface: "
+                   << (dataset.has_value_range()
+                           ? absl::StrCat("the values of the volume are in [",
+                                          ExactNumber(dataset.value_range().min()), ", ",
+                                          ExactNumber(dataset.value_range().max()), "]")
+                           : "every sample of the volume is NaN")
+                   << std::endl;
     }
   }
 }

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "clients/cpp/request/label_flags.h"
 #include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
 
@@ -18,6 +19,10 @@ std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isova
 // Writes such a line to standard error for each isovalue that has one. The request is made anyway.
 void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, const std::vector<double>& isovalues,
                      const Context& context);
+
+// The same for surfaces none of whose labels can be a sample. `flags` are resolved.
+void WarnIfNoLabel(const isoscope::v1::Dataset& dataset, const client::LabelFlags& flags,
+                   const Context& context);
 
 }  // namespace isoscope::cli
 

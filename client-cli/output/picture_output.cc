@@ -10,6 +10,7 @@
 #include "client-cli/output/output_suffix.h"
 #include "clients/cpp/connection/png_metadata.h"
 #include "clients/cpp/request/dataset_fields.h"
+#include "clients/cpp/request/label_flags.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
@@ -69,6 +70,8 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
   scene.viewport_height_px = request.viewport().height_px();
   for (const isoscope::v1::Surface& surface : request.surfaces()) {
     scene.isovalues.push_back(surface.isovalue());
+    scene.label_names.push_back(
+        client::NameOfLabels({surface.labels().begin(), surface.labels().end()}, dataset));
   }
   if (scene.isovalues.empty()) {
     scene.isovalues.push_back(request.isovalue());

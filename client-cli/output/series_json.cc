@@ -3,12 +3,10 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -16,6 +14,7 @@
 #include "absl/strings/str_join.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/label_json.h"
 #include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
@@ -25,8 +24,6 @@
 
 namespace isoscope::cli {
 namespace {
-
-namespace fs = std::filesystem;
 
 Json ArrayOf(const math::Index3& v) { return Json::array({v.x, v.y, v.z}); }
 // Adding 0 makes -0 the 0 that people expect.
@@ -46,19 +43,6 @@ std::string PrintableText(const Json& object, const char* key) {
 
 void AddSeriesLine(absl::string_view name, const std::string& value, std::string* text) {
   absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
-}
-
-std::int64_t FileBytesBelow(const std::string& path) {
-  std::int64_t bytes = 0;
-  std::error_code error;
-  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
-       entry.increment(error)) {
-    std::error_code ignored;
-    if (entry->is_regular_file(ignored)) {
-      bytes += static_cast<std::int64_t>(entry->file_size(ignored));
-    }
-  }
-  return bytes;
 }
 
 // The range and the greatest gradient of a component over all steps.
@@ -277,12 +261,13 @@ Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
     } else {
       shards.push_back({{"shard", shard},
                         {"volume_count", volume_counts[shard]},
-                        {"file_bytes", FileBytesBelow(directory)}});
+                        {"file_bytes", io::BytesBelow(directory)}});
     }
   }
   json["distribution"] = std::string(store::NameOf(store::Distribution::kRandom));
   json["seed"] = series.seed;
   json["shards"] = std::move(shards);
+  AddLabels(series.labels, &json);
   return json;
 }
 

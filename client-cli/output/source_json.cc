@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cstddef>
 #include <optional>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include <nlohmann/json.hpp>
 
@@ -14,6 +14,7 @@
 #include "core/base/units.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
+#include "core/source/series_format.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::cli {
@@ -31,25 +32,56 @@ void AddSourceLine(absl::string_view name, const std::string& value, std::string
 }
 
 std::string FieldsText(const Json& fields) {
-  std::vector<std::string> texts;
+  std::vector<source::SourceField> described;
   for (const Json& field : fields) {
-    const std::string unit = field.at("unit").get<std::string>();
-    const auto components = field.at("components").get<std::vector<std::string>>();
-    texts.push_back(base::Printable(absl::StrCat(
-        field.at("name").get<std::string>(), unit.empty() ? "" : absl::StrCat(" [", unit, "]"),
-        components.size() < 2 ? "" : absl::StrCat(" (", absl::StrJoin(components, ", "), ")"))));
+    described.push_back({.name = field.at("name").get<std::string>(),
+                         .unit = field.at("unit").get<std::string>(),
+                         .components = field.at("components").get<std::vector<std::string>>()});
   }
-  return absl::StrJoin(texts, ", ");
+  return base::Printable(source::DescribeFields(described));
 }
 
 std::string StepsText(const Json& volume) {
-  const auto times = volume.at("time_steps").get<std::vector<double>>();
-  if (times.empty()) {
-    return "1, without a time";
+  return base::Printable(source::DescribeSteps(volume.at("time_steps").get<std::vector<double>>(),
+                                               volume.at("time_unit").get<std::string>()));
+}
+
+// "-1.0 to 4.0".
+std::string RangeText(const Json& range) {
+  return range.is_null() ? "none but NaN"
+                         : absl::StrCat(range.at(0).dump(), " to ", range.at(1).dump());
+}
+
+// A line for each component of each field.
+void AddRangeLines(const Json& volume, std::string* text) {
+  constexpr int kMaxLines = 50;
+  const auto steps = volume.at("value_range_steps").get<std::size_t>();
+  if (steps == 0) {
+    AddSourceLine("values", "not read: --values reads them all", text);
+    return;
   }
-  const std::string unit = base::Printable(volume.at("time_unit").get<std::string>());
-  return absl::StrCat(times.size(), ", from ", times.front(), " to ", times.back(),
-                      unit.empty() ? "" : " ", unit);
+  const char* label = "values";
+  if (steps < volume.at("time_steps").size()) {
+    AddSourceLine(label, "of the first step; --values reads all steps", text);
+    label = "";
+  }
+  int lines = 0;
+  for (const Json& field : volume.at("fields")) {
+    const Json& components = field.at("components");
+    for (std::size_t i = 0; i < components.size(); ++i) {
+      if (++lines > kMaxLines) {
+        AddSourceLine("", "and more: --json tells all", text);
+        return;
+      }
+      const auto component = components.at(i).get<std::string>();
+      AddSourceLine(label,
+                    base::Printable(absl::StrCat(field.at("name").get<std::string>(),
+                                                 component.empty() ? "" : ":", component, "  ",
+                                                 RangeText(field.at("value_ranges").at(i)))),
+                    text);
+      label = "";
+    }
+  }
 }
 
 }  // namespace
@@ -80,12 +112,20 @@ PartitionNeeds EstimatePartition(const math::Index3& dims, volume::ScalarType ty
 }
 
 void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
-               const std::string& input, Json* volume) {
+               const SourceRanges& ranges, const std::string& input, Json* volume) {
   (*volume)["fields"] = Json::array();
   std::int64_t volumes = 0;
-  for (const source::SourceField& field : series.fields()) {
-    (*volume)["fields"].push_back(
-        {{"name", field.name}, {"unit", field.unit}, {"components", field.components}});
+  for (std::size_t i = 0; i < series.fields().size(); ++i) {
+    const source::SourceField& field = series.fields()[i];
+    Json described = {{"name", field.name}, {"unit", field.unit}, {"components", field.components}};
+    if (ranges.steps > 0) {
+      described["value_ranges"] = Json::array();
+      for (const volume::ScalarSpan& span : ranges.spans[i]) {
+        described["value_ranges"].push_back(span.min <= span.max ? Json::array({span.min, span.max})
+                                                                 : Json(nullptr));
+      }
+    }
+    (*volume)["fields"].push_back(std::move(described));
     volumes += static_cast<std::int64_t>(field.components.size()) +
                (field.components.size() > 1 ? 1 : 0);  // and the magnitude
   }
@@ -98,9 +138,17 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
   (*volume)["partition"] = {{"disk_bytes", needs.disk_bytes},
                             {"memory_bytes", needs.memory_bytes},
                             {"seconds", needs.seconds}};
+  if (volumes != 1) {
+    (*volume)["value_range_steps"] = ranges.steps;
+  }
   std::string isovalue = "VALUE";
-  if (volume->contains("value_range") && volume->at("value_range").is_array()) {
-    const Json& range = volume->at("value_range");
+  Json range;
+  if (volume->contains("value_range")) {
+    range = volume->at("value_range");
+  } else if (ranges.steps > 0 && series.fields()[0].components.size() == 1) {
+    range = volume->at("fields").at(0).at("value_ranges").at(0);
+  }
+  if (range.is_array()) {
     isovalue = absl::StrCat((range.at(0).get<double>() + range.at(1).get<double>()) / 2);
   }
   Json commands = Json::array();
@@ -121,6 +169,9 @@ std::string DescribeSource(const Json& volume) {
   std::string text;
   AddSourceLine("fields", FieldsText(volume.at("fields")), &text);
   AddSourceLine("steps", StepsText(volume), &text);
+  if (volume.contains("value_range_steps")) {
+    AddRangeLines(volume, &text);
+  }
   const std::string unit = base::Printable(volume.at("length_unit").get<std::string>());
   if (!unit.empty()) {
     AddSourceLine("unit", absl::StrCat(unit, " of spacing and origin"), &text);

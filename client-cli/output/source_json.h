@@ -14,6 +14,7 @@
 #include "core/math/vec.h"
 #include "core/source/dicom_source.h"
 #include "core/source/volume_series.h"
+#include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
@@ -28,12 +29,19 @@ struct PartitionNeeds {
 PartitionNeeds EstimatePartition(const math::Index3& dims, volume::ScalarType type,
                                  std::int64_t volume_count);
 
+// The values of a source of several volumes.
+struct SourceRanges {
+  int steps = 0;                                         // that were read, from the first one on
+  std::vector<std::vector<volume::ScalarSpan>> spans{};  // [field][component], if any was read
+};
+
 // Adds to `volume`, the JSON of the first volume (VolumeToJson): "fields": [{"name", "unit",
-// "components"}], "time_steps", "time_unit", "length_unit", "partition": {"disk_bytes",
-// "memory_bytes", "seconds"} and "commands". `input` is the path with the flags that it needs, as
-// one types them.
+// "components", "value_ranges"}], "time_steps", "time_unit", "length_unit", "partition":
+// {"disk_bytes", "memory_bytes", "seconds"} and "commands". Of several volumes, also
+// "value_range_steps"; without any step there are no value_ranges. `input` is the path with the
+// flags that it needs, as one types them.
 void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
-               const std::string& input, Json* volume);
+               const SourceRanges& ranges, const std::string& input, Json* volume);
 // Lines for these members.
 std::string DescribeSource(const Json& volume);
 

@@ -12,7 +12,7 @@
 //   /data/head.nii.gz            its path,
 //   7654321                      its size in bytes
 //   1700000000.123456789         and its time of change
-//   isoscope-cache-5             the version of this scheme
+//   isoscope-cache-6             the version of this scheme
 //   ...                          the parameters of the partitioning
 
 #include "client-cli/session/dataset_cache.h"
@@ -52,7 +52,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised when the same source and parameters would give another dataset than before.
-constexpr absl::string_view kKeyVersion = "isoscope-cache-5";
+constexpr absl::string_view kKeyVersion = "isoscope-cache-6";
 constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
 constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
 constexpr std::int64_t kDefaultShareOfFileSystem = 10;  // one tenth

@@ -9,6 +9,7 @@
 
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/cancellation.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/progress_line.h"
@@ -42,7 +43,15 @@ absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const 
                                                 const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags, input));
+  PrintNote(*source, context);
   return PartitionVolume(*source, std::move(options), context);
+}
+
+void PrintNote(const source::VolumeSource& source, const Context& context) {
+  if (const std::string note = source.note(); !note.empty()) {
+    *context.err << "isoscope: " << base::Printable(absl::StrCat(source.name(), ": ", note))
+                 << std::endl;
+  }
 }
 
 absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSource& source,

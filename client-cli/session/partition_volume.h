@@ -23,9 +23,12 @@ namespace isoscope::cli {
 // Parses a number of shards, 1 or more; the partitioner checks the volume's maximum.
 absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text);
 
-// Opens `input` and partitions it. `options.progress` and `options.reserved_bytes` are replaced:
-// the memory limit is that of the process. CANCELLED on an interrupt, with no files left; other
-// errors as OpenSource and partition::Partition.
+// Prints a line on standard error if the grid is not that of the file.
+void PrintNote(const source::VolumeSource& source, const Context& context);
+
+// Opens `input`, prints its note and partitions it. `options.progress` and `options.reserved_bytes`
+// are replaced: the memory limit is that of the process. CANCELLED on an interrupt, with no files
+// left; other errors as OpenSource and partition::Partition.
 absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
                                                 partition::PartitionOptions options,
                                                 const Context& context);

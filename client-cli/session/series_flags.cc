@@ -131,9 +131,10 @@ absl::StatusOr<std::unique_ptr<source::VolumeSeries>> OpenSourceSeries(const Sou
     opened = std::make_unique<RawSeries>(source, path);
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(source, path));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        opened, source::OpenVolumeSeries(file, {.axes = series.axes.value_or(""),
-                                                .format = source.format.value_or("")}));
+    ISOSCOPE_ASSIGN_OR_RETURN(opened,
+                              source::OpenVolumeSeries(file, {.axes = series.axes.value_or(""),
+                                                              .format = source.format.value_or(""),
+                                                              .rules = source.rules()}));
     opened = source::AdjustSeries(std::move(opened), source.adjustment());
   }
   return partition::SelectFrom(std::move(opened), {.fields = series.fields,

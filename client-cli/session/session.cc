@@ -104,6 +104,7 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
     }
     options.output_directory = directory;
     options.name = key.substr(0, key.rfind('-'));  // the user knows this name
+    ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(flags.source, input, context.err));
     if (!flags.source.dims && absl::EndsWithIgnoreCase(input, ".pvd")) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
                                 OpenSourceSeries(flags.source, {}, input));
@@ -125,6 +126,11 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
 // A dataset directory, as it is.
 absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
   const std::string& input = *flags.input;
+  if (flags.source.label_names) {
+    return UsageError(absl::StrCat("--label-names is for a volume; '", input,
+                                   "' is a dataset, which has the names it was made with: "
+                                   "partition the volume anew with this flag"));
+  }
   if (flags.shard_count) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
                               store::ShardDirectoriesOf(input));

@@ -16,7 +16,9 @@
 #include "core/io/file.h"
 #include "core/source/dicom_source.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/label_names.h"
 #include "core/source/series_format.h"
+#include "core/source/source_labels.h"
 #include "core/source/vti_source.h"
 #include "core/store/shard_reader.h"
 
@@ -55,13 +57,16 @@ absl::StatusOr<std::string> ParseFormatName(absl::string_view text) {
 
 const char* SourceFlags::FirstGiven() const {
   const char* const raw = FirstOfRaw();
-  return raw != nullptr ? raw
-         : format       ? "--format"
-         : dicom_series ? "--series"
-         : crop         ? "--crop"
-         : stride       ? "--stride"
-         : fill         ? "--fill"
-                        : nullptr;
+  return raw != nullptr  ? raw
+         : format        ? "--format"
+         : dicom_series  ? "--series"
+         : crop          ? "--crop"
+         : stride        ? "--stride"
+         : fill          ? "--fill"
+         : ignores_shear ? "--ignore-shear"
+         : resamples     ? "--resample"
+         : label_names   ? "--label-names"
+                         : nullptr;
 }
 
 const char* SourceFlags::FirstOfRaw() const {
@@ -95,6 +100,10 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
                  "every Nth sample on each axis; values are picked, not averaged"));
   of_any(AddFlag(set, "--fill", "VALUE", &flags->fill, client::ParseNumber,
                  "samples of this value become NaN: holes in the surface"));
+  of_any(set->AddSwitch("--ignore-shear", &flags->ignores_shear,
+                        "take the nearest right angles where the axes of the source have none"));
+  of_any(set->AddSwitch("--resample", &flags->resamples,
+                        "interpolate samples at uneven distances onto even ones"));
   of_any(AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
                  "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
                  "them)"));
@@ -102,6 +111,10 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
       AddFlag(set, format_flag, "NAME", &flags->format, ParseFormatName,
               "read the file as this format ('isoscope info --list-formats' lists them; default: "
               "as the name says, else the content)"));
+  of_any(AddFlag(set, "--label-names", "FILE", &flags->label_names, ParseText,
+                 "names and colours of sample values, in place of those of the file: lines of a "
+                 "FreeSurfer colour table, of an ITK-SNAP label description, or "
+                 "VALUE,NAME[,#rrggbb]"));
 }
 
 bool HasSelfDescribingName(const std::string& path) {
@@ -155,8 +168,9 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFla
                                                                  const std::string& path) {
   if (!flags.dims) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<source::VolumeSource> volume,
-                              source::OpenVolumeFile(file, flags.format.value_or("")));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<source::VolumeSource> volume,
+        source::OpenVolumeFile(file, flags.format.value_or(""), flags.rules()));
     return source::AdjustSource(std::move(volume), flags.adjustment());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -173,12 +187,20 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFla
 
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path) {
+  std::vector<std::string> names;
+  if (flags.label_names) {
+    names.push_back(*flags.label_names);
+  }
   if (flags.dims) {
-    return std::vector<std::string>{path};
+    names.insert(names.begin(), path);
+    return names;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
   absl::StatusOr<std::vector<std::string>> files =
-      source::FilesOfVolume(file, flags.format.value_or(""));
+      source::FilesOfVolume(file, flags.format.value_or(""), flags.rules());
+  if (files.ok()) {
+    files->insert(files->end(), names.begin(), names.end());
+  }
   if (!files.ok() && io::IsDirectory(path)) {
     return absl::NotFoundError(
         absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
@@ -186,6 +208,27 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                    : "; 'isoscope partition' makes a dataset"));
   }
   return files;
+}
+
+absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const SourceFlags& flags,
+                                                          const std::string& path,
+                                                          std::ostream* err) {
+  if (flags.label_names) {
+    return source::ReadLabelNames(*flags.label_names);
+  }
+  if (flags.dims) {
+    return std::vector<volume::Label>();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
+  absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
+  if (labels.ok()) {
+    return labels;
+  }
+  if (err != nullptr) {
+    *err << "isoscope: the names of labels are not used: " << labels.status().message()
+         << std::endl;
+  }
+  return std::vector<volume::Label>();
 }
 
 std::string ListFormats() {
@@ -211,6 +254,11 @@ std::string DescribeForKey(const SourceFlags& flags) {
   if (flags.fill) {
     absl::StrAppend(&parts, absl::StrFormat(" fill %a", *flags.fill));
   }
+  if (flags.label_names) {
+    absl::StrAppend(&parts, " label-names");  // the file is among SourceFiles
+  }
+  absl::StrAppend(&parts, flags.ignores_shear ? " ignore-shear" : "",
+                  flags.resamples ? " resample" : "");
   if (flags.format || flags.dicom_series) {
     absl::StrAppend(&parts, " format ", flags.format.value_or(""), " series ",
                     flags.dicom_series.value_or(""));

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -15,7 +16,9 @@
 #include "core/cli/flag_set.h"
 #include "core/math/vec.h"
 #include "core/source/adjusted_source.h"
+#include "core/source/grid_rules.h"
 #include "core/source/volume_source.h"
+#include "core/volume/label.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
@@ -34,12 +37,19 @@ struct SourceFlags {
   std::optional<source::SampleBox> crop;
   std::optional<std::int64_t> stride;
   std::optional<double> fill;
+  std::optional<std::string> label_names;  // a file
+  bool ignores_shear = false;
+  bool resamples = false;
 
   // The first flag given, "--dims" for instance, or null; of all, and of those of raw files.
   [[nodiscard]] const char* FirstGiven() const;
   [[nodiscard]] const char* FirstOfRaw() const;
   [[nodiscard]] source::Adjustment adjustment() const {
-    return {.crop = crop, .stride = stride.value_or(1), .fill = fill};
+    return {
+        .crop = crop, .stride = stride.value_or(1), .fill = fill, .ignores_shear = ignores_shear};
+  }
+  [[nodiscard]] source::GridRules rules() const {
+    return {.ignores_shear = ignores_shear, .resamples = resamples, .fill = fill};
   }
 };
 
@@ -57,16 +67,24 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 // as source::FindDicomSeriesFile.
 absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path);
 
-// Opens the volume as a raw file if --dims is given, else by its format; the part of it that --crop
-// and --stride leave, with holes for --fill. Errors as source::OpenRawFile, source::OpenVolumeFile
+// Opens the volume as a raw file if --dims is given, else by its format, with the grids that
+// --ignore-shear and --resample take; the part of it that --crop and --stride leave, with holes for
+// --fill. Errors as source::OpenRawFile, source::OpenVolumeFile
 // and source::AdjustSource.
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
 
-// Returns the files of the volume. Errors as source::FilesOfVolume; NOT_FOUND if it is a folder
-// that holds no volume.
+// Returns the files of the volume, and that of --label-names. Errors as source::FilesOfVolume;
+// NOT_FOUND if it is a folder that holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path);
+
+// Returns the names and colours of labels: those of --label-names, else those that the file has.
+// Labels of the file that are damaged are reported on `err`, which may be null, and passed over.
+// Errors as source::ReadLabelNames.
+absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const SourceFlags& flags,
+                                                          const std::string& path,
+                                                          std::ostream* err);
 
 // One line a format that --format knows, and those that only names tell.
 std::string ListFormats();

@@ -12,7 +12,6 @@
 #include <poll.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstddef>
@@ -34,13 +33,12 @@
 #include "client-cli/terminal/terminal_keys.h"
 #include "client-cli/terminal/terminal_picture.h"
 #include "client-cli/terminal/view_controls.h"
+#include "client-cli/terminal/viewer_layout.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/picture_file/picture_scaling.h"
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
-#include "core/image/jpeg_codec.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -57,40 +55,10 @@ constexpr char kLeaveScreen[] = "\x1B[0m\x1B[?25h\x1B[?1049l";
 constexpr char kRemoveAll[] = "\x1B_Ga=d,d=A,q=2\x1B\\";
 constexpr char kBeginUpdate[] = "\x1B[?2026h";
 constexpr char kEndUpdate[] = "\x1B[?2026l";
-// The longest side of a picture that a terminal draws several times a second.
-constexpr int kMaxSide = 1600;
-constexpr int kMaxSixelSide = 1024;
-constexpr int kMaxBlockSide = 800;
-constexpr int kMaxSamplesOfBlock = 4;
-// Size of a character, if it is unknown.
-constexpr view::Viewport kUsualCell{.width_px = 8, .height_px = 16};
 // Terminals draw more slowly than screens.
 constexpr double kFramesPerSecond = 20;
 // More states than can be under way at a time.
 constexpr std::size_t kMaxStates = 256;
-
-bool IsBlocks(PictureFormat format) {
-  return format == PictureFormat::kBlocks24Bit || format == PictureFormat::kBlocks256;
-}
-
-view::Viewport CellOf(const TerminalSize& terminal) {
-  if (terminal.pixels.width_px == 0) {
-    return kUsualCell;
-  }
-  return {.width_px = std::max(1, terminal.pixels.width_px / terminal.columns),
-          .height_px = std::max(1, terminal.pixels.height_px / terminal.rows)};
-}
-
-view::Viewport ScaledToSide(const view::Viewport& size, int max_side) {
-  const double scale =
-      std::min(1.0, static_cast<double>(max_side) / std::max(size.width_px, size.height_px));
-  return {.width_px = std::max(1, static_cast<int>(size.width_px * scale)),
-          .height_px = std::max(1, static_cast<int>(size.height_px * scale))};
-}
-
-absl::StatusOr<image::RgbaImage> Decode(const v1::RenderIsosurfaceResponse& frame) {
-  return frame.png().empty() ? image::DecodeJpeg(frame.jpeg()) : image::DecodePng(frame.png());
-}
 
 // Returns the shortest decimal that is read as the same bits.
 std::string Exact(double value) { return nlohmann::json(value + 0.0).dump(); }
@@ -395,52 +363,6 @@ absl::Status Viewer::Run(const base::Cancellation& cancellation) {
 }
 
 }  // namespace
-
-ViewerLayout LayoutOf(PictureFormat format, const TerminalSize& terminal) {
-  ViewerLayout layout{.format = format, .terminal = terminal, .box = {}, .viewport = {}};
-  layout.box = {.columns = terminal.columns, .rows = std::max(1, terminal.rows - 1)};
-  const view::Viewport cell = CellOf(terminal);
-  const view::Viewport window{.width_px = layout.box.columns * cell.width_px,
-                              .height_px = layout.box.rows * cell.height_px};
-  if (IsBlocks(format)) {
-    const int samples = std::clamp(kMaxBlockSide / terminal.columns, 1, kMaxSamplesOfBlock);
-    layout.viewport = {
-        .width_px = layout.box.columns * samples,
-        .height_px = std::max(1, layout.box.rows * samples * cell.height_px / cell.width_px)};
-    layout.viewport = ScaledToSide(layout.viewport, kMaxSide);
-  } else {
-    layout.viewport =
-        ScaledToSide(window, format == PictureFormat::kSixel ? kMaxSixelSide : kMaxSide);
-  }
-  return layout;
-}
-
-absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
-                                      const v1::InteractResponse& response, int image_number) {
-  const v1::RenderIsosurfaceResponse& frame = response.frame();
-  if (layout.format == PictureFormat::kITerm2) {
-    return ITerm2Picture(frame.png().empty() ? frame.jpeg() : frame.png(), layout.viewport,
-                         layout.box);
-  }
-  if (layout.format == PictureFormat::kKitty && !frame.png().empty()) {
-    return KittyPicture(frame.png(), {.box = layout.box, .image_number = image_number});
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, Decode(frame));
-  switch (layout.format) {
-    case PictureFormat::kKitty:
-      return KittyPicture(image::EncodePng(picture.width, picture.height, picture.pixels),
-                          {.box = layout.box, .image_number = image_number});
-    case PictureFormat::kSixel:
-      return SixelPicture(client::ScalePicture(std::move(picture), layout.viewport),
-                          response.is_exact() ? SixelQuality::kBest : SixelQuality::kFast);
-    default:
-      return BlockPicture(
-          client::ScalePicture(std::move(picture),
-                               {.width_px = layout.box.columns, .height_px = 2 * layout.box.rows}),
-          layout.format == PictureFormat::kBlocks24Bit ? BlockColors::k24Bit : BlockColors::k256,
-          "\r\n");
-  }
-}
 
 void SentStates::Add(std::int64_t sequence_number, absl::Time sent) {
   sent_[sequence_number] = sent;

@@ -9,35 +9,15 @@
 #include <string>
 
 #include "absl/status/status.h"
-#include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
-#include "client-cli/terminal/terminal.h"
 #include "core/cli/command.h"
-#include "core/view/camera.h"
 #include "isoscope/v1/dataset.pb.h"
-#include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
-
-// The layout of the window: the picture takes all rows but the last, which describes the view.
-struct ViewerLayout {
-  PictureFormat format = PictureFormat::kNone;
-  TerminalSize terminal;
-  CellBox box;              // of the picture
-  view::Viewport viewport;  // size of the requested pictures
-};
-// Pictures have the pixels of the window, up to a limit that keeps them fast. For half blocks they
-// have up to four times as many, so that edges are smooth.
-ViewerLayout LayoutOf(PictureFormat format, const TerminalSize& terminal);
-
-// Returns the bytes that draw a frame of any size at the upper left corner. `image_number`: for
-// kitty. Errors of decoding and of SixelPicture.
-absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
-                                      const isoscope::v1::InteractResponse& response,
-                                      int image_number);
 
 // Returns the flags of `render` that reproduce the frame, bit for bit.
 std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame);

@@ -15,6 +15,7 @@ from setuptools.command.sdist import sdist
 HERE = pathlib.Path(__file__).resolve().parent
 PACKAGE = HERE / "src" / "isoscope"
 VIEWER = HERE.parent / "web" / "isoscope-view.js"
+ASSEMBLE = runpy.run_path(str(PACKAGE / "_viewer_module.py"))["assemble"]
 LICENSE = HERE.parents[1] / "LICENSE" if len(HERE.parents) > 1 else HERE / "LICENSE"
 IS_CHECKOUT = not (HERE / "PKG-INFO").exists()
 VERSION = runpy.run_path(str(PACKAGE / "_version.py"))["__version__"]
@@ -28,7 +29,7 @@ def complete(package):
     version.write_text(f'"""The version, as setup.py found it."""\n\n__version__ = "{VERSION}"\n', encoding="utf-8")
     if IS_CHECKOUT and VIEWER.is_file():
         (package / "_static").mkdir(exist_ok=True)
-        shutil.copyfile(VIEWER, package / "_static" / VIEWER.name)
+        (package / "_static" / VIEWER.name).write_text(ASSEMBLE(VIEWER), encoding="utf-8")
 
 
 class BuildComplete(build_py):

@@ -20,102 +20,122 @@ function changeClip(clip, isMoving) {
   change(isCut ? { clip } : { clip: undefined, caps: undefined }, isMoving);
 }
 
-/** @type {{element: HTMLElement, draw: () => void}[]} */
-let clipSliders = [];
-let clipSlidersOf = '';
+/** A slider with two thumbs, for the clip box along one axis. */
+class ClipSlider {
+  #axis;
+  /** @type {'x' | 'y' | 'z'} */
+  #key;
+  #between = make('div', { className: 'between' });
+  #figures = make('span', { className: 'ends', 'aria-hidden': 'true' });
+  /** The thumb that is dragged; -1: none. */
+  #dragged = -1;
 
-/**
- * A slider with two thumbs.
- * @param {string} name @param {number} axis
- */
-function makeClipSlider(name, axis) {
-  const between = make('div', { className: 'between' });
-  const key = /** @type {'x' | 'y' | 'z'} */ ('xyz'[axis]);
-  const range = () => {
+  /** @param {string} name @param {number} axis */
+  constructor(name, axis) {
+    this.#axis = axis;
+    this.#key = /** @type {'x' | 'y' | 'z'} */ ('xyz'[axis]);
+    this.thumbs = ['low', 'high'].map((end) => make('div', { className: 'thumb', tabIndex: 0, role: 'slider', 'data-end': end,
+      'data-axis': this.#key, 'aria-orientation': 'horizontal', 'aria-label': `${end === 'low' ? 'Least' : 'Greatest'} ${name}` }));
+    this.bar = make('div', { className: 'slider' }, this.#between, ...this.thumbs);
+    this.element = make('div', { className: 'double' }, make('span', { 'aria-hidden': 'true' }, name), this.bar, this.#figures);
+    this.bar.addEventListener('pointerdown', (event) => this.#grab(event));
+    this.bar.addEventListener('pointermove', (event) => this.#dragged >= 0 && this.#set(this.#dragged, this.#valueAt(event)));
+    this.bar.addEventListener('pointerup', () => this.#release());
+    this.bar.addEventListener('pointercancel', () => this.#release());
+    this.thumbs.forEach((thumb, which) => thumb.addEventListener('keydown', (event) => this.#press(which, event)));
+  }
+
+  /** The ends of the volume along the axis, and those of the clip box. */
+  #range() {
     const whole = boxOfDataset(shown.dataset) ?? { min: [0, 0, 0], max: [1, 1, 1] };
     const box = shown.state.clip?.box;
-    return { min: whole.min[axis], max: whole.max[axis], low: box ? box.min?.[key] ?? 0 : whole.min[axis],
-      high: box ? box.max?.[key] ?? 0 : whole.max[axis] };
-  };
-  const thumbs = ['low', 'high'].map((end) => make('div', { className: 'thumb', tabIndex: 0, role: 'slider', 'data-end': end,
-    'data-axis': key, 'aria-orientation': 'horizontal', 'aria-label': `${end === 'low' ? 'Least' : 'Greatest'} ${name}` }));
-  const figures = make('span', { className: 'ends', 'aria-hidden': 'true' });
-  const bar = make('div', { className: 'slider' }, between, ...thumbs);
+    const [min, max] = [whole.min[this.#axis], whole.max[this.#axis]];
+    return { min, max, low: box ? box.min?.[this.#key] ?? 0 : min, high: box ? box.max?.[this.#key] ?? 0 : max };
+  }
+
   /**
    * Thumbs stay a two-hundredth of the range apart.
    * @param {number} which
    */
-  const limits = (which) => {
-    const { min, max, low, high } = range();
+  #limits(which) {
+    const { min, max, low, high } = this.#range();
     const least = (max - min) / 200;
     return which === 0 ? { min, max: Math.max(min, high - least), now: low } : { min: Math.min(max, low + least), max, now: high };
-  };
-  /** @param {number} which @param {number} value @param {boolean} isMoving */
-  const set = (which, value, isMoving) => {
-    const now = range();
+  }
+
+  /** @param {number} which @param {number} value */
+  #set(which, value) {
+    const ends = this.#range();
     const whole = /** @type {{min: Vec3, max: Vec3}} */ (boxOfDataset(shown.dataset));
     const clip = structuredClone(shown.state.clip ?? {});
     const toJson = (/** @type {Vec3} */ v) => ({ x: v[0], y: v[1], z: v[2] });
     clip.box ??= { min: toJson(whole.min), max: toJson(whole.max) };
-    const step = 10 ** Math.floor(Math.log10((now.max - now.min) / 400));
+    const step = 10 ** Math.floor(Math.log10((ends.max - ends.min) / 400));
     const rounded = Number((Math.round(value / step) * step).toPrecision(12));
-    const { min, max } = limits(which);
-    clip.box[which === 0 ? 'min' : 'max'][key] = Math.max(min, Math.min(max, rounded));
+    const { min, max } = this.#limits(which);
+    clip.box[which === 0 ? 'min' : 'max'][this.#key] = Math.max(min, Math.min(max, rounded));
     const isWhole = ['x', 'y', 'z'].every((one, i) => (clip.box.min[one] ?? 0) <= whole.min[i] && (clip.box.max[one] ?? 0) >= whole.max[i]);
     if (isWhole) {
       delete clip.box;
     }
-    changeClip(clip, isMoving);
-  };
-  let dragged = -1;
+    changeClip(clip, true);
+  }
+
   /** @param {PointerEvent} event */
-  const valueAt = (event) => {
-    const place = bar.getBoundingClientRect();
-    const { min, max } = range();
+  #valueAt(event) {
+    const place = this.bar.getBoundingClientRect();
+    const { min, max } = this.#range();
     return min + Math.max(0, Math.min(1, (event.clientX - place.left) / place.width)) * (max - min);
-  };
-  bar.addEventListener('pointerdown', (event) => {
+  }
+
+  /** @param {PointerEvent} event */
+  #grab(event) {
     if (!boxOfDataset(shown.dataset)) {
       return;
     }
-    const value = valueAt(event);
-    const { low, high } = range();
-    dragged = Math.abs(value - low) < Math.abs(value - high) || value < low ? 0 : 1;
-    bar.setPointerCapture(event.pointerId);
-    set(dragged, value, true);
-  });
-  bar.addEventListener('pointermove', (event) => dragged >= 0 && set(dragged, valueAt(event), true));
-  const end = () => {
-    if (dragged >= 0) {
-      dragged = -1;
+    const value = this.#valueAt(event);
+    const { low, high } = this.#range();
+    this.#dragged = Math.abs(value - low) < Math.abs(value - high) || value < low ? 0 : 1;
+    this.bar.setPointerCapture(event.pointerId);
+    this.#set(this.#dragged, value);
+  }
+
+  #release() {
+    if (this.#dragged >= 0) {
+      this.#dragged = -1;
       change({});
     }
-  };
-  bar.addEventListener('pointerup', end);
-  bar.addEventListener('pointercancel', end);
-  thumbs.forEach((thumb, which) => thumb.addEventListener('keydown', (event) => {
-    const { min, max, now } = limits(which);
+  }
+
+  /** @param {number} which @param {KeyboardEvent} event */
+  #press(which, event) {
+    const { min, max, now } = this.#limits(which);
     const value = boxOfDataset(shown.dataset) ? afterKey(event.key, now, min, max) : null;
     if (value !== null) {
-      set(which, value, true);
+      this.#set(which, value);
       event.preventDefault();
     }
-  }));
-  return { element: make('div', { className: 'double' }, make('span', { 'aria-hidden': 'true' }, name), bar, figures), draw: () => {
-    const { min, max, low, high } = range();
+  }
+
+  draw() {
+    const { min, max, low, high } = this.#range();
     /** @param {number} value */
     const share = (value) => `${Math.max(0, Math.min(100, 100 * (value - min) / (max - min)))}%`;
-    thumbs[0].style.left = share(low);
-    thumbs[1].style.left = share(high);
-    between.style.left = share(low);
-    between.style.right = share(min + max - high);
-    thumbs.forEach((thumb, i) => {
-      const value = limits(i);
+    this.thumbs[0].style.left = share(low);
+    this.thumbs[1].style.left = share(high);
+    this.#between.style.left = share(low);
+    this.#between.style.right = share(min + max - high);
+    this.thumbs.forEach((thumb, i) => {
+      const value = this.#limits(i);
       describeSlider(thumb, { ...value, text: `${format(value.now, 4)}${unit()}` });
     });
-    figures.textContent = `${format(low, 4)} – ${format(high, 4)}`;
-  } };
+    this.#figures.textContent = `${format(low, 4)} – ${format(high, 4)}`;
+  }
 }
+
+/** @type {ClipSlider[]} */
+let clipSliders = [];
+let clipSlidersOf = '';
 
 export function listenToClip() {
   byId('clear-clip', HTMLElement).onclick = () => changeClip({});
@@ -140,7 +160,7 @@ export function drawClip() {
   const key = JSON.stringify(shown.dataset?.geometry ?? null) + (shown.dataset?.patientFrame ?? '');
   if (key !== clipSlidersOf) {
     clipSlidersOf = key;
-    clipSliders = [0, 1, 2].map((axis) => makeClipSlider(shown.dataset?.patientFrame?.[axis] ?? 'xyz'[axis], axis));
+    clipSliders = [0, 1, 2].map((axis) => new ClipSlider(shown.dataset?.patientFrame?.[axis] ?? 'xyz'[axis], axis));
     page.clip.replaceChildren(...clipSliders.map((slider) => slider.element));
   }
   clipSliders.forEach((slider) => slider.draw());

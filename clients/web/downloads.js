@@ -52,13 +52,13 @@ export function listenToDownloads(series) {
     copy(location.href, 'The link is copied: it opens this view again.');
   };
   function drawCommand() {
-    page.command.textContent = stateToCommand(series.pinned(shown.getState()), 'picture.png', shown);
+    page.command.textContent = stateToCommand(series.pinned(shown.getState()), 'picture.png', shown.loop.picture);
   }
   // The server sends the camera of a view that is being fitted.
   shown.addEventListener('state', () => page.dialog.open && drawCommand());
   byId('save', HTMLElement).onclick = () => {
-    page.width.value ||= String(shown.width);
-    page.height.value ||= String(shown.height);
+    page.width.value ||= String(shown.loop.picture.width);
+    page.height.value ||= String(shown.loop.picture.height);
     drawCommand();
     page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
     page.dialog.showModal();
@@ -66,9 +66,9 @@ export function listenToDownloads(series) {
   byId('copy-command', HTMLElement).onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
   byId('sizes', HTMLElement).append(...[['As shown', 0], ['1080p', 1080], ['4K', 2160], ['Print, 8K', 4320]].map(([name, side]) =>
     make('button', { className: 'small', onclick: () => {
-      const tall = Number(side) || shown.height;
+      const tall = Number(side) || shown.loop.picture.height;
       page.height.value = String(tall);
-      page.width.value = String(Math.round(tall * shown.aspect));
+      page.width.value = String(Math.round(tall * shown.loop.picture.aspect));
     } }, String(name))));
 
   page.savePng.onclick = () => {

@@ -200,7 +200,7 @@ const quietPill = quietly(drawPill);
 let pillKind = '';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
-  const kind = !shown.isOpen ? 'closed' : shown.isExact ? 'exact' : 'moving';
+  const kind = !shown.loop.connection.isOpen ? 'closed' : shown.isExact ? 'exact' : 'moving';
   if (kind !== pillKind) {
     pillKind = kind;
     drawPill();

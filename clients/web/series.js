@@ -237,7 +237,7 @@ export class SeriesControls {
    */
   pinned(state) {
     const { shownSelection, view } = this;
-    const isOfState = shownSelection && !view.isDirty && view.shownSequence === view.sequence;
+    const isOfState = shownSelection && view.isCurrent;
     return isOfState && (state.selection?.timeStep ?? -1) < 0 ? { ...state, selection: { ...shownSelection } } : state;
   }
 

@@ -146,11 +146,30 @@ export function stateToCommand(state, file, size) {
   return [COMMAND, ...flags, `--output ${file}`].join(' \\\n  ');
 }
 
-/** Reads values and notes what is wrong with them. */
-class Reader {
-  constructor() {
-    /** @type {string[]} */
-    this.problems = [];
+/** A link that is read: its state so far, and a sentence for each part that is wrong and left out. */
+class Link {
+  /** @type {FrameRequest} */
+  state = {};
+  /** @type {string[]} */
+  problems = [];
+  /** @type {any} */
+  camera = {};
+  /** @type {any[]} */
+  colorings = [];
+  /**
+   * The appearance of surfaces without a colour of their own.
+   * @type {any}
+   */
+  plain = null;
+
+  /** @param {Record<string, any>} part of the field and time that are shown */
+  select(part) {
+    this.state.selection = { ...this.state.selection, ...part };
+  }
+
+  /** @param {string} name @param {string} text @param {string} why */
+  refuse(name, text, why) {
+    this.problems.push(`${name}=${text.slice(0, 60)} of this link was left out: ${why}`);
   }
 
   /** @param {string} name @param {string} text @param {number} least @param {number} [most] */
@@ -159,8 +178,7 @@ class Reader {
     const values = parts.map((part) => part.trim() === '' ? NaN : Number(part));
     if (values.length < least || values.length > most || !values.every(Number.isFinite)) {
       const count = least === most ? `${least}` : `${least} to ${most}`;
-      this.problems.push(`${name}=${text.slice(0, 60)} of this link was left out: it needs ${count} numbers with commas ` +
-        'between them.');
+      this.refuse(name, text, `it needs ${count} numbers with commas between them.`);
       return null;
     }
     return values;
@@ -179,14 +197,145 @@ class Reader {
       return named;
     }
     if (!text.includes(',')) {
-      this.problems.push(`${name}=${text.slice(0, 60)} of this link was left out: a colour is a name of CSS, #RRGGBB, or ` +
-        'three numbers from 0 to 1 with commas between them.');
+      this.refuse(name, text, 'a colour is a name of CSS, #RRGGBB, or three numbers from 0 to 1 with commas between them.');
       return null;
     }
     const v = this.numbers(name, text, 3, 4);
     return v && { red: v[0], green: v[1], blue: v[2], alpha: v[3] ?? alpha };
   }
 }
+
+/**
+ * Reads a value of each word into a link.
+ * @type {Record<string, (link: Link, value: string) => void>}
+ */
+const WORDS = {
+  dataset: (link, value) => { link.state.dataset = value; },
+  surface: (link, value) => {
+    const [level, color, opacity] = value.split(':');
+    const isovalue = link.numbers('surface', level, 1);
+    const alpha = opacity === undefined ? [1] : link.numbers('surface', opacity, 1);
+    const mixed = color === undefined ? undefined : link.color('surface', color, alpha?.[0]);
+    if (isovalue && alpha && mixed !== null) {
+      (link.state.surfaces ??= []).push(mixed ? { isovalue: isovalue[0], color: mixed } : { isovalue: isovalue[0] });
+    }
+  },
+  isovalue: (link, value) => {
+    for (const isovalue of link.numbers('isovalue', value, 1, 16) ?? []) {
+      (link.state.surfaces ??= []).push({ isovalue });
+    }
+  },
+  color: (link, value) => { link.plain = link.color('color', value); },
+  field: (link, value) => {
+    const chosen = fieldFromWord(value);
+    if (!chosen.field || chosen.component === '') {
+      link.refuse('field', value, 'it is NAME or NAME:COMPONENT.');
+      return;
+    }
+    link.select(chosen);
+  },
+  component: (link, value) => { link.select({ component: value }); },
+  step: (link, value) => {
+    const number = value === 'first' ? 0 : value === 'last' ? -1 : Number(value);
+    if (!Number.isInteger(number) || value.trim() === '' || number < -1 || number >= 2 ** 31) {
+      link.refuse('step', value, 'it is the number of a time step, from 0, or first or last.');
+      return;
+    }
+    link.select({ timeStep: number });
+  },
+  time: (link, value) => {
+    const time = link.numbers('time', value, 1);
+    if (time) {
+      link.select({ time: time[0] });
+    }
+  },
+  'color-by': (link, value) => {
+    const [first, ...rest] = value.split(':');
+    const isField = first !== 'none' && !QUANTITIES[first];
+    // The word after a field is its component, unless it is a map.
+    const component = isField && rest.length > 0 && !COLOR_MAPS.includes(rest[0]) ? rest.shift() : undefined;
+    const [map, ends, opacities] = rest;
+    if (first === '' || component === '' || map && !COLOR_MAPS.includes(map)) {
+      link.refuse('color-by', value, `it is x, y, z, normal, gradient, none or a field, then one of ${COLOR_MAPS.join(', ')}.`);
+      return;
+    }
+    const range = ends ? link.numbers('color-by', ends, 2) : null;
+    const opacity = opacities ? link.numbers('color-by', opacities, 2) : null;
+    link.colorings.push(first === 'none' ? null : {
+      ...(isField ? { quantity: 'QUANTITY_FIELD', field: first, ...(component ? { component } : {}) } : { quantity: QUANTITIES[first] }),
+      ...(map ? { colorMap: colorMapToJson(map) } : {}),
+      ...(range ? { range: { min: range[0], max: range[1] } } : {}),
+      ...(opacity ? { opacity: { atMin: opacity[0], atMax: opacity[1] } } : {}) });
+  },
+  caps: (link, value) => {
+    const [map, ends] = value.split(':');
+    const range = ends ? link.numbers('caps', ends, 2) : null;
+    if (map && !COLOR_MAPS.includes(map)) {
+      link.refuse('caps', value, `it is empty or one of ${COLOR_MAPS.join(', ')}.`);
+      return;
+    }
+    link.state.caps = { ...(map ? { colorMap: colorMapToJson(map) } : {}), ...(map && range ? { range: { min: range[0], max: range[1] } } : {}) };
+  },
+  eye: (link, value) => { link.camera.eye = link.vec('eye', value); },
+  target: (link, value) => { link.camera.target = link.vec('target', value); },
+  up: (link, value) => { link.camera.up = link.vec('up', value); },
+  'fov-y': (link, value) => {
+    const angle = link.numbers('fov-y', value, 1);
+    link.camera.perspective = angle && { fovYDegrees: angle[0] };
+  },
+  'orthographic-height': (link, value) => {
+    const height = link.numbers('orthographic-height', value, 1);
+    link.camera.orthographic = height && { height: height[0] };
+  },
+  fit: (link, value) => { link.state.cameraFit = value === 'surface' ? 'CAMERA_FIT_SURFACE' : undefined; },
+  'clip-plane': (link, value) => {
+    const v = link.numbers('clip-plane', value, 4);
+    if (v) {
+      ((link.state.clip ??= {}).halfSpaces ??= []).push({ normal: { x: v[0], y: v[1], z: v[2] }, offset: v[3] });
+    }
+  },
+  'clip-box': (link, value) => {
+    const v = link.numbers('clip-box', value, 6);
+    if (v) {
+      (link.state.clip ??= {}).box = { min: { x: v[0], y: v[2], z: v[4] }, max: { x: v[1], y: v[3], z: v[5] } };
+    }
+  },
+  light: (link, value) => {
+    const [direction, strength, color] = value.split(':');
+    const to = link.vec('light', direction);
+    const intensity = strength === undefined ? [1] : link.numbers('light', strength, 1);
+    const tint = color === undefined ? undefined : link.color('light', color);
+    if (to && intensity && tint !== null) {
+      (link.state.lights ??= []).push({ direction: to, intensity: intensity[0], ...(tint ? { color: tint } : {}) });
+    }
+  },
+  'light-space': () => {},
+  samples: (link, value) => {
+    const samples = link.numbers('samples', value, 1);
+    if (samples && [1, 4, 9, 16].includes(samples[0])) {
+      link.state.samples = samples[0];
+    }
+  },
+  'ambient-occlusion': (link, value) => {
+    const v = value ? link.numbers('ambient-occlusion', value, 1, 2) : [32];
+    if (v) {
+      link.state.ambientOcclusion = { radiusPx: Math.round(v[0]), ...(v.length > 1 ? { strength: v[1] } : {}) };
+    }
+  },
+  silhouette: (link, value) => {
+    const [width, color] = value.split(':');
+    const widthPx = width ? link.numbers('silhouette', width, 1) : [2];
+    const tint = color === undefined ? undefined : link.color('silhouette', color);
+    if (widthPx && tint !== null) {
+      link.state.silhouette = { widthPx: Math.round(widthPx[0]), ...(tint ? { color: tint } : {}) };
+    }
+  },
+  'max-layers': (link, value) => {
+    const layers = link.numbers('max-layers', value, 1);
+    link.state.maxLayers = layers ? Math.round(layers[0]) : undefined;
+  },
+  background: (link, value) => { link.state.backgroundColor = link.color('background', value) ?? undefined; },
+};
 
 /** Words that mean something without a value. */
 const ALONE = ['caps', 'ambient-occlusion', 'silhouette'];
@@ -197,155 +346,16 @@ const ALONE = ['caps', 'ambient-occlusion', 'silhouette'];
  * @param {string} hash @returns {{state: FrameRequest, problems: string[]}}
  */
 export function stateFromHash(hash) {
-  const reader = new Reader();
-  /** @type {FrameRequest} */
-  const state = {};
-  /** @type {any} */
-  const camera = {};
-  /** @type {any[]} */
-  const colorings = [];
-  // The appearance of surfaces without a colour of their own.
-  /** @type {any} */
-  let plain = null;
-  /** @type {Record<string, (value: string) => void>} */
-  const words = {
-    dataset: (value) => { state.dataset = value; },
-    surface: (value) => {
-      const [level, color, opacity] = value.split(':');
-      const isovalue = reader.numbers('surface', level, 1);
-      const alpha = opacity === undefined ? [1] : reader.numbers('surface', opacity, 1);
-      const mixed = color === undefined ? undefined : reader.color('surface', color, alpha?.[0]);
-      if (isovalue && alpha && mixed !== null) {
-        (state.surfaces ??= []).push(mixed ? { isovalue: isovalue[0], color: mixed } : { isovalue: isovalue[0] });
-      }
-    },
-    isovalue: (value) => {
-      for (const isovalue of reader.numbers('isovalue', value, 1, 16) ?? []) {
-        (state.surfaces ??= []).push({ isovalue });
-      }
-    },
-    color: (value) => { plain = reader.color('color', value); },
-    field: (value) => {
-      const chosen = fieldFromWord(value);
-      if (!chosen.field || chosen.component === '') {
-        reader.problems.push(`field=${value.slice(0, 60)} of this link was left out: it is NAME or NAME:COMPONENT.`);
-        return;
-      }
-      state.selection = { ...state.selection, ...chosen };
-    },
-    component: (value) => { state.selection = { ...state.selection, component: value }; },
-    step: (value) => {
-      const number = value === 'first' ? 0 : value === 'last' ? -1 : Number(value);
-      if (!Number.isInteger(number) || value.trim() === '' || number < -1 || number >= 2 ** 31) {
-        reader.problems.push(`step=${value.slice(0, 60)} of this link was left out: it is the number of a time step, from ` +
-          '0, or first or last.');
-        return;
-      }
-      state.selection = { ...state.selection, timeStep: number };
-    },
-    time: (value) => {
-      const time = reader.numbers('time', value, 1);
-      if (time) {
-        state.selection = { ...state.selection, time: time[0] };
-      }
-    },
-    'color-by': (value) => {
-      const [first, ...rest] = value.split(':');
-      const isField = first !== 'none' && !QUANTITIES[first];
-      // The word after a field is its component, unless it is a map.
-      const component = isField && rest.length > 0 && !COLOR_MAPS.includes(rest[0]) ? rest.shift() : undefined;
-      const [map, ends, opacities] = rest;
-      if (first === '' || component === '' || map && !COLOR_MAPS.includes(map)) {
-        reader.problems.push(`color-by=${value.slice(0, 60)} of this link was left out: it is x, y, z, normal, gradient, ` +
-          `none or a field, then one of ${COLOR_MAPS.join(', ')}.`);
-        return;
-      }
-      const range = ends ? reader.numbers('color-by', ends, 2) : null;
-      const opacity = opacities ? reader.numbers('color-by', opacities, 2) : null;
-      colorings.push(first === 'none' ? null : {
-        ...(isField ? { quantity: 'QUANTITY_FIELD', field: first, ...(component ? { component } : {}) } : { quantity: QUANTITIES[first] }),
-        ...(map ? { colorMap: colorMapToJson(map) } : {}),
-        ...(range ? { range: { min: range[0], max: range[1] } } : {}),
-        ...(opacity ? { opacity: { atMin: opacity[0], atMax: opacity[1] } } : {}) });
-    },
-    caps: (value) => {
-      const [map, ends] = value.split(':');
-      const range = ends ? reader.numbers('caps', ends, 2) : null;
-      if (map && !COLOR_MAPS.includes(map)) {
-        reader.problems.push(`caps=${value.slice(0, 60)} of this link was left out: it is empty or one of ${COLOR_MAPS.join(', ')}.`);
-        return;
-      }
-      state.caps = { ...(map ? { colorMap: colorMapToJson(map) } : {}), ...(map && range ? { range: { min: range[0], max: range[1] } } : {}) };
-    },
-    eye: (value) => { camera.eye = reader.vec('eye', value); },
-    target: (value) => { camera.target = reader.vec('target', value); },
-    up: (value) => { camera.up = reader.vec('up', value); },
-    'fov-y': (value) => {
-      const angle = reader.numbers('fov-y', value, 1);
-      camera.perspective = angle && { fovYDegrees: angle[0] };
-    },
-    'orthographic-height': (value) => {
-      const height = reader.numbers('orthographic-height', value, 1);
-      camera.orthographic = height && { height: height[0] };
-    },
-    fit: (value) => { state.cameraFit = value === 'surface' ? 'CAMERA_FIT_SURFACE' : undefined; },
-    'clip-plane': (value) => {
-      const v = reader.numbers('clip-plane', value, 4);
-      if (v) {
-        ((state.clip ??= {}).halfSpaces ??= []).push({ normal: { x: v[0], y: v[1], z: v[2] }, offset: v[3] });
-      }
-    },
-    'clip-box': (value) => {
-      const v = reader.numbers('clip-box', value, 6);
-      if (v) {
-        (state.clip ??= {}).box = { min: { x: v[0], y: v[2], z: v[4] }, max: { x: v[1], y: v[3], z: v[5] } };
-      }
-    },
-    light: (value) => {
-      const [direction, strength, color] = value.split(':');
-      const to = reader.vec('light', direction);
-      const intensity = strength === undefined ? [1] : reader.numbers('light', strength, 1);
-      const tint = color === undefined ? undefined : reader.color('light', color);
-      if (to && intensity && tint !== null) {
-        (state.lights ??= []).push({ direction: to, intensity: intensity[0], ...(tint ? { color: tint } : {}) });
-      }
-    },
-    'light-space': () => {},
-    samples: (value) => {
-      const samples = reader.numbers('samples', value, 1);
-      if (samples && [1, 4, 9, 16].includes(samples[0])) {
-        state.samples = samples[0];
-      }
-    },
-    'ambient-occlusion': (value) => {
-      const v = value ? reader.numbers('ambient-occlusion', value, 1, 2) : [32];
-      if (v) {
-        state.ambientOcclusion = { radiusPx: Math.round(v[0]), ...(v.length > 1 ? { strength: v[1] } : {}) };
-      }
-    },
-    silhouette: (value) => {
-      const [width, color] = value.split(':');
-      const widthPx = width ? reader.numbers('silhouette', width, 1) : [2];
-      const tint = color === undefined ? undefined : reader.color('silhouette', color);
-      if (widthPx && tint !== null) {
-        state.silhouette = { widthPx: Math.round(widthPx[0]), ...(tint ? { color: tint } : {}) };
-      }
-    },
-    'max-layers': (value) => {
-      const layers = reader.numbers('max-layers', value, 1);
-      state.maxLayers = layers ? Math.round(layers[0]) : undefined;
-    },
-    background: (value) => { state.backgroundColor = reader.color('background', value) ?? undefined; },
-  };
-
+  const link = new Link();
+  const { state, problems, camera, colorings } = link;
   const search = new URLSearchParams(hash.replace(/^#/, ''));
   for (const [name, value] of search) {
-    if (Object.hasOwn(words, name)) {
+    if (Object.hasOwn(WORDS, name)) {
       if (value !== 'null' && (value !== '' || ALONE.includes(name))) {
-        words[name](value);
+        WORDS[name](link, value);
       }
     } else {
-      reader.problems.push(`${name.slice(0, 40)} of this link was left out: this page does not know it.`);
+      problems.push(`${name.slice(0, 40)} of this link was left out: this page does not know it.`);
     }
   }
   if (camera.eye && camera.target) {
@@ -355,12 +365,12 @@ export function stateFromHash(hash) {
     state.lights?.forEach((/** @type {any} */ light) => { light.space = 'SPACE_WORLD'; });
   }
   if (state.selection?.timeStep !== undefined && state.selection.time !== undefined) {
-    reader.problems.push('time of this link was left out: it has a step, too.');
+    problems.push('time of this link was left out: it has a step, too.');
     delete state.selection.time;
   }
   (state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
-    if (plain) {
-      surface.color ??= { ...plain };
+    if (link.plain) {
+      surface.color ??= { ...link.plain };
     }
     const coloring = colorings.length === 1 ? colorings[0] : colorings[i];
     if (coloring) {
@@ -372,5 +382,5 @@ export function stateFromHash(hash) {
       delete state[key];
     }
   }
-  return { state, problems: reader.problems };
+  return { state, problems: problems };
 }

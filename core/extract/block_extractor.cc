@@ -1,6 +1,6 @@
 // The kernels know a block as a line of samples with a shape; this file ties that to the volume. It
-// finds the block's shape and its first sample, and runs the kernels (block_kernels.cc). On request
-// it gives each vertex the key of its grid edge in the volume.
+// finds the block's shape and its first sample, and runs the kernels (block_kernels.cc), for labels
+// through label_surface.cc. On request it gives each vertex the key of its grid edge in the volume.
 
 #include "core/extract/block_extractor.h"
 
@@ -10,11 +10,14 @@
 #include <cstdint>
 #include <span>
 #include <utility>
+#include <vector>
 
 #include "core/base/check.h"
 #include "core/extract/block_kernels.h"
 #include "core/extract/case_table.h"
 #include "core/extract/field_values.h"
+#include "core/extract/label_kernels.h"
+#include "core/extract/label_surface.h"
 
 namespace isoscope::extract {
 
@@ -43,9 +46,53 @@ class BlockExtractor::Impl {
                   .keeps_gradient_magnitudes = keeps_gradient_magnitudes,
                   .field = field},
                  &scratch_);
+    return View(samples.block_id, keeps_gradient_magnitudes, field);
+  }
+
+  mesh::BlockMeshView ExtractLabels(const volume::BlockSamples& samples,
+                                    const volume::InsideRule& rule,
+                                    const volume::BlockSamples* field) {
+    UseLabels(samples.type, rule);
+    ExtractLabelBlock({.samples = &samples,
+                       .labels = &label_set_,
+                       .shape = &shapes_->Of(samples.block_id),
+                       .stored = layout_.StoredSamplesOf(samples.block_id),
+                       .own = layout_.OwnSamplesOf(samples.block_id),
+                       .to_world = &to_world_,
+                       .field = field},
+                      &scratch_, &label_scratch_);
+    return View(samples.block_id, /*keeps_gradient_magnitudes=*/false, field);
+  }
+
+  // Replaces `mesh` by a copy of `view`, the last that was extracted, with edge keys.
+  void CopyWithEdgeKeys(const mesh::BlockMeshView& view, mesh::BlockMesh* mesh) const {
+    mesh->block_id = view.block_id;
+    mesh->owned_vertex_count = view.owned_vertex_count;
+    // assign() would copy types with member initialisers one by one.
+    mesh->positions.resize(view.positions.size());
+    std::ranges::copy(view.positions, mesh->positions.begin());
+    mesh->normals.resize(view.normals.size());
+    std::ranges::copy(view.normals, mesh->normals.begin());
+    mesh->indices.assign(view.indices.begin(), view.indices.end());
+    mesh->edge_keys.clear();
+    FillEdgeKeys(shapes_->Of(view.block_id), layout_.StoredSamplesOf(view.block_id).begin, mesh);
+  }
+
+ private:
+  // Makes the set of labels, unless it is that of the last block.
+  void UseLabels(volume::ScalarType type, const volume::InsideRule& rule) {
+    if (labels_ != rule.labels || label_set_.type != type) {
+      label_set_ = MakeLabelSet(type, rule.labels);
+      labels_ = rule.labels;
+    }
+  }
+
+  // The mesh in the scratch space.
+  [[nodiscard]] mesh::BlockMeshView View(volume::BlockId block_id, bool keeps_gradient_magnitudes,
+                                         const volume::BlockSamples* field) const {
     // The vectors are longer than the mesh: kernels write whole registers.
     mesh::BlockMeshView mesh;
-    mesh.block_id = samples.block_id;
+    mesh.block_id = block_id;
     mesh.owned_vertex_count = scratch_.owned_vertex_count;
     mesh.positions = std::span(scratch_.positions).first(scratch_.vertex_count);
     mesh.normals = std::span(scratch_.normals).first(scratch_.vertex_count);
@@ -58,24 +105,6 @@ class BlockExtractor::Impl {
     return mesh;
   }
 
-  void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
-                           mesh::BlockMesh* mesh) {
-    const mesh::BlockMeshView view =
-        Extract(samples, isovalue, /*keeps_gradient_magnitudes=*/false, /*field=*/nullptr);
-    mesh->block_id = view.block_id;
-    mesh->owned_vertex_count = view.owned_vertex_count;
-    // assign() would copy types with member initialisers one by one.
-    mesh->positions.resize(view.positions.size());
-    std::ranges::copy(view.positions, mesh->positions.begin());
-    mesh->normals.resize(view.normals.size());
-    std::ranges::copy(view.normals, mesh->normals.begin());
-    mesh->indices.assign(view.indices.begin(), view.indices.end());
-    mesh->edge_keys.clear();
-    FillEdgeKeys(shapes_->Of(samples.block_id), layout_.StoredSamplesOf(samples.block_id).begin,
-                 mesh);
-  }
-
- private:
   template <typename T>
   [[nodiscard]] mesh::VertexValues ValuesIn(const std::vector<T>& values) const {
     return mesh::VertexValues(std::span(values).first(scratch_.vertex_count));
@@ -104,6 +133,9 @@ class BlockExtractor::Impl {
   const math::Mat3d to_world_;
   const CaseTable& case_table_;
   BlockScratch scratch_;
+  std::vector<double> labels_;  // those that label_set_ was made of
+  LabelSet label_set_;
+  LabelScratch label_scratch_;
 };
 
 BlockExtractor::BlockExtractor(const volume::GridGeometry& geometry,
@@ -133,8 +165,32 @@ mesh::BlockMeshView BlockExtractor::ExtractWithField(const volume::BlockSamples&
 
 void BlockExtractor::ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
                                          mesh::BlockMesh* mesh) {
-  ISOSCOPE_DCHECK(std::isfinite(isovalue));
-  impl_->ExtractWithEdgeKeys(samples, isovalue, mesh);
+  impl_->CopyWithEdgeKeys(Extract(samples, isovalue), mesh);
+}
+
+mesh::BlockMeshView BlockExtractor::Extract(const volume::BlockSamples& samples,
+                                            const volume::InsideRule& rule,
+                                            bool keeps_gradient_magnitudes) {
+  if (!rule.has_labels()) {
+    return Extract(samples, rule.isovalue, keeps_gradient_magnitudes);
+  }
+  ISOSCOPE_CHECK(!keeps_gradient_magnitudes);
+  return impl_->ExtractLabels(samples, rule, /*field=*/nullptr);
+}
+
+mesh::BlockMeshView BlockExtractor::ExtractWithField(const volume::BlockSamples& samples,
+                                                     const volume::InsideRule& rule,
+                                                     const volume::BlockSamples& field) {
+  if (!rule.has_labels()) {
+    return ExtractWithField(samples, rule.isovalue, field);
+  }
+  ISOSCOPE_CHECK_EQ(field.block_id, samples.block_id);
+  return impl_->ExtractLabels(samples, rule, &field);
+}
+
+void BlockExtractor::ExtractWithEdgeKeys(const volume::BlockSamples& samples,
+                                         const volume::InsideRule& rule, mesh::BlockMesh* mesh) {
+  impl_->CopyWithEdgeKeys(Extract(samples, rule), mesh);
 }
 
 }  // namespace isoscope::extract

@@ -1,6 +1,6 @@
-// Extracts the isosurface of one block by marching cubes. docs/numerics.md defines every number
-// that it returns. The head of block_kernels.cc tells how each is computed. Steps 2 and 3 of a
-// frame.
+// Extracts the surface of one block by marching cubes, of an isovalue or of labels.
+// docs/numerics.md defines every number that it returns. The head of block_kernels.cc tells how
+// each is computed. Steps 2 and 3 of a frame.
 
 #ifndef ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
 #define ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
@@ -14,6 +14,7 @@
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/inside_rule.h"
 
 namespace isoscope::extract {
 
@@ -49,6 +50,19 @@ class BlockExtractor {
                                        const volume::BlockSamples& field);
   // Does the same as the first, and replaces `mesh` by a copy with edge keys.
   void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
+                           mesh::BlockMesh* mesh);
+
+  // Do the same for a rule, which may be labels: then a vertex is the middle of its edge (t = 1/2),
+  // normals are those of the Sobel filter, and a cell has at most 6 triangles (docs/numerics.md,
+  // "Labels").
+  //
+  // REQUIRES: the rule has no labels, or keeps_gradient_magnitudes is false.
+  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, const volume::InsideRule& rule,
+                              bool keeps_gradient_magnitudes = false);
+  mesh::BlockMeshView ExtractWithField(const volume::BlockSamples& samples,
+                                       const volume::InsideRule& rule,
+                                       const volume::BlockSamples& field);
+  void ExtractWithEdgeKeys(const volume::BlockSamples& samples, const volume::InsideRule& rule,
                            mesh::BlockMesh* mesh);
 
  private:

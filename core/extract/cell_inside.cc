@@ -12,8 +12,10 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "core/extract/case_table.h"
+#include "core/extract/label_case_table.h"
 
 namespace isoscope::extract {
 namespace {
@@ -32,14 +34,17 @@ Vec3d CornerAt(int corner) {
 // Returns the position of the vertex on an edge, from the lower corner: docs/numerics.md, "Vertex
 // position".
 //
-// begin: the coordinate of the lower corner
-double ShareOf(double a, double b, double isovalue, double begin) {
-  double t = 0.5;
+double FractionOf(double a, double b, double isovalue) {
   if (std::isinf(a) != std::isinf(b)) {
-    t = std::isinf(a) ? 1 : 0;
-  } else if (!std::isinf(a)) {
-    t = (isovalue / 2 - a / 2) / (b / 2 - a / 2);
+    return std::isinf(a) ? 1 : 0;
   }
+  return std::isinf(a) ? 0.5 : (isovalue / 2 - a / 2) / (b / 2 - a / 2);
+}
+
+// Returns t as the mesh's vertex has it, moved a little away from corners.
+//
+// begin: the coordinate of the lower corner
+double RoundedFraction(double t, double begin) {
   const double rounded = static_cast<double>(static_cast<float>(begin + t)) - begin;
   return std::clamp(rounded, kSlack, 1 - kSlack);
 }
@@ -70,17 +75,29 @@ bool Crosses(const Vec3d& a, const Vec3d& b, const std::array<CellVertex, 3>& v)
          (Volume(v[0].position, v[1].position, v[2].position, b) >= 0);
 }
 
-}  // namespace
-
-bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
-                  const Vec3d& position, double isovalue) {
+// Returns the set of inside corners; nothing if a sample is NaN.
+template <typename IsInside>
+std::optional<unsigned> CaseOf(const std::array<double, 8>& samples, const IsInside& is_inside) {
   unsigned inside = 0;
   for (std::size_t corner = 0; corner < 8; ++corner) {
     if (std::isnan(samples[corner])) {
-      return false;
+      return std::nullopt;
     }
-    inside |= samples[corner] >= isovalue ? 1U << corner : 0U;
+    inside |= is_inside(samples[corner]) ? 1U << corner : 0U;
   }
+  return inside;
+}
+
+// Returns true if the point is on the side of the inside corners.
+//
+// inside:         the set of inside corners
+// triangle_count: of the case
+// edges_of:       the edges of triangle i
+// fraction_of:    t of the vertex on an edge with these corners
+template <typename EdgesOf, typename FractionOfEdge>
+bool IsOnInsideOf(unsigned inside, const math::Index3& cell, const Vec3d& position,
+                  std::size_t triangle_count, const EdgesOf& edges_of,
+                  const FractionOfEdge& fraction_of) {
   if (inside == 0 || inside == 0xff) {
     return inside != 0;
   }
@@ -90,24 +107,58 @@ bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell
   }
   const Vec3d corner = CornerAt(std::countr_one(inside));
   const Vec3d to = corner + (Vec3d{0.5, 0.5, 0.5} - corner) * (2 * kCornerSlack);
-
-  const CaseTable& table = GetCaseTable();
   bool is_inside = false;
-  for (std::size_t triangle = 0; triangle < table.triangle_counts[inside]; ++triangle) {
+  for (std::size_t triangle = 0; triangle < triangle_count; ++triangle) {
     std::array<CellVertex, 3> vertices;
+    const auto edges = edges_of(triangle);
     for (std::size_t i = 0; i < 3; ++i) {
       CellVertex& vertex = vertices[i];
-      vertex.edge = table.edges[inside][3 * triangle + i];
-      const auto [lower, upper] = CornersOfEdge(vertex.edge);
-      vertex.position = CornerAt(lower);
+      vertex.edge = edges[i];
+      const EdgeCorners corners = CornersOfEdge(vertex.edge);
+      vertex.position = CornerAt(corners.lower);
       const int axis = vertex.edge / 4;
-      vertex.position[axis] = ShareOf(samples[static_cast<std::size_t>(lower)],
-                                      samples[static_cast<std::size_t>(upper)], isovalue,
-                                      static_cast<double>(cell[axis]));
+      vertex.position[axis] =
+          RoundedFraction(fraction_of(corners), static_cast<double>(cell[axis]));
     }
     is_inside ^= Crosses(from, to, vertices);
   }
   return is_inside;
+}
+
+}  // namespace
+
+bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
+                  const Vec3d& position, double isovalue) {
+  const std::optional<unsigned> inside =
+      CaseOf(samples, [&](double sample) { return sample >= isovalue; });
+  if (!inside.has_value()) {
+    return false;
+  }
+  const CaseTable& table = GetCaseTable();
+  return IsOnInsideOf(
+      *inside, cell, position, table.triangle_counts[*inside],
+      [&](std::size_t triangle) { return table.edges[*inside].data() + 3 * triangle; },
+      [&](const EdgeCorners& corners) {
+        return FractionOf(samples[static_cast<std::size_t>(corners.lower)],
+                          samples[static_cast<std::size_t>(corners.upper)], isovalue);
+      });
+}
+
+bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
+                  const Vec3d& position, const volume::InsideRule& rule) {
+  if (!rule.has_labels()) {
+    return IsInsideCell(samples, cell, position, rule.isovalue);
+  }
+  const std::optional<unsigned> inside =
+      CaseOf(samples, [&](double sample) { return rule.IsInside(sample); });
+  if (!inside.has_value()) {
+    return false;
+  }
+  const LabelCaseTable& table = GetLabelCaseTable();
+  return IsOnInsideOf(
+      *inside, cell, position, table.TriangleCountOf(*inside),
+      [&](std::size_t triangle) { return table.EdgesOf(*inside, triangle); },
+      [](const EdgeCorners&) { return 0.5; });
 }
 
 }  // namespace isoscope::extract

@@ -6,6 +6,7 @@
 #include <array>
 
 #include "core/math/vec.h"
+#include "core/volume/inside_rule.h"
 
 namespace isoscope::extract {
 
@@ -20,6 +21,9 @@ namespace isoscope::extract {
 // isovalue: finite
 bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
                   const math::Vec3d& position, double isovalue);
+// Does the same for a rule. For labels it follows the triangles of label_case_table.h.
+bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
+                  const math::Vec3d& position, const volume::InsideRule& rule);
 
 }  // namespace isoscope::extract
 

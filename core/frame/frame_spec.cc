@@ -2,9 +2,15 @@
 
 #include <algorithm>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
 namespace isoscope::frame {
+namespace {
+
+constexpr std::size_t kTextRules = 16;
+
+}  // namespace
 
 bool HasLayers(const FrameSpec& spec) {
   return std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
@@ -16,13 +22,24 @@ bool ShowsValues(const FrameSpec& spec) {
                      [](const Surface& surface) { return surface.shows_values(); });
 }
 
-std::vector<double> IsovaluesOf(const FrameSpec& spec) {
-  std::vector<double> isovalues;
-  isovalues.reserve(spec.surfaces.size());
+std::vector<volume::InsideRule> RulesOf(const FrameSpec& spec) {
+  std::vector<volume::InsideRule> rules;
+  rules.reserve(spec.surfaces.size());
   for (const Surface& surface : spec.surfaces) {
-    isovalues.push_back(surface.isovalue);
+    rules.push_back(surface.rule);
   }
-  return isovalues;
+  return rules;
+}
+
+std::string TextOf(const std::vector<volume::InsideRule>& rules) {
+  std::string text;
+  for (std::size_t i = 0; i < rules.size() && i < kTextRules; ++i) {
+    absl::StrAppend(&text, i == 0 ? "" : "; ", rules[i].Text());
+  }
+  if (rules.size() > kTextRules) {
+    absl::StrAppend(&text, "; and ", rules.size() - kTextRules, " more");
+  }
+  return text;
 }
 
 std::size_t OwnerSurfaceCount(const FrameSpec& spec) {

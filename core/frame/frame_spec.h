@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -20,12 +21,13 @@
 #include "core/image/fragment.h"
 #include "core/view/camera.h"
 #include "core/view/clip_region.h"
+#include "core/volume/inside_rule.h"
 
 namespace isoscope::frame {
 
-// One isosurface of a frame.
+// One surface of a frame.
 struct Surface {
-  double isovalue = 0;  // finite
+  volume::InsideRule rule = {};
   Appearance appearance = {};
   std::optional<ColorBy> color_by = std::nullopt;  // in place of the base colour
   float opacity = 1;                               // in (0, 1]; times that of the colour map
@@ -46,7 +48,8 @@ struct Surface {
   }
 };
 
-inline constexpr std::size_t kMaxSurfaces = 16;
+// Planes and silhouettes have one byte for a surface, and 255 for none.
+inline constexpr std::size_t kMaxSurfaces = 128;
 inline constexpr int kMaxLayers = 16;
 inline constexpr int kDefaultLayers = 8;
 
@@ -96,8 +99,10 @@ inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {
   return ShowsValues(spec) ? BackEnd::kCpu : of_agents;
 }
 
-// Returns the isovalues of the surfaces, in their order.
-std::vector<double> IsovaluesOf(const FrameSpec& spec);
+// Returns the rules of the surfaces, in their order.
+std::vector<volume::InsideRule> RulesOf(const FrameSpec& spec);
+// Returns them as text, for logs and errors: "isovalue 3.5; label 7". The first 16 are told.
+std::string TextOf(const std::vector<volume::InsideRule>& rules);
 
 // Returns the number of surfaces that owners tell apart. If pixels carry normals, a cap that shows
 // samples still has a colour. Its owner is then an extra surface, after the last one.

@@ -1,4 +1,4 @@
-// PNG files in memory, 8-bit sRGB: written with ISA-L's deflate, read with libpng.
+// PNG files in memory, 8-bit sRGB: png_encoder.cc, with ISA-L's deflate; png_decoder.cc, by libpng.
 
 #ifndef ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_
 #define ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_

@@ -383,6 +383,20 @@ absl::Status RemoveRecursively(const std::string& path) {
   return error ? ErrnoToStatus(error.value(), "remove", path) : absl::OkStatus();
 }
 
+std::int64_t BytesBelow(const std::string& path) {
+  std::int64_t bytes = 0;
+  std::error_code error;
+  for (std::filesystem::recursive_directory_iterator entry(path, error), end;
+       !error && entry != end; entry.increment(error)) {
+    std::error_code vanished;
+    if (entry->is_regular_file(vanished)) {
+      const std::uintmax_t size = entry->file_size(vanished);
+      bytes += vanished ? 0 : static_cast<std::int64_t>(size);
+    }
+  }
+  return bytes;
+}
+
 bool PathExists(const std::string& path) {
   struct stat info {};
   return stat(path.c_str(), &info) == 0;

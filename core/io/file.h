@@ -89,6 +89,8 @@ absl::Status RenamePath(const std::string& from, const std::string& to);
 absl::Status SyncDirectory(const std::string& path);
 // Removes a file or a whole directory tree; OK if there is none.
 absl::Status RemoveRecursively(const std::string& path);
+// Returns the size of all files below a folder. Those that vanish meanwhile do not count.
+std::int64_t BytesBelow(const std::string& path);
 bool PathExists(const std::string& path);
 bool IsDirectory(const std::string& path);
 

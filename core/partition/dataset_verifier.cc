@@ -41,20 +41,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The size of all files below; those that vanish meanwhile do not count.
-std::int64_t BytesBelow(const std::string& path) {
-  std::int64_t bytes = 0;
-  std::error_code error;
-  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
-       entry.increment(error)) {
-    std::error_code ignored;
-    if (entry->is_regular_file(ignored)) {
-      bytes += static_cast<std::int64_t>(entry->file_size(ignored));
-    }
-  }
-  return bytes;
-}
-
 // The shard directories of a dataset whose manifest can't be read, by name.
 std::vector<std::string> FindShards(const std::string& directory) {
   std::vector<std::string> shards;
@@ -85,7 +71,7 @@ class Verifier {
       : options_(options), cancellation_(cancellation) {}
 
   absl::StatusOr<VerifyReport> Run(const std::string& directory) {
-    report_.file_bytes = BytesBelow(directory);
+    report_.file_bytes = io::BytesBelow(directory);
     Advance(0);
     absl::Status status;
     if (store::IsShardDirectory(directory)) {
@@ -240,7 +226,7 @@ class Verifier {
   // Returns the open shard; null if it can't be opened. Other errors than damage are returned.
   absl::StatusOr<std::unique_ptr<store::ShardReader>> VerifyShard(
       const std::string& directory, std::optional<std::uint32_t> manifest_crc32c) {
-    const std::int64_t end = done_bytes_ + BytesBelow(directory);
+    const std::int64_t end = done_bytes_ + io::BytesBelow(directory);
     absl::StatusOr<std::unique_ptr<store::ShardReader>> reader =
         store::ShardReader::Open(directory);
     std::unique_ptr<store::ShardReader> opened;

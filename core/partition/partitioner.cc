@@ -244,6 +244,7 @@ class Partitioner {
         options_.source_name.empty() ? BaseName(source_.name()) : options_.source_name;
     manifest.geometry = source_.geometry();
     manifest.patient_frame = source_.patient_frame();
+    manifest.labels = options_.labels;
     manifest.scalar_type = type_;
     manifest.value_range = value_range_;
     manifest.max_gradient_magnitude = cutter_->max_gradient_magnitude();
@@ -291,6 +292,7 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,
                                           const base::Cancellation& cancellation) {
   ISOSCOPE_RETURN_IF_ERROR(volume::Validate(source.geometry()));
+  ISOSCOPE_RETURN_IF_ERROR(volume::ValidateLabels(options.labels));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::BlockLayout layout,
       volume::BlockLayout::Make(

@@ -7,6 +7,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -16,6 +17,7 @@
 #include "core/source/volume_source.h"
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
+#include "core/volume/label.h"
 
 namespace isoscope::partition {
 
@@ -35,6 +37,7 @@ struct PartitionOptions {
   // Each shard is compressed after it was written: the disk must hold one shard twice.
   store::BlockEncoding compression = store::BlockEncoding::kRaw;
   std::uint64_t seed = 1;
+  std::vector<volume::Label> labels{};  // names and colours of values; volume::ValidateLabels
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread

@@ -118,6 +118,7 @@ absl::Status WriteVolume(source::VolumeSource* volume, const std::string& finger
   options.block_cells = series.block_cells;
   options.distribution = store::Distribution::kRandom;
   options.seed = series.seed;
+  options.labels.clear();  // the series has them
   ISOSCOPE_RETURN_IF_ERROR(Partition(*volume, options, cancellation).status());
   return folder->Finish(task.key, fingerprint);
 }

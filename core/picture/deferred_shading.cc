@@ -35,7 +35,10 @@ LightTerm LightTermOf(const frame::Light& light, const view::View& view) {
           .strength = {strength(light.color.r), strength(light.color.g), strength(light.color.b)}};
 }
 
-void AddMaterial(const frame::Surface& surface, std::size_t index, MaterialTerms* terms) {
+// Adds the material of a surface. Those before it are added.
+void AddMaterial(const std::vector<frame::Surface>& surfaces, std::size_t index,
+                 MaterialTerms* terms) {
+  const frame::Surface& surface = surfaces[index];
   const frame::Appearance& appearance = surface.appearance;
   terms->ambient[index] = appearance.ambient;
   terms->diffuse[index] = appearance.diffuse.value_or(1.0F - appearance.ambient);
@@ -43,6 +46,18 @@ void AddMaterial(const frame::Surface& surface, std::size_t index, MaterialTerms
   terms->is_by_normal[index] =
       surface.color_by && surface.color_by->quantity == frame::ColorBy::Quantity::kNormal ? 1.0F
                                                                                           : 0.0F;
+  // Mostly all surfaces have one shininess, and its powers take long to compute.
+  for (std::size_t known = 0; known < index; ++known) {
+    if (surfaces[known].appearance.shininess == appearance.shininess) {
+      terms->first_power[index] = terms->first_power[known];
+      terms->power_scale[index] = terms->power_scale[known];
+      const std::size_t first = known * (kPowerSteps + 1);
+      for (std::size_t i = 0; i <= kPowerSteps; ++i) {
+        terms->powers.push_back(terms->powers[first + i]);
+      }
+      return;
+    }
+  }
   const auto shininess = static_cast<double>(appearance.shininess);
   const double first = math::Pow(kLeastPower, 1 / shininess);
   terms->first_power[index] = static_cast<float>(first);
@@ -75,7 +90,7 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
     lights_.push_back(LightTermOf(light, view));
   }
   for (const frame::Surface& surface : spec.surfaces) {
-    AddMaterial(surface, bases_.size(), &materials_);
+    AddMaterial(spec.surfaces, bases_.size(), &materials_);
     BaseColor& base = bases_.emplace_back();
     base.color = surface.appearance.base_color;
     if (surface.color_by && surface.color_by->quantity != frame::ColorBy::Quantity::kNormal) {

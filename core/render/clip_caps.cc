@@ -2,8 +2,8 @@
 //
 // 1. Find where the pixel's ray enters and leaves the region (ClipCrossingFinder). Skip crossings
 //    in cells of other blocks, and those that is_hidden hides.
-// 2. Find the solid around the crossing (FillingAt): the one with the highest isovalue whose inside
-//    has the point. If there is none, try four rays beside it (FillingBeside).
+// 2. Find the solid around the crossing (FillingAt): the first, in the order of solids_, whose
+//    inside has the point. If there is none, try four rays beside it (FillingBeside).
 // 3. Colour the fragment (FragmentOf): sample colour, step of the gradient's map, code of the
 //    normal, or shade under the head light.
 //
@@ -59,15 +59,19 @@ CapPainter::CapPainter(const view::View& view, const volume::BlockLayout& layout
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
     const frame::Surface& surface = spec.surfaces[i];
     if (!surface.is_translucent()) {
-      solids_.push_back({.isovalue = surface.isovalue,
+      solids_.push_back({.rule = surface.rule,
                          .surface_index = static_cast<std::uint32_t>(i),
                          .shows_field = surface.shows_field(),
                          .shade_table = is_shaded ? MakeShadeTable(surface.appearance)
                                                   : std::vector<image::Rgba8>()});
     }
   }
-  std::stable_sort(solids_.begin(), solids_.end(),
-                   [](const Solid& a, const Solid& b) { return a.isovalue > b.isovalue; });
+  std::stable_sort(solids_.begin(), solids_.end(), [](const Solid& a, const Solid& b) {
+    if (a.rule.has_labels() != b.rule.has_labels()) {
+      return a.rule.has_labels();
+    }
+    return !a.rule.has_labels() && a.rule.isovalue > b.rule.isovalue;
+  });
   const math::Mat3d to_world = view.geometry().world_gradient_from_index();
   for (const view::HalfSpace& half_space : clipper_.half_spaces()) {
     // Points to the dropped side.
@@ -79,22 +83,33 @@ CapPainter::CapPainter(const view::View& view, const volume::BlockLayout& layout
 
 const CapPainter::Solid* CapPainter::SolidOfSpan(const volume::ScalarSpan& span) const {
   for (const Solid& solid : solids_) {
-    if (span.min >= solid.isovalue && span.max >= solid.isovalue) {
+    const bool is_inside = solid.rule.has_labels()
+                               ? span.min == span.max && solid.rule.IsInside(span.min)
+                               : span.min >= solid.rule.isovalue && span.max >= solid.rule.isovalue;
+    if (is_inside) {
       return &solid;
     }
   }
   return nullptr;
 }
 
+// Whether samples of a span may be inside of a solid.
+bool CapPainter::MayHaveInside(const volume::ScalarSpan& span) const {
+  return std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
+    return solid.rule.has_labels() ? solid.rule.IsActive(span) ||
+                                         (span.min == span.max && solid.rule.IsInside(span.min))
+                                   : span.max >= solid.rule.isovalue;
+  });
+}
+
 CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const {
   if (solids_.empty() || clipper_.SideOf(layout_, id) != view::Clipper::Side::kCut) {
     return Need::kNothing;
   }
-  const double lowest = solids_.back().isovalue;
   const volume::ScalarSpan span = ranges.Get(id);
-  if (span.max >= lowest) {
+  if (MayHaveInside(span)) {
     const bool is_active = std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
-      return volume::IsActive(span, solid.isovalue);
+      return solid.rule.IsActive(span);
     });
     // A span does not tell whether samples are NaN.
     return is_active || needs_values_ || IsFloat(ranges.type()) ? Need::kSamples : Need::kSpan;
@@ -105,7 +120,7 @@ CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable
   for (std::int64_t z = std::max<std::int64_t>(at.z - 1, 0); z <= at.z + 1 && z < dims.z; ++z) {
     for (std::int64_t y = std::max<std::int64_t>(at.y - 1, 0); y <= at.y + 1 && y < dims.y; ++y) {
       for (std::int64_t x = std::max<std::int64_t>(at.x - 1, 0); x <= at.x + 1 && x < dims.x; ++x) {
-        if (ranges.Get(layout_.IdOf({x, y, z})).max >= lowest) {
+        if (MayHaveInside(ranges.Get(layout_.IdOf({x, y, z})))) {
           return Need::kSamples;
         }
       }
@@ -120,7 +135,7 @@ std::optional<CapPainter::Filling> CapPainter::FillingAt(const volume::BlockSamp
   const std::array<double, 8> corners =
       volume::SamplesOfCell(samples, layout_.StoredSamplesOf(samples.block_id), cell);
   for (const Solid& solid : solids_) {
-    if (extract::IsInsideCell(corners, cell, position, solid.isovalue)) {
+    if (extract::IsInsideCell(corners, cell, position, solid.rule)) {
       return Filling{&solid,
                      sample_color_ == nullptr ? 0 : volume::ValueInCell(corners, cell, position)};
     }

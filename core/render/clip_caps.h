@@ -2,10 +2,11 @@
 //
 // Each ray that crosses the border of the region inside the volume has up to two points on it
 // (view::ClipCrossingFinder). A point that lies in the solid of a surface, as the triangles of its
-// cell bound it (extract::IsInsideCell), is a fragment of that surface: of the highest isovalue if
-// there are several. It belongs to the block that has the point's cell. It depends only on pixel,
-// view, region, and the samples of that cell and its neighbours. So culling, agents and blocks
-// treat caps as any other fragments (docs/numerics.md, "Caps").
+// cell bound it (extract::IsInsideCell), is a fragment of that surface. If there are several, it is
+// of the earliest one of labels; without one, of that of the highest isovalue. It belongs to the
+// block that has the point's cell. It depends only on pixel, view, region, and the samples of that
+// cell and its neighbours. So culling, agents and blocks treat caps as any other fragments
+// (docs/numerics.md, "Caps").
 //
 // No gap opens between a cap and the clipped triangles. Rasterising moves the edge of a triangle by
 // a part of a pixel. So a point that is outside still counts if a ray beside it, a small margin
@@ -36,6 +37,7 @@
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 
 namespace isoscope::render {
@@ -86,7 +88,7 @@ class CapPainter {
  private:
   // An opaque surface.
   struct Solid {
-    double isovalue = 0;
+    volume::InsideRule rule;
     std::uint32_t surface_index = 0;
     bool shows_field = false;
     std::vector<image::Rgba8> shade_table;  // if colours are those of the head light
@@ -107,6 +109,7 @@ class CapPainter {
                                     std::span<const volume::BlockSamples> fields,
                                     const math::Vec3d& position) const;
   [[nodiscard]] const Solid* SolidOfSpan(const volume::ScalarSpan& span) const;
+  [[nodiscard]] bool MayHaveInside(const volume::ScalarSpan& span) const;
   [[nodiscard]] CapFragment FragmentOf(int x, int y, volume::BlockId id,
                                        const view::ClipCrossing& crossing,
                                        const Filling& filling) const;
@@ -122,7 +125,9 @@ class CapPainter {
   const std::vector<std::optional<MapScale>> scales_;  // by surface
   const bool needs_values_;
   std::uint32_t surface_count_ = 0;
-  std::vector<Solid> solids_;         // the highest isovalue first, then the first surface
+  // Those of labels in the order of surfaces; then the highest isovalue first, then the first
+  // surface.
+  std::vector<Solid> solids_;
   std::vector<math::Vec3d> normals_;  // of caps, by half-space: world space, unit length
   std::vector<image::Rgba8> normal_codes_;
 };

@@ -2,19 +2,11 @@
 //
 // 1. Items are sorted from the highest owner (surface, then block) to the lowest. With the depth
 //    test GL_LEQUAL the last of two equal depths stays, so the lowest owner wins.
-// 2. The list is cut into chunks: items of one surface, at most 2^17 vertices and 2^19 indices (or
-//    one larger item). `poll` is asked before each chunk, so a cancelled frame ends soon.
-// 3. DrawChunk writes six buffers and makes one draw call:
-//
-//      positions  vertex   3 floats, index space
-//      normals    vertex   3 floats, world space
-//      slots      vertex   the index of its item in the chunk, which finds the item in `blocks`
-//      indices    corner   the triangles of each item from the last to the first
-//      blocks     item     BlockTexel, which the shader reads as two texels of 4 x 32 bits
-//      masks      item     its open pixels, a bit a cell, in words of 32 bits
-//
-//    The fragment shader drops fragments outside the item's rectangle and open pixels, clamps the
-//    depth, and shades; or it writes the code of the normal (image::EncodeNormal) as a colour.
+// 2. The list is cut into chunks (gl_mesh_chunk). `poll` is asked before each chunk, so a cancelled
+//    frame ends soon.
+// 3. DrawChunk writes the six buffers of a chunk and makes one draw call. The fragment shader drops
+//    fragments outside the item's rectangle and open pixels, clamps the depth, and shades; or it
+//    writes the code of the normal (image::EncodeNormal) as a colour.
 // 4. The planes are read back. The picture is drawn upside down, so that row 0 of the framebuffer
 //    is row 0 of the image.
 //
@@ -26,9 +18,7 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <string>
 #include <utility>
 
@@ -41,12 +31,6 @@
 
 namespace isoscope::render {
 namespace {
-
-// The size of a chunk, which is uploaded and drawn at once. Chunks are large enough that calls cost
-// nothing. They are small enough that their buffers stay in the processor's cache, and that a
-// cancellation is noticed within milliseconds.
-constexpr std::size_t kMaxChunkVertices = 1 << 17;
-constexpr std::size_t kMaxChunkIndices = 1 << 19;
 
 constexpr GLuint kPositionAttribute = 0;
 constexpr GLuint kNormalAttribute = 1;
@@ -164,31 +148,6 @@ void main() {
 }
 )";
 
-constexpr std::uint32_t kNoMask = 0xffffffff;
-
-// The facts about an item that the fragment shader reads: two texels.
-struct BlockTexel {
-  std::uint32_t owner = 0;
-  std::uint32_t nearest_depth_bits = 0;
-  std::uint32_t first_pixel = 0;
-  std::uint32_t end_pixel = 0;
-  std::uint32_t mask_first_word = kNoMask;  // index of a 32-bit word of `masks`
-  std::uint32_t mask_shift = 0;
-  std::uint32_t mask_first_cell = 0;
-  std::uint32_t mask_cells = 0;
-};
-static_assert(sizeof(BlockTexel) == 32);
-
-std::uint32_t PackPixel(int x, int y) {
-  return static_cast<std::uint32_t>(x) | static_cast<std::uint32_t>(y) << 16;
-}
-static_assert(view::kMaxViewportPx <= 0xffff, "pixels are packed in 16 + 16 bits");
-
-// Returns the number of 32-bit words that the mask of an item takes.
-std::size_t MaskWordsOf(const DrawItem& item) {
-  return item.open.has_value() ? 2 * item.open->words.size() : 0;
-}
-
 void SetVec3(GLint location, const math::Vec3d& v) {
   glUniform3f(location, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
 }
@@ -198,66 +157,6 @@ absl::StatusOr<std::unique_ptr<GlProgram>> MakeProgram(bool clips, bool sends_no
                                         sends_normals ? "#define NORMALS\n" : "");
   return GlProgram::Make(absl::StrCat(head, kVertexShader).c_str(),
                          absl::StrCat(head, kFragmentShader).c_str());
-}
-
-// The mapped buffers of a chunk, each with room for all of its items.
-struct ChunkBuffers {
-  math::Vec3f* positions = nullptr;
-  math::Vec3f* normals = nullptr;
-  std::uint32_t* slots = nullptr;
-  std::uint32_t* indices = nullptr;
-  BlockTexel* blocks = nullptr;
-  std::uint32_t* masks = nullptr;
-};
-
-BlockTexel TexelOf(const DrawItem& item, const image::FragmentOrder& order,
-                   std::uint32_t first_mask_word) {
-  const view::PixelRect& rect = item.footprint.rect;
-  BlockTexel texel{.owner = order.OwnerOf(item.surface_index, item.mesh->block_id),
-                   .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
-                   .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
-                   .end_pixel = PackPixel(rect.end_x, rect.end_y)};
-  if (item.open.has_value()) {
-    const image::PixelMask& open = *item.open;
-    texel.mask_first_word = first_mask_word;
-    texel.mask_shift = static_cast<std::uint32_t>(open.shift);
-    texel.mask_first_cell = PackPixel(open.begin_column, open.begin_row);
-    texel.mask_cells = PackPixel(open.columns, open.rows);
-  }
-  return texel;
-}
-
-void WriteChunk(std::span<const DrawItem> items, const image::FragmentOrder& order,
-                ChunkBuffers out) {
-  std::uint32_t first_mask_word = 0;
-  std::uint32_t slot = 0;
-  std::uint32_t first_vertex = 0;
-  for (const DrawItem& item : items) {
-    const mesh::CompactMesh& mesh = *item.mesh;
-    *out.blocks++ = TexelOf(item, order, first_mask_word);
-    if (item.open.has_value()) {
-      for (const std::uint64_t word : item.open->words) {
-        *out.masks++ = static_cast<std::uint32_t>(word);
-        *out.masks++ = static_cast<std::uint32_t>(word >> 32);
-      }
-      first_mask_word += static_cast<std::uint32_t>(MaskWordsOf(item));
-    }
-    const std::size_t count = mesh.positions.size();
-    out.positions = std::copy_n(mesh.positions.data(), count, out.positions);
-    for (const mesh::CompactNormal& normal : mesh.normals) {
-      *out.normals++ = {static_cast<float>(normal.x) / mesh::kNormalScale,
-                        static_cast<float>(normal.y) / mesh::kNormalScale,
-                        static_cast<float>(normal.z) / mesh::kNormalScale};
-    }
-    out.slots = std::fill_n(out.slots, count, slot);
-    for (std::size_t triangle = mesh.triangles.size(); triangle > 0; --triangle) {
-      for (const std::uint32_t vertex : mesh.triangles[triangle - 1]) {
-        *out.indices++ = first_vertex + vertex;
-      }
-    }
-    first_vertex += static_cast<std::uint32_t>(count);
-    ++slot;
-  }
 }
 
 // Returns the point that positions are relative to in the shaders.
@@ -420,28 +319,15 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(
     if (!sends_normals) {
       SetAppearance(surfaces[surface_index].appearance);
     }
-    std::size_t end = begin;
-    std::size_t vertices = 0;
-    std::size_t indices = 0;
-    std::size_t mask_words = 0;
-    // A chunk has at least one item. A single large mesh makes a large chunk.
-    do {
-      vertices += items[end].mesh->positions.size();
-      indices += 3 * items[end].mesh->triangles.size();
-      mask_words += MaskWordsOf(items[end]);
-      ++end;
-    } while (end < items.size() && items[end].surface_index == surface_index &&
-             2 * (end - begin + 1) <= max_texels_ &&
-             mask_words + MaskWordsOf(items[end]) <= max_texels_ &&
-             vertices + items[end].mesh->positions.size() <= kMaxChunkVertices &&
-             indices + 3 * items[end].mesh->triangles.size() <= kMaxChunkIndices);
-    if (mask_words > max_texels_) {
+    const std::span<const DrawItem> rest = std::span(items).subspan(begin);
+    const ChunkSize chunk = NextChunk(rest, max_texels_);
+    if (chunk.mask_words > max_texels_) {
       return absl::ResourceExhaustedError(
-          absl::StrCat("the mask of block ", items[begin].mesh->block_id, " has ", mask_words,
+          absl::StrCat("the mask of block ", items[begin].mesh->block_id, " has ", chunk.mask_words,
                        " words; this OpenGL takes at most ", max_texels_));
     }
-    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin), order));
-    begin = end;
+    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(rest.first(chunk.items), chunk, order));
+    begin += chunk.items;
   }
   ISOSCOPE_RETURN_IF_ERROR(poll());
   const view::Region& region = view.region();
@@ -450,25 +336,17 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(
   return image;
 }
 
-absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items,
+absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items, const ChunkSize& size,
                                      const image::FragmentOrder& order) {
-  std::size_t vertex_count = 0;
-  std::size_t index_count = 0;
-  std::size_t mask_word_count = 0;
-  for (const DrawItem& item : items) {
-    mask_word_count += MaskWordsOf(item);
-    vertex_count += item.mesh->positions.size();
-    index_count += 3 * item.mesh->triangles.size();
-  }
   glBindVertexArray(vertex_array_);
-  ISOSCOPE_ASSIGN_OR_RETURN(void* positions, positions_->Map(vertex_count * sizeof(math::Vec3f)));
-  ISOSCOPE_ASSIGN_OR_RETURN(void* normals, normals_->Map(vertex_count * sizeof(math::Vec3f)));
-  ISOSCOPE_ASSIGN_OR_RETURN(void* slots, slots_->Map(vertex_count * sizeof(std::uint32_t)));
-  ISOSCOPE_ASSIGN_OR_RETURN(void* indices, indices_->Map(index_count * sizeof(std::uint32_t)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* positions, positions_->Map(size.vertices * sizeof(math::Vec3f)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* normals, normals_->Map(size.vertices * sizeof(math::Vec3f)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* slots, slots_->Map(size.vertices * sizeof(std::uint32_t)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* indices, indices_->Map(size.indices * sizeof(std::uint32_t)));
   ISOSCOPE_ASSIGN_OR_RETURN(void* blocks, blocks_->Map(items.size() * sizeof(BlockTexel)));
   // There is one word more, because an empty buffer can't be mapped.
   ISOSCOPE_ASSIGN_OR_RETURN(void* masks,
-                            masks_->Map((mask_word_count + 1) * sizeof(std::uint32_t)));
+                            masks_->Map((size.mask_words + 1) * sizeof(std::uint32_t)));
   WriteChunk(items, order,
              {.positions = static_cast<math::Vec3f*>(positions),
               .normals = static_cast<math::Vec3f*>(normals),
@@ -484,7 +362,7 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items,
   glBindTexture(GL_TEXTURE_BUFFER, blocks_texture_);
   glActiveTexture(GL_TEXTURE1);
   glBindTexture(GL_TEXTURE_BUFFER, masks_texture_);
-  glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(index_count), GL_UNSIGNED_INT, nullptr);
+  glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(size.indices), GL_UNSIGNED_INT, nullptr);
   return GlStatus("draw a chunk of blocks");
 }
 

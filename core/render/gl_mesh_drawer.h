@@ -14,9 +14,7 @@
 
 #include <array>
 #include <cstddef>
-#include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -27,21 +25,12 @@
 
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
-#include "core/image/pixel_mask.h"
-#include "core/mesh/compact_mesh.h"
+#include "core/render/gl_mesh_chunk.h"
 #include "core/render/gl_objects.h"
 #include "core/view/clip_region.h"
 #include "core/view/view.h"
 
 namespace isoscope::render {
-
-// A mesh, the pixels that its block can cover, and the pixels that it may still win.
-struct DrawItem {
-  std::shared_ptr<const mesh::CompactMesh> mesh;
-  std::uint32_t surface_index = 0;
-  view::Footprint footprint;
-  std::optional<image::PixelMask> open;
-};
 
 // GL thread only.
 class GlMeshDrawer {
@@ -75,7 +64,8 @@ class GlMeshDrawer {
   void SetRays(const view::View& view);
   void SetAppearance(const frame::Appearance& appearance);
   // Uploads and draws items of one surface that fit the buffers together, in their order.
-  absl::Status DrawChunk(std::span<const DrawItem> items, const image::FragmentOrder& order);
+  absl::Status DrawChunk(std::span<const DrawItem> items, const ChunkSize& size,
+                         const image::FragmentOrder& order);
 
   std::shared_ptr<image::FrameImagePool> images_;
   // By whether they clip, then by whether they send normals; made when they are needed.

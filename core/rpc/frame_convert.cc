@@ -260,7 +260,7 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<frame::Surface> surfaces, SurfacesFromProto(frame));
   ExportSpec spec;
   for (const frame::Surface& surface : surfaces) {
-    spec.isovalues.push_back(surface.isovalue);
+    spec.rules.push_back(surface.rule);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
   return spec;

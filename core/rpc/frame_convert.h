@@ -35,7 +35,7 @@ absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipReg
 
 // A request for a mesh, in core types.
 struct ExportSpec {
-  std::vector<double> isovalues;  // of the surfaces, 1 to frame::kMaxSurfaces
+  std::vector<volume::InsideRule> rules;  // of the surfaces, 1 to frame::kMaxSurfaces
   view::ClipRegion clip;
 };
 // Converts a request. Surfaces and clip region are checked as those of a frame, also for unknown

@@ -12,6 +12,7 @@
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/surface_convert.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -127,27 +128,59 @@ absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProt
   return block_ids;
 }
 
-absl::Status CheckPointValuesQuery(const isoscope::internal::v1::GetGradientsRequest& proto) {
+absl::StatusOr<std::vector<PickedSurface>> PickedSurfacesFromProto(
+    const isoscope::internal::v1::GetGradientsRequest& proto) {
   const isoscope::internal::v1::PointValuesQuery& query = proto.values();
-  if (query.dataset_ids().empty() || query.dataset_ids_size() > kMaxPickedVolumes) {
+  const bool has_labels = !proto.label_set_indices().empty() || !proto.label_sets().empty();
+  if (!proto.has_values() && !has_labels) {
+    return std::vector<PickedSurface>();
+  }
+  if (proto.has_values() &&
+      (query.dataset_ids().empty() || query.dataset_ids_size() > kMaxPickedVolumes)) {
     return absl::InvalidArgumentError(
         absl::StrCat("values.dataset_ids has ", query.dataset_ids_size(),
                      " elements: must have 1 to ", kMaxPickedVolumes));
   }
-  for (const auto& [name, size] : {std::pair("values.isovalues", query.isovalues_size()),
-                                   {"values.on_caps", query.on_caps_size()},
-                                   {"block_ids", proto.block_ids_size()}}) {
-    if (size != proto.points_size()) {
-      return absl::InvalidArgumentError(absl::StrCat(name, " has ", size,
-                                                     " elements: must have one for each of the ",
-                                                     proto.points_size(), " points"));
+  const auto check_size = [&](absl::string_view name, int size) {
+    return size == proto.points_size()
+               ? absl::OkStatus()
+               : absl::InvalidArgumentError(
+                     absl::StrCat(name, " has ", size, " elements: must have one for each of the ",
+                                  proto.points_size(), " points"));
+  };
+  if (proto.has_values()) {
+    ISOSCOPE_RETURN_IF_ERROR(check_size("values.isovalues", query.isovalues_size()));
+  }
+  if (has_labels) {
+    ISOSCOPE_RETURN_IF_ERROR(check_size("label_set_indices", proto.label_set_indices_size()));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(check_size("on_caps", proto.on_caps_size()));
+  ISOSCOPE_RETURN_IF_ERROR(check_size("block_ids", proto.block_ids_size()));
+  std::vector<volume::InsideRule> sets;
+  for (int i = 0; i < proto.label_sets_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        sets.emplace_back(),
+        LabelsFromProto(proto.label_sets(i).labels(), absl::StrCat("label_sets[", i, "].labels")));
+  }
+  std::vector<PickedSurface> surfaces;
+  for (int i = 0; i < proto.points_size(); ++i) {
+    PickedSurface& surface = surfaces.emplace_back();
+    surface.is_on_cap = proto.on_caps(i);
+    const int set = has_labels ? proto.label_set_indices(i) : -1;
+    if (set < -1 || set >= proto.label_sets_size()) {
+      return absl::InvalidArgumentError(absl::StrCat("label_set_indices[", i, "] is ", set,
+                                                     ": must be in [-1, ",
+                                                     proto.label_sets_size() - 1, "]"));
+    }
+    if (set >= 0) {
+      surface.rule = sets[static_cast<std::size_t>(set)];
+    } else if (proto.has_values()) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          CheckFinite(query.isovalues(i), absl::StrCat("values.isovalues[", i, "]")));
+      surface.rule = volume::InsideRule::OfIsovalue(query.isovalues(i));
     }
   }
-  for (int i = 0; i < query.isovalues_size(); ++i) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        CheckFinite(query.isovalues(i), absl::StrCat("values.isovalues[", i, "]")));
-  }
-  return absl::OkStatus();
+  return surfaces;
 }
 
 absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
@@ -192,6 +225,24 @@ absl::Status AddPointValues(const isoscope::internal::v1::GetGradientsResponse& 
     }
     (*values)[static_cast<std::size_t>(of_point.point_index())] = {of_point.values().begin(),
                                                                    of_point.values().end()};
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AddPointLabels(const isoscope::internal::v1::GetGradientsResponse& proto,
+                            const std::vector<volume::InsideRule>& rules,
+                            std::vector<std::optional<double>>* labels) {
+  for (int i = 0; i < proto.labels_size(); ++i) {
+    const isoscope::internal::v1::PointLabel& of_point = proto.labels(i);
+    const std::string path = absl::StrCat("labels[", i, "]");
+    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, of_point.point_index(), labels->size()));
+    const auto point = static_cast<std::size_t>(of_point.point_index());
+    if (!rules[point].has_labels() || !rules[point].IsInside(of_point.label())) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".label is ", of_point.label(),
+                                                     ": must be one of the surface, which has ",
+                                                     rules[point].Text()));
+    }
+    (*labels)[point] = of_point.label();
   }
   return absl::OkStatus();
 }

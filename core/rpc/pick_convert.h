@@ -14,6 +14,7 @@
 #include "core/frame/frame_spec.h"
 #include "core/math/vec.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/inside_rule.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -52,10 +53,17 @@ absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
 absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProto(
     const isoscope::internal::v1::GetGradientsRequest& proto, std::int64_t block_count);
 
-// INVALID_ARGUMENT if the values that a request asks for are of no or too many volumes, if not all
-// of isovalues, caps and block_ids are as many as points, or if an isovalue is not finite.
-// REQUIRES: it asks for values.
-absl::Status CheckPointValuesQuery(const isoscope::internal::v1::GetGradientsRequest& proto);
+// The surface that shows a point.
+struct PickedSurface {
+  volume::InsideRule rule;
+  bool is_on_cap = false;
+};
+// Returns the surface of each point, or nothing if a request asks neither for values nor for
+// labels. INVALID_ARGUMENT if the values are of no or too many volumes, if not all of isovalues,
+// label set indices, caps and block_ids are as many as points, or if an isovalue, a label or an
+// index is wrong.
+absl::StatusOr<std::vector<PickedSurface>> PickedSurfacesFromProto(
+    const isoscope::internal::v1::GetGradientsRequest& proto);
 inline constexpr int kMaxPickedVolumes = 1000;
 
 // Assigns the gradients of one agent's answer to their points. INVALID_ARGUMENT if a point is none
@@ -79,6 +87,15 @@ absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& 
 // values: by point, by volume; a point that nobody answered has none
 absl::Status AddPointValues(const isoscope::internal::v1::GetGradientsResponse& proto,
                             std::size_t volume_count, std::vector<std::vector<double>>* values);
+
+// Assigns the labels of one agent's answer to their points. INVALID_ARGUMENT if a point is none of
+// the request's, or a label none of its surface's.
+//
+// rules:  of the surface of each point
+// labels: one for each point; not set: nobody answered
+absl::Status AddPointLabels(const isoscope::internal::v1::GetGradientsResponse& proto,
+                            const std::vector<volume::InsideRule>& rules,
+                            std::vector<std::optional<double>>* labels);
 
 }  // namespace isoscope::rpc
 

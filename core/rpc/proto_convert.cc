@@ -318,7 +318,43 @@ v1::Dataset ToProto(const store::Manifest& manifest) {
   if (manifest.max_gradient_magnitude.has_value()) {
     proto.set_max_gradient_magnitude(*manifest.max_gradient_magnitude);
   }
+  for (const volume::Label& label : manifest.labels) {
+    *proto.add_labels() = ToProto(label);
+  }
   return proto;
+}
+
+v1::Label ToProto(const volume::Label& label) {
+  v1::Label proto;
+  proto.set_value(label.value);
+  proto.set_name(label.name);
+  if (label.color.has_value()) {
+    *proto.mutable_color() =
+        ToProto(image::Rgba8{label.color->red, label.color->green, label.color->blue, 255});
+  }
+  return proto;
+}
+
+absl::StatusOr<std::vector<volume::Label>> LabelsFromProto(
+    const google::protobuf::RepeatedPtrField<v1::Label>& proto, absl::string_view path) {
+  if (proto.size() > static_cast<int>(volume::kMaxNamedLabels)) {
+    return Invalid(path, absl::StrCat("a list of ", proto.size()),
+                   absl::StrCat("at most ", volume::kMaxNamedLabels, " labels"));
+  }
+  std::vector<volume::Label> labels;
+  labels.reserve(static_cast<std::size_t>(proto.size()));
+  for (int i = 0; i < proto.size(); ++i) {
+    volume::Label& label =
+        labels.emplace_back(volume::Label{.value = proto[i].value(), .name = proto[i].name()});
+    if (proto[i].has_color()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          const image::Rgba8 color,
+          ColorFromProto(proto[i].color(), absl::StrCat(path, "[", i, "].color")));
+      label.color = volume::LabelColor{.red = color.r, .green = color.g, .blue = color.b};
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WithPath(volume::ValidateLabels(labels), path));
+  return labels;
 }
 
 absl::Status Validate(const v1::Dataset& dataset, absl::string_view path) {
@@ -364,6 +400,7 @@ absl::Status Validate(const v1::Dataset& dataset, absl::string_view path) {
       !(bound >= 0 && std::isfinite(bound))) {
     return Invalid(Join(path, "max_gradient_magnitude"), bound, "must be finite and >= 0");
   }
+  ISOSCOPE_RETURN_IF_ERROR(LabelsFromProto(dataset.labels(), Join(path, "labels")).status());
   const v1::ValueRange& range = dataset.value_range();
   // Infinite samples count, NaN does not.
   if (dataset.has_value_range() && !(range.min() <= range.max())) {

@@ -25,6 +25,7 @@
 #include "core/view/camera.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/label.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/frame.pb.h"
@@ -79,7 +80,11 @@ absl::StatusOr<volume::ScalarType> ScalarTypeFromProto(isoscope::v1::SampleType 
 // Returns a dataset as clients see it, without missing_shards. Leaves out `value_range` if all
 // samples are NaN.
 isoscope::v1::Dataset ToProto(const store::Manifest& manifest);
-// Checks an agent's description of its dataset: name, id, geometry, blocks, shard count.
+isoscope::v1::Label ToProto(const volume::Label& label);
+// Of alpha no use is made. Errors also as volume::ValidateLabels.
+absl::StatusOr<std::vector<volume::Label>> LabelsFromProto(
+    const google::protobuf::RepeatedPtrField<isoscope::v1::Label>& proto, absl::string_view path);
+// Checks an agent's description of its dataset: name, id, geometry, blocks, shard count, labels.
 absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view path);
 
 // `ids`: ascending, each once.

@@ -47,6 +47,7 @@ v1::Dataset ToProto(const store::SeriesManifest& manifest) {
   grid.geometry = manifest.geometry;
   grid.block_cells = manifest.block_cells;
   grid.patient_frame = manifest.patient_frame;
+  grid.labels = manifest.labels;
   grid.shards.resize(static_cast<std::size_t>(manifest.shard_count));
   v1::Dataset proto = ToProto(grid);
   proto.clear_value_range();

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 
@@ -151,8 +152,8 @@ absl::StatusOr<frame::Light> LightFromProto(const v1::Light& proto, const std::s
 
 absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const std::string& path) {
   frame::Surface surface;
-  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.isovalue(), absl::StrCat(path, ".isovalue")));
-  surface.isovalue = proto.isovalue();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      surface.rule, InsideRuleFromProto(proto.isovalue(), proto.labels(), absl::StrCat(path, ".")));
   if (proto.has_color()) {
     ISOSCOPE_RETURN_IF_ERROR(SetColor(proto.color(), absl::StrCat(path, ".color"), &surface));
   }
@@ -161,6 +162,12 @@ absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const 
   if (proto.has_color_by()) {
     ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by,
                               ColorByFromProto(proto.color_by(), absl::StrCat(path, ".color_by")));
+  }
+  if (surface.rule.has_labels() && surface.shows_gradient()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ".color_by.quantity is 5 (gradient magnitude) beside ", path,
+        ".labels: must be another one, because the size of a step between labels means "
+        "nothing"));
   }
   return surface;
 }
@@ -182,8 +189,7 @@ absl::StatusOr<frame::ColorRange> GradientRangeOf(const v1::Dataset& dataset,
 // The surface of a request that lists none.
 absl::StatusOr<frame::Surface> OnlySurfaceFromProto(const v1::RenderIsosurfaceRequest& request) {
   frame::Surface surface;
-  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(request.isovalue(), "isovalue"));
-  surface.isovalue = request.isovalue();
+  ISOSCOPE_ASSIGN_OR_RETURN(surface.rule, InsideRuleFromProto(request.isovalue(), {}, ""));
   if (request.has_base_color()) {
     ISOSCOPE_RETURN_IF_ERROR(SetColor(request.base_color(), "base_color", &surface));
   }
@@ -208,6 +214,36 @@ absl::Status CheckLength(const math::Vec3d& v, const std::string& path) {
   return absl::InvalidArgumentError(
       absl::StrCat(path, " is (", v.x, ", ", v.y, ", ", v.z,
                    "): must have a length that is neither 0 nor infinite"));
+}
+
+absl::StatusOr<volume::InsideRule> LabelsFromProto(
+    const google::protobuf::RepeatedField<double>& labels, const std::string& path) {
+  for (int i = 0; i < labels.size(); ++i) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckFinite(labels[i], absl::StrCat(path, "[", i, "]")));
+  }
+  std::vector<double> values(labels.begin(), labels.end());
+  std::sort(values.begin(), values.end());
+  values.erase(std::unique(values.begin(), values.end()), values.end());
+  if (values.empty() || values.size() > volume::kMaxLabels) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, " has ", values.size(), " different values: must have 1 to ", volume::kMaxLabels));
+  }
+  return volume::InsideRule::OfLabels(std::move(values));
+}
+
+absl::StatusOr<volume::InsideRule> InsideRuleFromProto(
+    double isovalue, const google::protobuf::RepeatedField<double>& labels,
+    const std::string& path) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(isovalue, absl::StrCat(path, "isovalue")));
+  if (labels.empty()) {
+    return volume::InsideRule::OfIsovalue(isovalue);
+  }
+  if (isovalue != 0) {
+    return absl::InvalidArgumentError(absl::StrCat(path, "isovalue is ", isovalue, " beside ", path,
+                                                   "labels: must be unset, because a surface has "
+                                                   "one or the other"));
+  }
+  return LabelsFromProto(labels, absl::StrCat(path, "labels"));
 }
 
 absl::StatusOr<frame::ColorBy> ColorByFromProto(const v1::ColorBy& proto, absl::string_view path) {

@@ -1,4 +1,4 @@
-// Converts the surfaces of a frame between wire and core types: their levels, colours, materials
+// Converts the surfaces of a frame between wire and core types: their rules, colours, materials
 // and maps, the caps of their cuts, and the lights on them. All errors are INVALID_ARGUMENT; they
 // name the field, its value and the allowed values. `path` is the field's name in messages.
 
@@ -11,9 +11,11 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "google/protobuf/repeated_field.h"
 
 #include "core/frame/frame_spec.h"
 #include "core/math/vec.h"
+#include "core/volume/inside_rule.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -23,6 +25,15 @@ namespace isoscope::rpc {
 absl::StatusOr<float> InRange(float value, float min, float max, absl::string_view path);
 // The length must be neither 0 nor infinite.
 absl::Status CheckLength(const math::Vec3d& v, const std::string& path);
+
+// The rule of a surface, by its isovalue or its labels, of which those that are equal count once.
+// `path` is put before the names of both fields.
+absl::StatusOr<volume::InsideRule> InsideRuleFromProto(
+    double isovalue, const google::protobuf::RepeatedField<double>& labels,
+    const std::string& path);
+// The rule of a set of labels.
+absl::StatusOr<volume::InsideRule> LabelsFromProto(
+    const google::protobuf::RepeatedField<double>& labels, const std::string& path);
 
 // The surfaces that a request lists, or the one that its isovalue and base_color make.
 absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(

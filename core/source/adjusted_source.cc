@@ -26,6 +26,8 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/affine_grid.h"
+#include "core/source/straight_grid.h"
 
 namespace isoscope::source {
 namespace {
@@ -74,12 +76,14 @@ void TakeSamples(const char* in, std::int64_t count, std::int64_t stride,
 class AdjustedSource final : public VolumeSource {
  public:
   AdjustedSource(std::unique_ptr<VolumeSource> source, const volume::GridGeometry& geometry,
-                 const SampleBox& box, std::int64_t stride, std::optional<double> fill)
+                 const SampleBox& box, std::int64_t stride, std::optional<double> fill,
+                 std::string note)
       : source_(std::move(source)),
         geometry_(geometry),
         box_(box),
         stride_(stride),
         fill_(fill),
+        note_(std::move(note)),
         type_(FilledType(source_->scalar_type(), fill.has_value())) {}
 
   [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
@@ -88,6 +92,8 @@ class AdjustedSource final : public VolumeSource {
     return source_->patient_frame();
   }
   [[nodiscard]] const std::string& name() const override { return source_->name(); }
+  [[nodiscard]] std::string note() const override { return note_; }
+  [[nodiscard]] bool is_resampled() const override { return source_->is_resampled(); }
   [[nodiscard]] bool is_seekable() const override { return source_->is_seekable(); }
   [[nodiscard]] std::int64_t memory_bytes() const override {
     return source_->memory_bytes() + run_rows() * row_bytes();
@@ -150,6 +156,7 @@ class AdjustedSource final : public VolumeSource {
   const SampleBox box_;
   const std::int64_t stride_;
   const std::optional<double> fill_;
+  const std::string note_;
   const volume::ScalarType type_;
   std::vector<char> run_;
 };
@@ -210,7 +217,18 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
   if (adjustment.is_none()) {
     return source;
   }
-  const volume::GridGeometry& whole = source->geometry();
+  volume::GridGeometry whole = source->geometry();
+  std::string note = source->note();
+  const std::optional<Shear> shear =
+      adjustment.ignores_shear ? FindShear(whole.direction) : std::nullopt;
+  if (shear.has_value()) {
+    const volume::GridGeometry straight = StraightGrid(whole);
+    absl::StrAppend(&note, note.empty() ? "" : "; ",
+                    DescribeStraightening(*shear, whole, straight));
+    whole = straight;
+  } else if (!adjustment.crop.has_value() && adjustment.stride == 1 && !adjustment.fill) {
+    return source;
+  }
   SampleBox box{.begin = {0, 0, 0}, .end = whole.sample_dims};
   if (adjustment.crop.has_value()) {
     box = *adjustment.crop;
@@ -238,8 +256,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
         valid.code(),
         absl::StrCat(source->name(), ": after --crop and --stride: ", valid.message()));
   }
-  return std::make_unique<AdjustedSource>(std::move(source), geometry, box, adjustment.stride,
-                                          adjustment.fill);
+  const std::optional<double> fill = source->is_resampled() ? std::nullopt : adjustment.fill;
+  return std::make_unique<AdjustedSource>(std::move(source), geometry, box, adjustment.stride, fill,
+                                          std::move(note));
 }
 
 std::unique_ptr<VolumeSeries> AdjustSeries(std::unique_ptr<VolumeSeries> series,

@@ -35,12 +35,17 @@ struct Adjustment {
   std::int64_t stride = 1;
   // Samples of this value become NaN. Integers of 8 and 16 bits become float32, wider ones float64.
   std::optional<double> fill{};
+  // Axes that do not meet at right angles get the nearest ones (straight_grid.h).
+  bool ignores_shear = false;
 
-  [[nodiscard]] bool is_none() const { return !crop.has_value() && stride == 1 && !fill; }
+  [[nodiscard]] bool is_none() const {
+    return !crop.has_value() && stride == 1 && !fill && !ignores_shear;
+  }
 };
 
-// Samples keep their world positions: the origin moves to the first one that is left, and the
-// spacing grows with the stride. Reads in runs of at most 4 MiB, or one row, which it holds.
+// Samples keep their world positions, unless a shear is ignored: the origin moves to the first one
+// that is left, and the spacing grows with the stride. A source that is_resampled has its holes
+// already, and is not filled again. Reads in runs of at most 4 MiB, or one row, which it holds.
 // INVALID_ARGUMENT: the box does not lie in the volume; fewer than two samples are left on an axis.
 absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<VolumeSource> source,
                                                            const Adjustment& adjustment);

@@ -14,17 +14,6 @@ namespace {
 
 constexpr double kMaxCosine = 3e-4;
 
-// By halving: it is for people, and libm's acos has other bits on other machines.
-double DegreesOf(double cosine) {
-  double low = 0;
-  double high = std::numbers::pi;
-  for (int i = 0; i < 40; ++i) {
-    const double middle = (low + high) / 2;
-    (math::Cos(middle) > cosine ? low : high) = middle;
-  }
-  return low * 180 / std::numbers::pi;
-}
-
 math::Vec3d ColumnOf(const AffineRows& rows, std::size_t column) {
   return {rows[0][column], rows[1][column], rows[2][column]};
 }
@@ -32,11 +21,15 @@ math::Vec3d ColumnOf(const AffineRows& rows, std::size_t column) {
 }  // namespace
 
 std::optional<Shear> FindShear(const AffineRows& rows) {
+  return FindShear(math::Mat3d{{ColumnOf(rows, 0), ColumnOf(rows, 1), ColumnOf(rows, 2)}});
+}
+
+std::optional<Shear> FindShear(const math::Mat3d& directions) {
   std::optional<Shear> worst;
   for (int a = 0; a < 2; ++a) {
     for (int b = a + 1; b < 3; ++b) {
-      const math::Vec3d u = ColumnOf(rows, static_cast<std::size_t>(a));
-      const math::Vec3d v = ColumnOf(rows, static_cast<std::size_t>(b));
+      const math::Vec3d& u = directions.columns[static_cast<std::size_t>(a)];
+      const math::Vec3d& v = directions.columns[static_cast<std::size_t>(b)];
       const double cosine = math::Dot(u, v) / (math::Length(u) * math::Length(v));
       if (std::abs(cosine) > kMaxCosine &&
           (!worst.has_value() || std::abs(cosine) > std::abs(worst->cosine))) {
@@ -47,12 +40,23 @@ std::optional<Shear> FindShear(const AffineRows& rows) {
   return worst;
 }
 
+// By halving: it is for people, and libm's acos has other bits on other machines.
+double DegreesOf(const Shear& shear) {
+  double low = 0;
+  double high = std::numbers::pi;
+  for (int i = 0; i < 40; ++i) {
+    const double middle = (low + high) / 2;
+    (math::Cos(middle) > shear.cosine ? low : high) = middle;
+  }
+  return low * 180 / std::numbers::pi;
+}
+
 absl::Status ShearError(const Shear& shear, const std::string& path) {
   return absl::InvalidArgumentError(absl::StrFormat(
       "%s: the transform of the header is sheared: axes %c and %c meet at %.4g degrees (cosine "
-      "%.4g); expected right angles: resample the volume onto a straight grid",
-      path, "xyz"[shear.first_axis], "xyz"[shear.second_axis], DegreesOf(shear.cosine),
-      shear.cosine));
+      "%.4g); expected right angles: resample the volume onto a straight grid, or give "
+      "--ignore-shear, which takes the nearest right angles",
+      path, "xyz"[shear.first_axis], "xyz"[shear.second_axis], DegreesOf(shear), shear.cosine));
 }
 
 absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,
@@ -65,9 +69,6 @@ absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,
             "%s: the transform of the header has %g in it: the file is damaged", path, number));
       }
     }
-  }
-  if (const std::optional<Shear> shear = FindShear(rows)) {
-    return ShearError(*shear, path);
   }
   const double turn = world == PatientWorld::kRas ? -1 : 1;
   const auto turned = [turn](const math::Vec3d& v) {

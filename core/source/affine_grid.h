@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/volume/grid_geometry.h"
 
@@ -28,11 +29,14 @@ struct Shear {
 // The worst pair of axes, if its cosine is beyond 0.0003 on either side: rounded text and floats
 // stay far below. Not set if an axis has no length.
 std::optional<Shear> FindShear(const AffineRows& rows);
-// INVALID_ARGUMENT: names the axes, their angle, and what to do.
+std::optional<Shear> FindShear(const math::Mat3d& directions);  // columns
+double DegreesOf(const Shear& shear);
+// INVALID_ARGUMENT: names the axes, their angle, and the flag that ignores it.
 absl::Status ShearError(const Shear& shear, const std::string& path);
 
 // The grid in LPS: RAS changes the signs of x and y. The columns of the direction are those of the
-// transform. INVALID_ARGUMENT: ShearError; numbers that are none; volume::Validate.
+// transform, sheared or not: the caller refuses what FindShear finds, unless the format means it.
+// INVALID_ARGUMENT: numbers that are none; volume::Validate.
 absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,
                                                     const AffineRows& rows, PatientWorld world,
                                                     const std::string& path);

@@ -70,28 +70,71 @@ bool IsDown(const CfAxis& axis, char letter) {
   return letter == 'Z' && absl::EqualsIgnoreCase(axis.positive, "down");
 }
 
+struct LengthUnit {
+  const char* text;
+  double metres;
+};
+constexpr std::array<LengthUnit, 21> kLengthUnits{{{"m", 1},
+                                                   {"meter", 1},
+                                                   {"meters", 1},
+                                                   {"metre", 1},
+                                                   {"metres", 1},
+                                                   {"km", 1e3},
+                                                   {"kilometer", 1e3},
+                                                   {"kilometers", 1e3},
+                                                   {"kilometre", 1e3},
+                                                   {"kilometres", 1e3},
+                                                   {"cm", 1e-2},
+                                                   {"mm", 1e-3},
+                                                   {"millimeter", 1e-3},
+                                                   {"millimeters", 1e-3},
+                                                   {"millimetre", 1e-3},
+                                                   {"millimetres", 1e-3},
+                                                   {"um", 1e-6},
+                                                   {"micron", 1e-6},
+                                                   {"micrometer", 1e-6},
+                                                   {"micrometers", 1e-6},
+                                                   {"nm", 1e-9}}};
+
+// 0 if the unit is none of length.
+double MetresOf(const std::string& unit) {
+  const auto* const found =
+      std::find_if(kLengthUnits.begin(), kLengthUnits.end(),
+                   [&](const LengthUnit& known) { return unit == known.text; });
+  return found == kLengthUnits.end() ? 0 : found->metres;
+}
+
+// Whether the axes have several units, all of length.
+bool HasSeveralLengths(const std::vector<CfAxis>& axes, const CfRoles& roles) {
+  bool is_one = true;
+  for (const std::size_t axis : roles.space) {
+    if (MetresOf(axes[axis].units) == 0) {
+      return false;
+    }
+    is_one = is_one && axes[axis].units == axes[roles.space[0]].units;
+  }
+  return !is_one;
+}
+
 absl::Status UnevenAxis(const CfAxis& axis, std::size_t worst, double deviation, double step) {
   return absl::InvalidArgumentError(absl::StrFormat(
       "axis \"%s\" is not even: its coordinate %d is %g, %g from where steps of %g put it; "
-      "expected "
-      "even distances: interpolate to them, as xarray's interp or cdo's intlevel does",
+      "expected even distances; --resample interpolates to them",
       axis.name, worst, axis.values[worst], deviation, step));
 }
 
-// The first coordinate and the step.
+// The first coordinate and the mean step. INVALID_ARGUMENT: not finite, or no way between them.
 struct EvenAxis {
   double first = 0;
   double step = 1;
 };
 
-absl::StatusOr<EvenAxis> EvenAxisOf(const CfAxis& axis) {
+absl::StatusOr<EvenAxis> MeanAxisOf(const CfAxis& axis) {
   const std::vector<double>& values = axis.values;
   if (values.empty()) {
-    return EvenAxis{};
+    return EvenAxis{};  // counted from 0
   }
-  double largest = 0;
   for (const double value : values) {
-    largest = std::max(largest, std::abs(value));
     if (!std::isfinite(value)) {
       return absl::InvalidArgumentError(
           absl::StrFormat("axis \"%s\" has the coordinate %g", axis.name, value));
@@ -104,9 +147,17 @@ absl::StatusOr<EvenAxis> EvenAxisOf(const CfAxis& axis) {
         "axis \"%s\" begins and ends at %g; expected ascending or descending coordinates",
         axis.name, even.first));
   }
+  return even;
+}
+
+// INVALID_ARGUMENT: the axis leaves these steps.
+absl::Status CheckEven(const CfAxis& axis, const EvenAxis& even) {
+  const std::vector<double>& values = axis.values;
+  double largest = 0;
   std::size_t worst = 0;
   double deviation = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
+    largest = std::max(largest, std::abs(values[i]));
     const double off = values[i] - (even.first + even.step * static_cast<double>(i));
     if (std::abs(off) > std::abs(deviation)) {
       worst = i;
@@ -118,7 +169,23 @@ absl::StatusOr<EvenAxis> EvenAxisOf(const CfAxis& axis) {
   if (std::abs(deviation) > std::max(kTolerance * std::abs(even.step), precision)) {
     return UnevenAxis(axis, worst, deviation, even.step);
   }
-  return even;
+  return absl::OkStatus();
+}
+
+// From the first coordinate on, in either direction.
+absl::StatusOr<std::vector<double>> DistancesOf(const CfAxis& axis) {
+  std::vector<double> distances;
+  const double sign = axis.values.back() < axis.values.front() ? -1 : 1;
+  for (std::size_t i = 0; i < axis.values.size(); ++i) {
+    distances.push_back(sign * (axis.values[i] - axis.values.front()));
+    if (i > 0 && !(distances[i] > distances[i - 1])) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "axis \"%s\" has the coordinate %g behind %g; expected coordinates that ascend or "
+          "descend from the first to the last",
+          axis.name, axis.values[i], axis.values[i - 1]));
+    }
+  }
+  return distances;
 }
 
 }  // namespace
@@ -189,29 +256,47 @@ std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes) {
 
 absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
                                               const CfRoles& roles) {
-  volume::GridGeometry geometry;
+  for (const std::size_t axis : roles.space) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis even, MeanAxisOf(axes[axis]));
+    ISOSCOPE_RETURN_IF_ERROR(CheckEven(axes[axis], even));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const CfUnevenGrid grid, CfUnevenGridOf(axes, roles));
+  return grid.geometry;
+}
+
+absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles) {
+  const bool to_metres = HasSeveralLengths(axes, roles);
+  CfUnevenGrid grid;
+  volume::GridGeometry& geometry = grid.geometry;
   for (std::size_t i = 0; i < 3; ++i) {
     const CfAxis& axis = axes[roles.space[i]];
     const char letter = roles.letters[i];
     const std::size_t index = 2 - i;  // the fastest is index x
     const int world = letter - 'X';
-    ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis even, EvenAxisOf(axis));
+    ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis mean, MeanAxisOf(axis));
+    const double scale = to_metres ? MetresOf(axis.units) : 1;
     const double sign = IsDown(axis, letter) ? -1 : 1;
     math::Vec3d direction{0, 0, 0};
-    direction[world] = even.step * sign < 0 ? -1 : 1;
+    direction[world] = mean.step * sign < 0 ? -1 : 1;
     geometry.sample_dims[static_cast<int>(index)] = axis.size;
-    geometry.spacing[static_cast<int>(index)] = std::abs(even.step);
+    geometry.spacing[static_cast<int>(index)] = std::abs(mean.step) * scale;
     geometry.direction.columns[index] = direction;
-    geometry.origin[world] = sign * even.first;
+    geometry.origin[world] = sign * mean.first * scale;
+    if (!CheckEven(axis, mean).ok()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(grid.distances[index], DistancesOf(axis));
+      for (double& distance : grid.distances[index]) {
+        distance *= scale;
+      }
+    }
   }
-  return geometry;
+  return grid;
 }
 
 std::string CfLengthUnit(const std::vector<CfAxis>& axes, const CfRoles& roles) {
   const std::string& unit = axes[roles.space[0]].units;
   const bool is_one = std::all_of(roles.space.begin(), roles.space.end(),
                                   [&](std::size_t axis) { return axes[axis].units == unit; });
-  return is_one ? unit : "";
+  return HasSeveralLengths(axes, roles) ? "m" : is_one ? unit : "";
 }
 
 absl::StatusOr<std::vector<double>> CfTimesOf(const CfAxis& axis) {

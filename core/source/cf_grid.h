@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/resampled_source.h"
 #include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
@@ -51,11 +52,20 @@ std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes);
 // of world x, y and z, turned around where coordinates descend, and for Z where positive is "down".
 // Axes without coordinates count from 0. INVALID_ARGUMENT: coordinates that are not even (names the
 // axis, the worst coordinate and its distance from an even one): more than a thousandth of a step,
-// and more than their precision; not finite, or all equal.
+// and more than their precision; not finite, or all equal. Axes in different units of length
+// (km, m, cm, mm, um, nm) are all converted to metres.
 absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
                                               const CfRoles& roles);
 
-// The unit of all three axes; "" if they have several.
+// The same grid with uneven axes, for ResampleSource: their spacing is the mean. INVALID_ARGUMENT:
+// coordinates that neither ascend nor descend.
+struct CfUnevenGrid {
+  volume::GridGeometry geometry{};
+  AxisDistances distances{};
+};
+absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles);
+
+// The unit of all three axes, "m" if they are different units of length; "" if they have several.
 std::string CfLengthUnit(const std::vector<CfAxis>& axes, const CfRoles& roles);
 
 // The coordinates of the time axis; 0, 1, ... without coordinates, none for a single element

@@ -260,7 +260,12 @@ bool ListFrames(const char* path, Answer* answer, char* shared) {
   FillPlane(data, &common);
   UseItem(data, {0x5200, 0x9229}, 1,
           [&](const gdcm::DataSet& groups) { FillGroups(groups, &common); });
-  const std::vector<double> offsets = NumbersOf(data, {0x3004, 0x000c});  // of a dose grid
+  // A dose grid has a factor of its own, and the places of its frames.
+  if (const auto scaling = NumbersOf(data, {0x3004, 0x000e});
+      scaling.size() == 1 && common.slope == 1) {
+    common.slope = scaling[0];
+  }
+  const std::vector<double> offsets = NumbersOf(data, {0x3004, 0x000c});
   const std::array<double, 6>& d = common.directions;
   const std::array<double, 3> normal{d[1] * d[5] - d[2] * d[4], d[2] * d[3] - d[0] * d[5],
                                      d[0] * d[4] - d[1] * d[3]};

@@ -10,8 +10,9 @@
 //   3. ITK and GDCM read the headers of its slices, not their pixels, in a process of their own,
 //      which a damaged file may end (dicom_decoder.h).
 //   4. The slices are sorted along their normal, the cross product of rows and columns, and must
-//      make one volume: of one size, type and orientation, at one distance (within 1 %), straight
-//      above each other. A slice that is missing or there twice shows as a distance that differs.
+//      make one volume: of one size, type and orientation, at one distance (within 1 %), on a
+//      straight line. A slice that is missing or there twice shows as a distance that differs; with
+//      --resample only one that is there twice is an error.
 //
 //   position (0020,0032)  10\20\30   10\20\31.5   10\20\33       normal (0, 0, 1)
 //   along the normal      30         31.5         33             distance 1.5
@@ -39,6 +40,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -49,7 +51,9 @@
 #include "core/io/file.h"
 #include "core/source/dicom_decoder.h"
 #include "core/source/dicom_scan.h"
+#include "core/source/dicom_stack.h"
 #include "core/source/dicom_steps.h"
+#include "core/source/resampled_source.h"
 #include "core/source/rescale.h"
 #include "core/source/series_format.h"
 #include "core/source/slice_source.h"
@@ -59,15 +63,17 @@ namespace {
 
 using Slice = DicomSlice;
 
-bool IsNear(const math::Vec3d& a, const math::Vec3d& b, double tolerance) {
-  return math::Length(a - b) <= tolerance;
-}
-
 absl::Status CutError(const std::string& path) {
   return absl::InvalidArgumentError(
       absl::StrCat(path,
                    ": does not hold a DICOM image up to the end of its pixels: it is cut or "
                    "damaged; copy it again, or put it elsewhere if it is no slice of the series"));
+}
+
+bool IsHighThroughputJpeg2000(const std::string& transfer_syntax) {
+  constexpr absl::string_view kSyntaxes = "1.2.840.10008.1.2.4.20";  // and 1, 2 or 3
+  return transfer_syntax.size() == kSyntaxes.size() + 1 &&
+         absl::StartsWith(transfer_syntax, kSyntaxes);
 }
 
 // Returns an error of `code` for a file that the decoder refused (DATA_LOSS). Other errors keep
@@ -76,6 +82,13 @@ absl::Status NotDecodable(absl::StatusCode code, const absl::Status& error, cons
                           const DicomScan& scan) {
   if (!absl::IsDataLoss(error)) {
     return absl::Status(error.code(), absl::StrCat(path, ": ", error.message()));
+  }
+  if (IsHighThroughputJpeg2000(scan.transfer_syntax)) {
+    return absl::Status(
+        code, absl::StrFormat("%s: its pixels are High-Throughput JPEG 2000 (transfer syntax %s), "
+                              "which GDCM does not know: convert it, as decompress() of pydicom 3 "
+                              "with pylibjpeg-openjpeg does",
+                              path, scan.transfer_syntax));
   }
   return absl::Status(
       code, absl::StrFormat(
@@ -161,79 +174,6 @@ absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& 
   return slice;
 }
 
-// Checks that two slices can be of one volume, apart from their positions.
-absl::Status CheckAlike(const Slice& slice, const Slice& first) {
-  if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
-        "type",
-        slice.path, slice.width, slice.height, volume::NameOf(slice.type), first.path, first.width,
-        first.height, volume::NameOf(first.type)));
-  }
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (!IsNear(slice.direction.columns[axis], first.direction.columns[axis], 1e-3)) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%s: its orientation differs from that of %s: expected parallel slices",
-                          slice.path, first.path));
-    }
-  }
-  if (std::abs(slice.spacing.x - first.spacing.x) > 1e-3 * first.spacing.x ||
-      std::abs(slice.spacing.y - first.spacing.y) > 1e-3 * first.spacing.y) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", slice.path,
-        slice.spacing.x, slice.spacing.y, first.path, first.spacing.x, first.spacing.y));
-  }
-  return absl::OkStatus();
-}
-
-// Whether sorted slices stand straight above each other at one distance; returns the distance.
-absl::StatusOr<double> DistanceOf(const std::vector<Slice>& slices) {
-  const Slice& first = slices.front();
-  const auto gaps = static_cast<double>(slices.size() - 1);
-  const double distance = (slices.back().position - first.position) / gaps;
-  for (std::size_t i = 1; i < slices.size(); ++i) {
-    const Slice& slice = slices[i];
-    const double gap = slice.position - slices[i - 1].position;
-    if (!(std::abs(gap - distance) <= 0.01 * distance) || distance <= 0) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %g behind %s, where %g is the mean distance of %d slices: expected slices at one "
-          "distance (one is missing, or there twice)",
-          slice.path, gap, slices[i - 1].path, distance, slices.size()));
-    }
-    const math::Vec3d expected =
-        first.origin + first.direction.columns[2] * (slice.position - first.position);
-    if (!IsNear(slice.origin, expected, 0.01 * distance + 0.01 * first.spacing.x)) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: begins %g beside the normal of the slices (a tilted gantry?): expected a straight "
-          "stack; resample it first",
-          slice.path, math::Length(slice.origin - expected)));
-    }
-  }
-  return distance;
-}
-
-// Sorts by position, checks that the slices are one volume, and returns its geometry.
-absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
-                                                 const std::string& name) {
-  std::stable_sort(slices->begin(), slices->end(),
-                   [](const Slice& a, const Slice& b) { return a.position < b.position; });
-  const Slice& first = slices->front();
-  for (const Slice& slice : *slices) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, first));
-  }
-  if (slices->size() < 2) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const double distance, DistanceOf(*slices));
-  volume::GridGeometry geometry;
-  geometry.sample_dims = {first.width, first.height, static_cast<std::int64_t>(slices->size())};
-  geometry.spacing = {first.spacing.x, first.spacing.y, distance};
-  geometry.origin = first.origin;
-  geometry.direction = first.direction;
-  return geometry;
-}
-
 class DicomReader final : public SliceReader {
  public:
   // `slices` are alike, and there is one.
@@ -294,8 +234,8 @@ class DicomReader final : public SliceReader {
 // The steps of one series.
 class DicomSeries final : public VolumeSeries {
  public:
-  DicomSeries(std::string path, const std::string& field, DicomSteps steps)
-      : path_(std::move(path)), fields_{{.name = field}}, steps_(std::move(steps)) {}
+  DicomSeries(std::string path, const std::string& field, DicomSteps steps, const GridRules& rules)
+      : path_(std::move(path)), fields_{{.name = field}}, steps_(std::move(steps)), rules_(rules) {}
 
   [[nodiscard]] const std::string& name() const override { return path_; }
   [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
@@ -306,21 +246,24 @@ class DicomSeries final : public VolumeSeries {
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int /*field*/, int /*component*/,
                                                      int step) override {
     std::vector<Slice> slices = steps_.steps[static_cast<std::size_t>(step)];
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, StackSlices(&slices, path_));
-    const absl::Status valid = volume::Validate(geometry);
+    ISOSCOPE_ASSIGN_OR_RETURN(const SliceStack stack, StackSlices(&slices, path_, rules_));
+    const absl::Status valid = volume::Validate(stack.geometry);
     if (!valid.ok()) {
       return absl::Status(valid.code(), absl::StrCat(path_, ": ", valid.message()));
     }
     const volume::ScalarType type = slices.front().type;
     auto reader = std::make_unique<DicomReader>(std::move(slices));
     ISOSCOPE_RETURN_IF_ERROR(reader->Start());  // while this process is small
-    return MakeSliceSource(geometry, type, path_, std::move(reader), volume::PatientFrame());
+    std::unique_ptr<VolumeSource> source =
+        MakeSliceSource(stack.geometry, type, path_, std::move(reader), volume::PatientFrame());
+    return ResampleSource(std::move(source), {{{}, {}, stack.distances}}, rules_.fill);
   }
 
  private:
   const std::string path_;
   const std::vector<SourceField> fields_;
   const DicomSteps steps_;
+  const GridRules rules_;
   const std::string length_unit_ = "mm";
 };
 
@@ -524,16 +467,18 @@ absl::StatusOr<std::string> FindDicomSeriesFile(const std::string& path,
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& path,
-                                                             const std::string& field) {
+                                                             const std::string& field,
+                                                             const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Slice> slices, FindSeries(path));
   ISOSCOPE_ASSIGN_OR_RETURN(DicomSteps steps, SplitDicomSteps(std::move(slices), path));
-  ISOSCOPE_RETURN_IF_ERROR(StackSlices(&steps.steps.front(), path).status());
-  return std::make_unique<DicomSeries>(path, field, std::move(steps));
+  ISOSCOPE_RETURN_IF_ERROR(StackSlices(&steps.steps.front(), path, rules).status());
+  return std::make_unique<DicomSeries>(path, field, std::move(steps), rules);
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path,
+                                                              const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
-                            OpenDicomSteps(path, "volume"));
+                            OpenDicomSteps(path, "volume", rules));
   return OpenOnlyVolume(*series, path, false);
 }
 

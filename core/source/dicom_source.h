@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 
@@ -50,17 +51,22 @@ std::string DescribeDicomSeries(const DicomSeriesEntry& entry);
 // abort, crash or hang is an error like any other. Memory: two slices here, a few in the child.
 // NOT_FOUND: no DICOM files with an image. INVALID_ARGUMENT: several series in a folder (lists
 // them); a slice that is cut; slices of different size, type or orientation; a distance between
-// slices that is not the same everywhere (beyond 1 %: one is missing, or there twice); slices not
-// stacked along their normal (a tilted gantry); frames without a position; colour; a header that
-// can't be decoded. DATA_LOSS: pixels that can't be decoded. RESOURCE_EXHAUSTED: the system gives
-// no process. No message quotes a field of the examination but the descriptions of series. Not
-// thread-safe (the libraries keep globals).
+// slices that is not the same everywhere (beyond 1 %: one is missing, or there twice), unless the
+// rules resample; slices beside the straight line from the first to the last; frames without a
+// position; colour; a header that can't be decoded. DATA_LOSS: pixels that can't be decoded.
+// RESOURCE_EXHAUSTED: the system gives no process. No message quotes a field of the examination but
+// the descriptions of series. Not thread-safe (the libraries keep globals).
+//
+// The line of the slices need not be their normal: with a tilted gantry the third axis of the grid
+// is that line, so that each sample lies where the scanner had it.
 //
 // Several images at each place are steps (dicom_steps.h). `field` is the name of the only field.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& path,
-                                                             const std::string& field);
+                                                             const std::string& field,
+                                                             const GridRules& rules = {});
 // The same of a series of one step. INVALID_ARGUMENT also: there are several.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path,
+                                                              const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

@@ -131,7 +131,11 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const FileLayout& layou
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string& path,
                                                                const std::string& field,
-                                                               FileLayout layout) {
+                                                               FileLayout layout,
+                                                               const GridRules& rules) {
+  if (layout.shear.has_value() && !rules.ignores_shear) {
+    return ShearError(*layout.shear, path);
+  }
   if (layout.steps > kMaxFileSteps) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %d steps of time; expected at most %d",
                                                       path, layout.steps, kMaxFileSteps));

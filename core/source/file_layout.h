@@ -11,6 +11,8 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/affine_grid.h"
+#include "core/source/grid_rules.h"
 #include "core/source/rescale.h"
 #include "core/source/sample_location.h"
 #include "core/source/volume_series.h"
@@ -30,6 +32,7 @@ struct StoredSlice {
 // The volumes are numbered (field * components + component) * steps + step.
 struct FileLayout {
   volume::GridGeometry geometry{};
+  std::optional<Shear> shear{};  // of the geometry, where the format should have none
   std::optional<volume::PatientFrame> patient_frame{};
   SampleLocation location{};  // with the number of volumes and components of a tuple
   std::optional<WideType> wide{};
@@ -53,10 +56,11 @@ struct FileLayout {
 };
 
 // A series of these volumes; `path` is for messages, `field` the name of the only field.
-// INVALID_ARGUMENT: more than 100 000 steps, or 1000 fields.
+// INVALID_ARGUMENT: more than 100 000 steps, or 1000 fields; a shear, unless the rules ignore it.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string& path,
                                                                const std::string& field,
-                                                               FileLayout layout);
+                                                               FileLayout layout,
+                                                               const GridRules& rules = {});
 
 // One of these volumes. Errors as MakeFileSource. REQUIRES: the number is in range.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenLayoutVolume(const FileLayout& layout,

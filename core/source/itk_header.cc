@@ -19,6 +19,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/itk_types.h"
+#include "core/source/nifti_layout.h"
 #include "core/source/silent_libraries.h"
 #include "core/source/text_header.h"
 
@@ -123,6 +124,14 @@ absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, ImageLayout layo
       .geometry = layout.geometry, .type = type, .patient_frame = layout.patient_frame};
 }
 
+// "too many axes" of "ITK ERROR: NrrdImageIO(0x55ae): too many axes".
+absl::string_view WithoutAddress(absl::string_view message) {
+  const std::size_t end = message.find("): ");
+  return absl::StartsWith(message, "ITK ERROR: ") && end != absl::string_view::npos
+             ? message.substr(end + 3)
+             : message;
+}
+
 // Without a check of the number of axes.
 ImageLayout LayoutOf(const itk::ImageIOBase& io) {
   ImageLayout layout;
@@ -168,13 +177,17 @@ absl::StatusOr<Result> ReadHeader(
     }
     io->ReadImageInformation();
     ImageLayout layout = LayoutOf(*io);
+    if (format == FileFormat::kNifti && layout.dims.size() >= 3) {
+      ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry, ReadNiftiGrid(path));
+    }
     if (HasPatientFrame(format, *io, path)) {
       layout.patient_frame.emplace();
     }
     return convert(*io, std::move(layout));
   } catch (const itk::ExceptionObject& error) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: can't be read as %s: %s", path,
-                                                      NameOf(format), error.GetDescription()));
+                                                      NameOf(format),
+                                                      WithoutAddress(error.GetDescription())));
   } catch (const std::exception& error) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: can't be read as %s: %s", path, NameOf(format), error.what()));

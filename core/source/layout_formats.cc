@@ -83,7 +83,8 @@ std::string LayoutHeaderPath(const std::string& path) {
     const char* samples;
     std::array<const char*, 2> headers;
   };
-  constexpr std::array<Pair, 5> kPairs{{{".img", {".hdr", ".HDR"}},
+  constexpr std::array<Pair, 6> kPairs{{{".img", {".hdr", ".HDR"}},
+                                        {".rec", {".PAR", ".par"}},
                                         {".img.gz", {".hdr", ".HDR"}},
                                         {".brik", {".HEAD", ".head"}},
                                         {".brik.gz", {".HEAD", ".head"}},

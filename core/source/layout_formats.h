@@ -23,20 +23,21 @@ bool IsAfniHeader(absl::string_view head);
 bool IsParHeader(absl::string_view head);
 
 // The header beside a file of samples: "a.hdr" for "a.img" and "a.img.gz", "a.HEAD" for
-// "a.BRIK.gz"; else `path` itself.
+// "a.BRIK.gz", "a.PAR" for "a.REC"; else `path` itself.
 std::string LayoutHeaderPath(const std::string& path);
 
-// The readers of headers. INVALID_ARGUMENT: damaged, or what the format has and we do not read,
+// The readers of headers. A grid that is sheared is read as it is: MakeLayoutSeries refuses it.
+// INVALID_ARGUMENT: damaged, or what the format has and we do not read,
 // with its numbers. NOT_FOUND: the file of the samples is missing. DATA_LOSS: a stream that is
 // damaged.
 //
 // NIfTI of both versions. The layout is as in sample_series.h; the grid is that of the sform if it
-// is straight, else that of the qform. INVALID_ARGUMENT also: a sheared sform without a qform.
+// is straight, or if there is no qform, else that of the qform.
 absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path);
 // Analyze 7.5: a pair .hdr and .img. The format has no agreed orientation, so the world is that of
 // the spacing alone, without a patient frame. The fourth axis is time.
 absl::StatusOr<FileLayout> ReadAnalyzeLayout(const std::string& path);
-// MGH and MGZ of FreeSurfer: frames are steps.
+// MGH and MGZ of FreeSurfer: frames are steps, by the repetition time behind the samples of a .mgh.
 absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path);
 // AFNI: .HEAD with .BRIK, .BRIK.gz or .BRIK.bz2. Sub-bricks are steps if the file has a time axis,
 // else fields of their labels.

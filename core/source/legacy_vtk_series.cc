@@ -6,7 +6,7 @@
 //   DATASET STRUCTURED_POINTS
 //   DIMENSIONS 64 64 93
 //   ORIGIN 0 0 0
-//   SPACING 1 1 2                          ASPECT_RATIO in files of version 1
+//   SPACING 1 1 2                          or DATASET RECTILINEAR_GRID (legacy_vtk_grid.cc)
 //   POINT_DATA 380928                      or CELL_DATA, with one less on each axis
 //   SCALARS density short 1
 //   LOOKUP_TABLE default
@@ -45,6 +45,7 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/legacy_vtk_grid.h"
 #include "core/source/legacy_vtk_words.h"
 #include "core/source/located_series.h"
 #include "core/source/text_scanner.h"
@@ -110,7 +111,8 @@ struct LegacyArray {
 
 class LegacyParser {
  public:
-  explicit LegacyParser(const io::RandomAccessFile* file) : words_(file) {}
+  LegacyParser(const io::RandomAccessFile* file, const GridRules& rules)
+      : words_(file), rules_(rules) {}
 
   absl::StatusOr<LocatedFile> Parse() {
     ISOSCOPE_RETURN_IF_ERROR(ParseHead());
@@ -149,32 +151,25 @@ class LegacyParser {
       return absl::InvalidArgumentError(
           absl::StrFormat("\"%s\" in its fourth line; expected DATASET", keyword));
     }
+    if (kind == "RECTILINEAR_GRID") {
+      grid_.SetRectilinear();
+      return absl::OkStatus();
+    }
     return kind == "STRUCTURED_POINTS" ? absl::OkStatus() : NoPoints(kind);
   }
 
   static absl::Status NoPoints(const std::string& kind) {
-    const bool has_samples =
-        kind == "RECTILINEAR_GRID" || kind == "STRUCTURED_GRID" || kind == "UNSTRUCTURED_GRID";
+    const bool has_samples = kind == "STRUCTURED_GRID" || kind == "UNSTRUCTURED_GRID";
     return absl::InvalidArgumentError(absl::StrFormat(
-        "a dataset of kind %s; expected STRUCTURED_POINTS, samples at even distances: %s", kind,
+        "a dataset of kind %s; expected STRUCTURED_POINTS or RECTILINEAR_GRID: %s", kind,
         has_samples ? "resample it, as ParaView's filter \"Resample To Image\" does, and save it "
                       "as .vti"
                     : "it holds no samples in space"));
   }
 
   absl::Status ParseSection(const std::string& keyword) {
-    if (keyword == "DIMENSIONS") {
-      for (int axis = 0; axis < 3; ++axis) {
-        ISOSCOPE_ASSIGN_OR_RETURN(dims_[axis], words_.NextCount("DIMENSIONS has", 1, 1 << 24));
-      }
-      return absl::OkStatus();
-    }
-    if (keyword == "ORIGIN") {
-      ISOSCOPE_ASSIGN_OR_RETURN(origin_, words_.NextVector("ORIGIN"));
-      return absl::OkStatus();
-    }
-    if (keyword == "SPACING" || keyword == "ASPECT_RATIO") {
-      ISOSCOPE_ASSIGN_OR_RETURN(spacing_, words_.NextVector(keyword));
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool is_grid, grid_.Take(keyword, is_binary_, &words_));
+    if (is_grid) {
       return absl::OkStatus();
     }
     if (keyword == "POINT_DATA" || keyword == "CELL_DATA") {
@@ -188,26 +183,27 @@ class LegacyParser {
     }
     if (part_ == Part::kGrid) {
       return absl::InvalidArgumentError(
-          absl::StrFormat("\"%s\" before offset %d; expected DIMENSIONS, ORIGIN, SPACING, FIELD, "
-                          "POINT_DATA or CELL_DATA",
+          absl::StrFormat("\"%s\" before offset %d; expected DIMENSIONS, ORIGIN, SPACING, "
+                          "coordinates, FIELD, POINT_DATA or CELL_DATA",
                           keyword, words_.position()));
     }
     return ParseAttribute(keyword);
   }
 
   absl::Status BeginPart(Part part) {
-    if (dims_.x == 0) {
+    const math::Index3& dims = grid_.dims();
+    if (dims.x == 0) {
       return absl::InvalidArgumentError("no DIMENSIONS before its arrays");
     }
     part_ = part;
     tuples_ = 1;
     for (int axis = 0; axis < 3; ++axis) {
       // A plane of points has cells, too: one layer.
-      tuples_ *= part == Part::kCells ? std::max<std::int64_t>(dims_[axis] - 1, 1) : dims_[axis];
+      tuples_ *= part == Part::kCells ? std::max<std::int64_t>(dims[axis] - 1, 1) : dims[axis];
       if (tuples_ > words_.file().size_bytes()) {
         return absl::InvalidArgumentError(
-            absl::StrFormat("DIMENSIONS %d %d %d are more samples than its %d bytes hold", dims_.x,
-                            dims_.y, dims_.z, words_.file().size_bytes()));
+            absl::StrFormat("DIMENSIONS %d %d %d are more samples than its %d bytes hold", dims.x,
+                            dims.y, dims.z, words_.file().size_bytes()));
       }
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count,
@@ -216,7 +212,7 @@ class LegacyParser {
     if (count != tuples_) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "arrays of %d %s; DIMENSIONS %d %d %d have %d", count,
-          part == Part::kCells ? "cells" : "points", dims_.x, dims_.y, dims_.z, tuples_));
+          part == Part::kCells ? "cells" : "points", dims.x, dims.y, dims.z, tuples_));
     }
     return absl::OkStatus();
   }
@@ -410,13 +406,10 @@ class LegacyParser {
     const bool has_points = std::any_of(arrays_.begin(), arrays_.end(),
                                         [](const auto& array) { return !array->is_of_cells; });
     LocatedFile located;
-    located.geometry.sample_dims = dims_;
-    located.geometry.origin = origin_;
-    located.geometry.spacing = spacing_;
-    for (int axis = 0; !has_points && axis < 3; ++axis) {
-      located.geometry.sample_dims[axis] -= 1;
-      located.geometry.origin[axis] += spacing_[axis] / 2;
-    }
+    ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid grid, grid_.Locate(!has_points, rules_));
+    located.geometry = grid.geometry;
+    located.distances = std::move(grid.distances);
+    located.fill = rules_.fill;
     if (time_.has_value()) {
       located.times = {*time_};
     }
@@ -470,10 +463,9 @@ class LegacyParser {
   }
 
   LegacyWords words_;
+  const GridRules rules_;
   bool is_binary_ = false;
-  math::Index3 dims_;
-  math::Vec3d origin_;
-  math::Vec3d spacing_{1, 1, 1};
+  LegacyGrid grid_;
   std::optional<double> time_;
   Part part_ = Part::kGrid;
   std::int64_t tuples_ = 0;  // of the part's arrays
@@ -486,10 +478,11 @@ class LegacyParser {
 bool IsLegacyVtk(absl::string_view head) { return absl::StartsWith(head, kLegacyMark); }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenLegacyVtkSeries(const std::string& file,
-                                                                  const std::string& /*field*/) {
+                                                                  const std::string& /*field*/,
+                                                                  const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
                             io::OpenRandomAccessFile(file));
-  auto located = LegacyParser(opened.get()).Parse();
+  auto located = LegacyParser(opened.get(), rules).Parse();
   if (!located.ok()) {
     return absl::Status(located.status().code(),
                         absl::StrCat(file, ": ", located.status().message()));

@@ -1,4 +1,4 @@
-// Legacy VTK files (.vtk) of structured points.
+// Legacy VTK files (.vtk) of structured points and rectilinear grids.
 
 #ifndef ISOSCOPE_CORE_SOURCE_LEGACY_VTK_SERIES_H_
 #define ISOSCOPE_CORE_SOURCE_LEGACY_VTK_SERIES_H_
@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
@@ -23,10 +24,12 @@ bool IsLegacyVtk(absl::string_view head);
 // has the time of the field data's array TIME or TimeValue. Files of text are read through once
 // here, to find where arrays begin.
 //
-// INVALID_ARGUMENT: no such file; another kind of dataset (names it, and says what to do); no array
+// INVALID_ARGUMENT: no such file; another kind of dataset (names it, and says what to do); a
+// rectilinear grid that is not even, unless the rules resample (legacy_vtk_grid.h); no array
 // of numbers, or two of one name; sizes that do not fit; the file ends early. `field` is not used.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenLegacyVtkSeries(const std::string& file,
-                                                                  const std::string& field);
+                                                                  const std::string& field,
+                                                                  const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

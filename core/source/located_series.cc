@@ -28,6 +28,13 @@ class LocatedSeries final : public VolumeSeries {
   [[nodiscard]] const std::string& length_unit() const override { return file_.length_unit; }
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
+                              OpenStored(field, component, step));
+    return ResampleSource(std::move(source), file_.distances, file_.fill);
+  }
+
+ private:
+  absl::StatusOr<std::unique_ptr<VolumeSource>> OpenStored(int field, int component, int step) {
     const LocatedField& located = file_.fields[static_cast<std::size_t>(field)];
     const SourceField& named = located.field;
     const std::string name =
@@ -52,7 +59,6 @@ class LocatedSeries final : public VolumeSeries {
     return source;
   }
 
- private:
   const std::string path_;
   const LocatedFile file_;
   std::vector<SourceField> fields_;

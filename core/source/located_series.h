@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "core/source/resampled_source.h"
 #include "core/source/sample_location.h"
 #include "core/source/text_source.h"
 #include "core/source/volume_series.h"
@@ -28,6 +29,8 @@ struct LocatedField {
 
 struct LocatedFile {
   volume::GridGeometry geometry{};
+  AxisDistances distances{};     // of a grid that is not even, which is resampled then
+  std::optional<double> fill{};  // the value of holes, if it is
   std::vector<LocatedField> fields{};
   std::vector<double> times{};
   std::string time_unit{};

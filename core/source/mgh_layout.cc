@@ -1,5 +1,6 @@
-// MGH is a header of 284 bytes, the samples, and a footer that is not read. MGZ is the same as a
-// gzip stream. Numbers are big-endian:
+// MGH is a header of 284 bytes, the samples, and a footer, whose first float is the repetition time
+// in ms. MGZ is the same as a gzip stream; there the footer is not read, because all samples would
+// have to be decoded for it. Numbers are big-endian:
 //
 //   byte   0  int32     1, the version
 //   byte   4  int32[4]  x, y, z, frames
@@ -14,10 +15,15 @@
 // nibabel's freesurfer/mghformat.py.
 
 #include <array>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/source/affine_grid.h"
 #include "core/source/binary_header.h"
 #include "core/source/file_start.h"
@@ -65,6 +71,25 @@ AffineRows MghTransform(const BinaryHeader& header, const std::array<std::int64_
   return rows;
 }
 
+// The time between frames in ms; 0 if the file does not say.
+absl::StatusOr<double> MghRepetitionTime(const std::string& path, const FileLayout& layout) {
+  const math::Index3& dims = layout.geometry.sample_dims;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(path));
+  const double footer = static_cast<double>(kMghHeaderBytes) +
+                        static_cast<double>(dims.x) * static_cast<double>(dims.y) *
+                            static_cast<double>(dims.z) * static_cast<double>(layout.steps) *
+                            static_cast<double>(volume::SizeOf(layout.location.stored_type));
+  if (footer + sizeof(float) > static_cast<double>(file->size_bytes())) {
+    return 0;
+  }
+  std::string bytes(sizeof(float), '\0');
+  ISOSCOPE_RETURN_IF_ERROR(
+      file->ReadAt(static_cast<std::int64_t>(footer), bytes.size(), bytes.data()));
+  const auto time = static_cast<double>(BinaryHeader(std::move(bytes), true).Load<float>(0));
+  return std::isfinite(time) && time > 0 ? time : 0;
+}
+
 }  // namespace
 
 absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path) {
@@ -98,9 +123,15 @@ absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(layout.location.stored_type,
                             MghType(header.Load<std::int32_t>(20), path));
   const bool is_set = header.Load<std::int16_t>(28) == 1;
-  ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry, GridFromAffine({dims[0], dims[1], dims[2]},
-                                                            MghTransform(header, dims, is_set),
-                                                            PatientWorld::kRas, path));
+  const AffineRows rows = MghTransform(header, dims, is_set);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      layout.geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows, PatientWorld::kRas, path));
+  layout.shear = FindShear(rows);
+  if (layout.steps > 1 && !head.is_gzip) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const double time, MghRepetitionTime(path, layout));
+    layout.interval = time > 0 ? time : 1;
+    layout.time_unit = time > 0 ? "ms" : "";
+  }
   if (is_set) {
     layout.patient_frame.emplace();
   }

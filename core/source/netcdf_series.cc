@@ -81,6 +81,9 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
     described.times = *std::move(times);
     described.time_unit = time.units;
   }
+  if (const auto grid = CfUnevenGridOf(chosen.axes, chosen.roles); grid.ok()) {
+    described.distances = grid->distances;  // else whoever opens a volume gets the error
+  }
   for (std::size_t i = 0; i < volumes.size(); ++i) {
     const NetcdfVariable& volume = volumes[i];
     const std::int64_t components =
@@ -97,6 +100,7 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
   return WalledTexts(described);
 }
 
+template <bool takes_uneven>
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfPart(const std::string& path,
                                                              const std::string& part) {
   const auto [variable, step, component] = ParseWalledPart(part);
@@ -107,7 +111,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfPart(const std::string& 
     const CfRoles& roles = wanted.roles;
     if (step < (roles.time.has_value() ? wanted.axes[*roles.time].size : 1) &&
         component < (roles.component.has_value() ? wanted.axes[*roles.component].size : 1)) {
-      return OpenNetcdfVolume(std::move(file), wanted, step, component);
+      return OpenNetcdfVolume(std::move(file), wanted, step, component, takes_uneven);
     }
   }
   return absl::InvalidArgumentError(
@@ -115,8 +119,14 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfPart(const std::string& 
                       variable, step, component));
 }
 
-constexpr WalledLibrary kNetcdf = {
-    .name = "netCDF", .open = OpenNetcdfPart, .find_files = nullptr, .describe = DescribeNetcdf};
+constexpr WalledLibrary kNetcdf = {.name = "netCDF",
+                                   .open = OpenNetcdfPart<false>,
+                                   .find_files = nullptr,
+                                   .describe = DescribeNetcdf};
+constexpr WalledLibrary kUnevenNetcdf = {.name = "netCDF",
+                                         .open = OpenNetcdfPart<true>,
+                                         .find_files = nullptr,
+                                         .describe = DescribeNetcdf};
 
 }  // namespace
 
@@ -127,9 +137,11 @@ bool IsNetcdf(absl::string_view head) {
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenNetcdfSeries(const std::string& file,
-                                                               const std::string& part) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            OpenWalledSeries(kNetcdf, file, part));
+                                                               const std::string& part,
+                                                               const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::unique_ptr<VolumeSeries> series,
+      OpenWalledSeries(rules.resamples ? kUnevenNetcdf : kNetcdf, file, part, rules));
   if (series == nullptr) {
     return absl::InvalidArgumentError(absl::StrCat(file, ": no volume in it"));
   }

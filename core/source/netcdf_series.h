@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
@@ -21,10 +22,12 @@ bool IsNetcdf(absl::string_view head);
 // those. Among variables with and without a time axis, those with one. The library runs in a child
 // process, one for each open volume. Values as NetcdfPacking.
 //
-// INVALID_ARGUMENT: no netCDF file; no volume in it; an axis that is not even; times that do not
-// ascend; more than 100 000 steps. NOT_FOUND: no such file. DATA_LOSS: damaged.
+// INVALID_ARGUMENT: no netCDF file; no volume in it; an axis that is not even, unless the rules
+// resample, and then one that neither ascends nor descends; times that do not ascend; more than 100
+// 000 steps. NOT_FOUND: no such file. DATA_LOSS: damaged.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenNetcdfSeries(const std::string& file,
-                                                               const std::string& part);
+                                                               const std::string& part,
+                                                               const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

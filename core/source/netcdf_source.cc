@@ -175,12 +175,19 @@ absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable) {
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<NetcdfFile> file,
                                                                const NetcdfVariable& variable,
                                                                std::int64_t step,
-                                                               std::int64_t component) {
+                                                               std::int64_t component,
+                                                               bool takes_uneven) {
   const std::string name = absl::StrCat(file->path(), ":", variable.name, ": ");
   const auto named = [&](const absl::Status& status) {
     return absl::Status(status.code(), absl::StrCat(name, status.message()));
   };
-  const auto geometry = CfGridOf(variable.axes, variable.roles);
+  auto geometry = absl::StatusOr<volume::GridGeometry>(absl::UnknownError(""));
+  if (takes_uneven) {
+    const auto grid = CfUnevenGridOf(variable.axes, variable.roles);
+    geometry = grid.ok() ? absl::StatusOr<volume::GridGeometry>(grid->geometry) : grid.status();
+  } else {
+    geometry = CfGridOf(variable.axes, variable.roles);
+  }
   if (!geometry.ok()) {
     return named(geometry.status());
   }

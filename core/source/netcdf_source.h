@@ -16,12 +16,14 @@ namespace isoscope::source {
 
 // Opens one step and one component of a variable, which then owns the file. Samples have the stored
 // type if the packing is plain; else float32 if that holds every stored value, else float64. Keeps
-// the chunks of neighbouring rows, at most 32 MiB of them. INVALID_ARGUMENT: no grid of a volume;
-// chunks of more than 256 MiB. REQUIRES: indices in range, 0 where there is no such axis.
+// the chunks of neighbouring rows, at most 32 MiB of them. `takes_uneven`: the grid is that of
+// CfUnevenGridOf. INVALID_ARGUMENT: no grid of a volume; chunks of more than 256 MiB. REQUIRES:
+// indices in range, 0 where there is no such axis.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<NetcdfFile> file,
                                                                const NetcdfVariable& variable,
                                                                std::int64_t step,
-                                                               std::int64_t component);
+                                                               std::int64_t component,
+                                                               bool takes_uneven = false);
 
 }  // namespace isoscope::source
 

@@ -14,8 +14,8 @@
 //   byte 400  double[12] rows of the sform
 //   byte 500  int32      units, of space in bits 0 to 2, of time in bits 3 to 5
 //
-// Files of NIfTI-1 whose names do not say so are read here, too; ITK reads the others, which it
-// knows by their names (nifti_location.cc has the bytes).
+// Files of NIfTI-1 whose names do not say so are read here, too. ITK reads the others, which it
+// knows by their names; only their grid is read here (nifti_location.cc has the bytes).
 //
 // Source: https://nifti.nimh.nih.gov/nifti-2, nifti2.h; the transforms as in nifti1.h.
 
@@ -52,6 +52,9 @@ class NiftiNumbers {
 
   [[nodiscard]] const char* name() const { return is_second_ ? "NIfTI-2" : "NIfTI-1"; }
   [[nodiscard]] bool is_big_endian() const { return header_.is_big_endian(); }
+  [[nodiscard]] std::int64_t header_bytes() const {
+    return static_cast<std::int64_t>(is_second_ ? kNifti2HeaderBytes : kNifti1HeaderBytes);
+  }
   [[nodiscard]] std::int16_t datatype() const {
     return header_.Load<std::int16_t>(is_second_ ? 12 : 70);
   }
@@ -129,12 +132,9 @@ AffineRows QformOf(const NiftiNumbers& header) {
 }
 
 // The transform of indices to RAS, in the file's unit of length.
-absl::StatusOr<AffineRows> TransformOf(const NiftiNumbers& header, const std::string& path) {
-  const std::optional<Shear> shear = header.has_sform() ? FindShear(header.Sform()) : std::nullopt;
-  if (shear.has_value() && !header.has_qform()) {
-    return ShearError(*shear, path);
-  }
-  if (header.has_sform() && !shear.has_value()) {
+AffineRows TransformOf(const NiftiNumbers& header) {
+  const bool is_sheared = header.has_sform() && FindShear(header.Sform()).has_value();
+  if (header.has_sform() && (!is_sheared || !header.has_qform())) {
     return header.Sform();
   }
   if (header.has_qform()) {
@@ -180,7 +180,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   layout->steps = dims[3];
   layout->components = dims[4];
   layout->location.volume_count = dims[3] * dims[4];
-  ISOSCOPE_ASSIGN_OR_RETURN(AffineRows rows, TransformOf(header, path));
+  AffineRows rows = TransformOf(header);
   for (std::array<double, 4>& row : rows) {
     for (double& number : row) {
       number *= MillimetresOf(header.units());
@@ -188,6 +188,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   }
   ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows,
                                                              PatientWorld::kRas, path));
+  layout->shear = FindShear(rows);
   if (header.has_qform() || header.has_sform()) {
     layout->patient_frame.emplace();
   }
@@ -201,9 +202,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   return absl::OkStatus();
 }
 
-}  // namespace
-
-absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
+absl::StatusOr<NiftiNumbers> ReadNiftiNumbers(const std::string& path, bool* is_gzip) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(path, kNifti2HeaderBytes));
   const bool is_second = IsNifti2Header(head.bytes);
   const std::size_t header_bytes = is_second ? kNifti2HeaderBytes : kNifti1HeaderBytes;
@@ -212,25 +211,40 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
         absl::StrFormat("%s: the NIfTI header has %d bytes, expected %d: the file is cut", path,
                         head.bytes.size(), header_bytes));
   }
-  const bool is_big_endian = BeginsBigEndian(head.bytes, static_cast<std::uint32_t>(header_bytes));
-  const NiftiNumbers header(head.bytes, is_big_endian, is_second);
+  *is_gzip = head.is_gzip;
+  return NiftiNumbers(
+      head.bytes, BeginsBigEndian(head.bytes, static_cast<std::uint32_t>(header_bytes)), is_second);
+}
+
+}  // namespace
+
+absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path) {
+  bool is_gzip = false;
+  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiNumbers header, ReadNiftiNumbers(path, &is_gzip));
+  FileLayout layout;
+  ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
+  return layout.geometry;
+}
+
+absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
+  bool is_gzip = false;
+  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiNumbers header, ReadNiftiNumbers(path, &is_gzip));
   FileLayout layout;
   ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
   SampleLocation& location = layout.location;
-  location.is_big_endian = is_big_endian;
+  location.is_big_endian = header.is_big_endian();
   ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, NiftiSampleType(header.datatype(), path));
   if (!(header.skip() >= 0 && header.skip() < 0x1p53)) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %s vox_offset %g; expected 0 or more",
                                                       path, header.name(), header.skip()));
   }
   auto skip = static_cast<std::int64_t>(header.skip());
-  bool is_gzip = head.is_gzip;
   if (header.is_pair()) {
     ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
     is_gzip = absl::EndsWithIgnoreCase(location.files.front(), ".gz");
   } else {
     location.files = {path};
-    skip = std::max(skip, static_cast<std::int64_t>(header_bytes));
+    skip = std::max(skip, header.header_bytes());
   }
   location.encoding = is_gzip ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
   (location.is_encoded() ? location.decoded_skip : location.offset) = skip;

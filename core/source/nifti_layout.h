@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -19,13 +20,17 @@ struct NiftiLayout {
   std::int64_t components = 1;
   double interval = 1;      // between steps; 1 without a unit if the header has none above 0
   std::string time_unit{};  // "s", "ms", "us" or ""
-  // "mm" if the header has a unit of length, whichever: ITK turns the grid to millimetres.
+  // "mm" if the header has a unit of length, whichever: the grid is in millimetres.
   std::string length_unit{};
 };
 
 // Errors as LocateNiftiSamples. INVALID_ARGUMENT also: sizes below 1; more axes than five of more
 // than one sample.
 absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path);
+
+// The grid in LPS and millimetres, by the sform if it is straight, else by the qform: ITK 5.2 takes
+// the qform where both are set and differ. For both versions of NIfTI. Errors as GridFromAffine.
+absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path);
 
 // For both versions of NIfTI. INVALID_ARGUMENT: a type that no volume has.
 absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path);

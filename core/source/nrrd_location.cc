@@ -7,6 +7,7 @@
 //   sizes: 64 64 93                fastest first
 //   endian: big
 //   encoding: gzip                 or raw, bzip2, ascii (numbers), hex
+//   line skip: 3                   lines before that, before anything is decoded
 //   byte skip: 12                  bytes (decoded ones, if compressed) before the samples
 //   data file: quarter.%d 1 93 1   see below
 //
@@ -33,6 +34,7 @@
 #include "absl/strings/str_split.h"
 
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/source/data_files.h"
 #include "core/source/nrrd_layout.h"
 #include "core/source/sample_location.h"
@@ -130,6 +132,31 @@ absl::StatusOr<std::vector<std::string>> FindDataFiles(const NrrdHeader& header,
   return NumberedFiles(path, numbered->pattern, numbers[0], numbers[1], numbers[2], shares);
 }
 
+// Moves the offset of the first file behind so many lines.
+absl::Status SkipLines(std::int64_t lines, const std::string& path, SampleLocation* location) {
+  if (lines == 0) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(location->files.front()));
+  std::string portion(std::size_t{64} << 10, '\0');
+  std::int64_t found = 0;
+  for (std::int64_t at = location->offset; at < file->size_bytes();) {
+    const auto size = static_cast<std::size_t>(
+        std::min(file->size_bytes() - at, static_cast<std::int64_t>(portion.size())));
+    ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(at, size, portion.data()));
+    for (std::size_t i = 0; i < size; ++i) {
+      if (portion[i] == '\n' && ++found == lines) {
+        location->offset = at + static_cast<std::int64_t>(i) + 1;
+        return absl::OkStatus();
+      }
+    }
+    at += static_cast<std::int64_t>(size);
+  }
+  return absl::InvalidArgumentError(
+      absl::StrFormat("%s: line skip %d, but %s has only %d lines there: the file is cut", path,
+                      lines, location->files.front(), found));
+}
+
 absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
                          SampleLocation* location) {
   const std::string encoding = absl::AsciiStrToLower(header.fields.Get("encoding"));
@@ -147,13 +174,15 @@ absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
                             header.GetInteger("line skip", "lineskip"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t byte_skip,
                             header.GetInteger("byte skip", "byteskip"));
-  if (line_skip != 0 || byte_skip < -1 || (byte_skip == -1 && location->is_encoded()) ||
-      (byte_skip > 0 && is_text)) {
+  if (line_skip < 0 || (line_skip > 0 && location->files.size() > 1) || byte_skip < -1 ||
+      (byte_skip == -1 && location->is_encoded()) || (byte_skip > 0 && is_text)) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: line skip %d, byte skip %d with encoding %s: expected no line skip, and a byte skip "
-        "of 0 or more (-1 only with encoding raw, 0 with ascii)",
+        "%s: line skip %d, byte skip %d with encoding %s: expected a line skip of 0 or more (0 "
+        "with several data files), and a byte skip of 0 or more (-1 only with encoding raw, 0 with "
+        "ascii)",
         path, line_skip, byte_skip, encoding));
   }
+  ISOSCOPE_RETURN_IF_ERROR(SkipLines(line_skip, path, location));
   if (byte_skip == -1) {
     location->at_file_end = true;
   } else {

@@ -360,6 +360,7 @@ absl::Status SetParGrid(const ParHeader& header, std::size_t slice_count, const 
   ISOSCOPE_ASSIGN_OR_RETURN(const AffineRows rows,
                             ParTransform(header, dims, spacing, orientation, path));
   ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine(dims, rows, PatientWorld::kRas, path));
+  layout->shear = FindShear(rows);
   layout->patient_frame.emplace();
   return absl::OkStatus();
 }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -62,23 +63,6 @@ class PartSeries final : public VolumeSeries {
   const std::optional<int> component_;
 };
 
-// "p, velocity (x, y, z)".
-std::string ListedFields(const std::vector<SourceField>& fields) {
-  constexpr std::size_t kMaxListed = 50;
-  std::vector<std::string> texts;
-  for (const SourceField& field : fields) {
-    if (texts.size() == kMaxListed) {
-      texts.emplace_back("and more");
-      break;
-    }
-    texts.push_back(absl::StrCat(
-        field.name, field.components.size() > 1
-                        ? absl::StrCat(" (", absl::StrJoin(field.components, ", "), ")")
-                        : ""));
-  }
-  return absl::StrJoin(texts, ", ");
-}
-
 // -1 if there is none.
 int FieldNumber(const std::vector<SourceField>& fields, absl::string_view name) {
   const auto found = std::find_if(fields.begin(), fields.end(),
@@ -103,10 +87,11 @@ SeriesFormat LayoutRow(absl::string_view name, std::vector<std::string> endings)
   return {.name = name,
           .endings = std::move(endings),
           .is_content = is_content,
-          .open = [](const std::string& file, const std::string& field,
-                     const std::string& /*part*/) -> absl::StatusOr<std::unique_ptr<VolumeSeries>> {
+          .open_by_rules =
+              [](const std::string& file, const std::string& field, const std::string& /*part*/,
+                 const GridRules& rules) -> absl::StatusOr<std::unique_ptr<VolumeSeries>> {
             ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, read(LayoutHeaderPath(file)));
-            return MakeLayoutSeries(file, field, std::move(layout));
+            return MakeLayoutSeries(file, field, std::move(layout), rules);
           },
           .find_files = [](const std::string& file) -> absl::StatusOr<std::vector<std::string>> {
             std::vector<std::string> files = {LayoutHeaderPath(file)};
@@ -143,8 +128,9 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".vtk"},
        .has_field_names = true,
        .is_content = IsLegacyVtk,
-       .open = [](const std::string& file, const std::string& field,
-                  const std::string& /*part*/) { return OpenLegacyVtkSeries(file, field); }},
+       .open_by_rules =
+           [](const std::string& file, const std::string& field, const std::string& /*part*/,
+              const GridRules& rules) { return OpenLegacyVtkSeries(file, field, rules); }},
       {.name = "Gaussian cube",
        .endings = {".cube", ".cub"},
        .open = [](const std::string& file, const std::string& field,
@@ -167,8 +153,9 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".nc", ".nc4", ".cdf", ".netcdf"},
        .has_field_names = true,
        .is_content = IsNetcdf,
-       .open = [](const std::string& file, const std::string& /*field*/,
-                  const std::string& part) { return OpenNetcdfSeries(file, part); }},
+       .open_by_rules = [](const std::string& file, const std::string& /*field*/,
+                           const std::string& part,
+                           const GridRules& rules) { return OpenNetcdfSeries(file, part, rules); }},
   };
   return *formats;
 }
@@ -216,16 +203,36 @@ std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path) {
       return SeriesFile{.format = &format, .file = path, .part = ""};
     }
   }
+  // Samples without a mark, beside their header. The names of .rec files are also those of MRC
+  // tomograms, which have a mark.
+  if (const std::string header = LayoutHeaderPath(path);
+      absl::EndsWithIgnoreCase(path, ".rec") && header != path) {
+    std::optional<SeriesFile> beside = FindSeriesFileByContent(header);
+    if (beside.has_value()) {
+      beside->file = path;
+    }
+    return beside;
+  }
   return std::nullopt;
 }
 
-std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path) {
+std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules) {
   std::optional<SeriesFile> file = FindSeriesFileByContent(header_path);
-  return file.has_value() && file->format->name != kNifti1Name ? file : std::nullopt;
+  if (!file.has_value() || file->format->name != kNifti1Name) {
+    return file;
+  }
+  if (rules.ignores_shear) {
+    const auto layout = ReadNiftiHeaderLayout(header_path);
+    if (layout.ok() && layout->shear.has_value()) {
+      return file;
+    }
+  }
+  return std::nullopt;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
                                                              const std::string& field,
+                                                             const GridRules& rules,
                                                              const std::string& axes) {
   if (!io::PathExists(file.file)) {
     return absl::NotFoundError(absl::StrCat(file.file, ": no such file"));
@@ -240,8 +247,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& f
                      "--axes is for datasets of HDF5 files and for TIFF"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            axes.empty() ? file.format->open(file.file, field, file.part)
-                                         : file.format->open_as(file.file, field, axes));
+                            !axes.empty() ? file.format->open_as(file.file, field, axes)
+                            : file.format->open_by_rules != nullptr
+                                ? file.format->open_by_rules(file.file, field, file.part, rules)
+                                : file.format->open(file.file, field, file.part));
   return file.part.empty() ? std::move(series)
                            : SelectPart(std::move(series), file.file, file.part);
 }
@@ -262,9 +271,31 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeS
   if (field < 0 || component.value_or(0) < 0) {
     return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file,
                                                field < 0 ? "field" : "component", part,
-                                               ListedFields(fields)));
+                                               DescribeFields(fields)));
   }
   return std::make_unique<PartSeries>(std::move(series), field, component);
+}
+
+std::string DescribeFields(const std::vector<SourceField>& fields) {
+  constexpr std::size_t kMaxListed = 50;
+  std::vector<std::string> texts;
+  for (const SourceField& field : fields) {
+    if (texts.size() == kMaxListed) {
+      texts.emplace_back("and more");
+      break;
+    }
+    texts.push_back(absl::StrCat(
+        field.name, field.unit.empty() ? "" : absl::StrCat(" [", field.unit, "]"),
+        field.components.size() > 1 ? absl::StrCat(" (", absl::StrJoin(field.components, ", "), ")")
+                                    : ""));
+  }
+  return absl::StrJoin(texts, ", ");
+}
+
+std::string DescribeSteps(const std::vector<double>& times, const std::string& unit) {
+  return times.empty() ? "1, without a time"
+                       : absl::StrCat(times.size(), ", from ", times.front(), " to ", times.back(),
+                                      unit.empty() ? "" : " ", unit);
 }
 
 bool IsOneVolume(const VolumeSeries& series) {
@@ -275,26 +306,31 @@ bool IsOneVolume(const VolumeSeries& series) {
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& series,
                                                              const std::string& file,
                                                              bool has_parts) {
-  const std::vector<SourceField>& fields = series.fields();
-  if (!IsOneVolume(series)) {
-    const SourceField& first = fields[0];
-    const std::string steps =
-        series.step_count() > 1 ? absl::StrFormat(" at %d steps", series.step_count()) : "";
-    const std::string choice =
-        absl::StrCat(file, ":", first.name,
-                     first.components.size() > 1 ? absl::StrCat(":", first.components[0]) : "");
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: it holds %s%s: %smake a dataset of all, `isoscope partition %s --output DIR`", file,
-        ListedFields(fields), steps,
-        steps.empty() && has_parts ? absl::StrCat("choose one, as in ", choice, ", or ") : "",
-        file));
+  if (IsOneVolume(series)) {
+    return series.Open(0, 0, 0);
   }
-  return series.Open(0, 0, 0);
+  const SourceField& first = series.fields()[0];
+  const std::string name =
+      absl::StrCat(first.name, first.components.size() > 1 ? ":" : "", first.components[0]);
+  const bool has_steps = series.step_count() > 1;
+  return absl::InvalidArgumentError(absl::StrCat(
+      file, ": several volumes, of which one must be chosen; fields: ",
+      DescribeFields(series.fields()), has_steps ? "; steps: " : "",
+      has_steps ? DescribeSteps(series.times(), series.time_unit()) : "",
+      !has_steps && has_parts ? absl::StrCat("; choose one, as in ", file, ":", name, ", or ")
+                              : "; ",
+      "make a dataset of all, `isoscope partition ", file,
+      " --output DIR`, and draw one of it, `isoscope render DIR --field ", name,
+      has_steps ? absl::StrCat(" --step ", series.step_count() - 1, "` or `--time ",
+                               series.times().back())
+                : "",
+      "`"));
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file,
+                                                             const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
-                            OpenSeriesFile(file, FieldNameOf(file.file)));
+                            OpenSeriesFile(file, FieldNameOf(file.file), rules));
   return OpenOnlyVolume(*series, file.file, true);
 }
 

@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 
@@ -34,6 +35,11 @@ struct SeriesFormat {
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open_as)(const std::string& file,
                                                            const std::string& field,
                                                            const std::string& axes) = nullptr;
+  // In place of `open`, for formats that refuse grids which are sheared or uneven.
+  absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open_by_rules)(const std::string& file,
+                                                                 const std::string& field,
+                                                                 const std::string& part,
+                                                                 const GridRules& rules) = nullptr;
   // The files of the volumes, the header first. Null: `file` alone.
   absl::StatusOr<std::vector<std::string>> (*find_files)(const std::string& file) = nullptr;
 };
@@ -66,8 +72,9 @@ std::optional<SeriesFile> FindSeriesFileByName(const std::string& path);
 // read.
 std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
 
-// That of a header with the ending of NIfTI that is not one of NIfTI-1.
-std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path);
+// That of a header with the ending of NIfTI that is not one of NIfTI-1, or is one with a shear that
+// the rules ignore: ITK refuses it.
+std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules);
 
 // Opens the file, or its part as a series of one field. `field` is the name of a field that the
 // file does not name. `axes` as in SeriesOptions. NOT_FOUND: no such file; no such field or
@@ -75,16 +82,23 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path);
 // Otherwise errors of the format.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
                                                              const std::string& field,
+                                                             const GridRules& rules = {},
                                                              const std::string& axes = "");
 // The part of a series of `file` that is named as in SeriesFile. Errors as OpenSeriesFile.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
                                                          const std::string& file,
                                                          const std::string& part);
+// What there is to choose from, in the words of `isoscope info` and of errors:
+// "p [Pa], velocity (x, y, z)", at most 50 of them.
+std::string DescribeFields(const std::vector<SourceField>& fields);
+// "3, from 0 to 2 s"; "1, without a time".
+std::string DescribeSteps(const std::vector<double>& times, const std::string& unit);
 // True if the series has one field of one component, and one step.
 bool IsOneVolume(const VolumeSeries& series);
 // Opens the only volume of the file or its part. INVALID_ARGUMENT: there are several (lists the
-// fields and steps, and the commands to choose).
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file);
+// fields and steps, and the commands and flags that choose).
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(const SeriesFile& file,
+                                                             const GridRules& rules = {});
 // The same of a series that is open. `file` is for messages; `has_parts`: a path can name a field
 // of it.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& series,

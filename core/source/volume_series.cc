@@ -30,8 +30,13 @@ namespace {
 // The series of a single volume: one field, one step, no time.
 class SingleSeries final : public VolumeSeries {
  public:
-  SingleSeries(std::string path, std::string field, std::unique_ptr<VolumeSource> volume)
-      : path_(std::move(path)), fields_{{.name = std::move(field)}}, volume_(std::move(volume)) {}
+  SingleSeries(std::string path, std::string format, const GridRules& rules, std::string field,
+               std::unique_ptr<VolumeSource> volume)
+      : path_(std::move(path)),
+        format_(std::move(format)),
+        rules_(rules),
+        fields_{{.name = std::move(field)}},
+        volume_(std::move(volume)) {}
 
   [[nodiscard]] const std::string& name() const override { return path_; }
   [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
@@ -44,51 +49,63 @@ class SingleSeries final : public VolumeSeries {
     if (volume_ != nullptr) {
       return std::move(volume_);
     }
-    return OpenVolumeFile(path_);
+    return OpenVolumeFile(path_, format_, rules_);
   }
 
  private:
   const std::string path_;
+  const std::string format_;
+  const GridRules rules_;
   const std::vector<SourceField> fields_;
   const std::vector<double> times_;
   const std::string no_unit_;
   std::unique_ptr<VolumeSource> volume_;  // until it is asked for
 };
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path));
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path,
+                                                         const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path, "", rules));
   std::string field = FieldNameOf(volume->name());
-  return std::make_unique<SingleSeries>(path, std::move(field), std::move(volume));
+  return std::make_unique<SingleSeries>(path, "", rules, std::move(field), std::move(volume));
 }
 
 // Whatever the name and the content say.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesAs(const std::string& path,
                                                            const std::string& format,
+                                                           const GridRules& rules,
                                                            const std::string& axes) {
   if (const SeriesFormat* const own = FindSeriesFormat(format); own != nullptr) {
-    return OpenSeriesFile({.format = own, .file = path, .part = ""}, FieldNameOf(path), axes);
+    return OpenSeriesFile({.format = own, .file = path, .part = ""}, FieldNameOf(path), rules,
+                          axes);
   }
   if (format == "dicom") {
-    return OpenDicomSteps(path, FieldNameOf(path));
+    return OpenDicomSteps(path, FieldNameOf(path), rules);
   }
   const std::optional<FileFormat> sample_format = SampleFormatFromName(format);
   if (sample_format.has_value()) {
     const std::string header = sample_format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
+    if (sample_format == FileFormat::kNifti) {
+      if (const auto sibling = FindNiftiSibling(header, rules); sibling.has_value()) {
+        return OpenSeriesFile(*sibling, FieldNameOf(path), rules);
+      }
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
                               OpenSampleSeries(*sample_format, header, path, FieldNameOf(path)));
     if (series != nullptr) {
       return series;
     }
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path, format));
-  return std::make_unique<SingleSeries>(path, FieldNameOf(path), std::move(volume));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
+                            OpenVolumeFile(path, format, rules));
+  return std::make_unique<SingleSeries>(path, format, rules, FieldNameOf(path), std::move(volume));
 }
 
 }  // namespace
 
 std::string FieldNameOf(absl::string_view path) {
-  constexpr std::array<absl::string_view, 11> kNameEndings{
-      {".gz", ".nii", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".tif", ".tiff", ".dcm"}};
+  constexpr std::array<absl::string_view, 12> kNameEndings{{".gz", ".nii", ".hdr", ".img", ".nrrd",
+                                                            ".nhdr", ".mha", ".mhd", ".tif",
+                                                            ".tiff", ".dcm", ".rec"}};
   absl::string_view name = path;
   while (absl::ConsumeSuffix(&name, "/")) {
   }
@@ -112,7 +129,7 @@ std::string FieldNameOf(absl::string_view path) {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
   if (!options.format.empty()) {
-    return OpenSeriesAs(path, options.format, options.axes);
+    return OpenSeriesAs(path, options.format, options.rules, options.axes);
   }
   Hdf5Path hdf5;
   if (SplitHdf5Path(path, &hdf5)) {
@@ -130,7 +147,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   }
   std::optional<SeriesFile> file = FindSeriesFileByName(path);
   if (file.has_value()) {
-    return OpenSeriesFile(*file, FieldNameOf(file->file), options.axes);
+    return OpenSeriesFile(*file, FieldNameOf(file->file), options.rules, options.axes);
   }
   if (!options.axes.empty()) {
     return absl::InvalidArgumentError(
@@ -146,15 +163,15 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
     return OpenVtkImageSeries(vtk.file, vtk.part);
   }
   if (NamesDicomSeries(path)) {
-    return OpenDicomSteps(path, FieldNameOf(path));
+    return OpenDicomSteps(path, FieldNameOf(path), options.rules);
   }
   const bool is_sample_file = io::PathExists(path) && !io::IsDirectory(path);
   const std::optional<FileFormat> format = is_sample_file ? SampleFormatOf(path) : std::nullopt;
   const std::string header = format == FileFormat::kNifti ? NiftiHeaderPath(path) : path;
   if (format == FileFormat::kNifti && io::PathExists(header)) {
-    file = FindNiftiSibling(header);
+    file = FindNiftiSibling(header, options.rules);
     if (file.has_value()) {
-      return OpenSeriesFile(*file, FieldNameOf(path));
+      return OpenSeriesFile(*file, FieldNameOf(path), options.rules);
     }
   }
   if (format.has_value() && io::PathExists(header)) {
@@ -167,10 +184,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   if (!format.has_value() && !io::IsDirectory(path) && !IsDicomFile(path)) {
     file = FindSeriesFileByContent(path);
     if (file.has_value()) {
-      return OpenSeriesFile(*file, FieldNameOf(path));
+      return OpenSeriesFile(*file, FieldNameOf(path), options.rules);
     }
   }
-  return OpenSingle(path);
+  return OpenSingle(path, options.rules);
 }
 
 }  // namespace isoscope::source

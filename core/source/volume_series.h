@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_source.h"
 
 namespace isoscope::source {
@@ -55,6 +56,7 @@ struct SeriesOptions {
   std::string axes;
   // A name of ListFormats (volume_source.h); empty: as name and content say.
   std::string format{};
+  GridRules rules{};
 };
 
 // Opens all that the path names. A path that names one array, component or step of a file gives a

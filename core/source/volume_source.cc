@@ -123,7 +123,8 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
 
 // `format`: the one that it has, or not set if that is to be found out.
 absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
-                                           std::optional<FileFormat> format) {
+                                           std::optional<FileFormat> format,
+                                           const GridRules& rules) {
   if (!format.has_value()) {
     format = SampleFormatOf(path);
   }
@@ -151,7 +152,8 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
                           "--dims and --type",
                           path, header_path));
     }
-    if (std::optional<SeriesFile> series = FindNiftiSibling(header_path); series.has_value()) {
+    if (std::optional<SeriesFile> series = FindNiftiSibling(header_path, rules);
+        series.has_value()) {
       return FoundSeries(*std::move(series));
     }
   }
@@ -164,14 +166,15 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
 }
 
 // Whatever the name and the content say.
-absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::string& format) {
+absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::string& format,
+                                         const GridRules& rules) {
   ISOSCOPE_RETURN_IF_ERROR(format == "dicom" && io::IsDirectory(path) ? absl::OkStatus()
                                                                       : CheckIsFile(path));
   if (const SeriesFormat* const own = FindSeriesFormat(format); own != nullptr) {
     return FoundSeries({.format = own, .file = path, .part = ""});
   }
   if (const auto sample_format = SampleFormatFromName(format); sample_format.has_value()) {
-    return FindSampleFile(path, sample_format);
+    return FindSampleFile(path, sample_format, rules);
   }
   if (format == "dicom") {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
@@ -186,9 +189,10 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::str
       absl::StrFormat("--format %s: expected one of %s", format, absl::StrJoin(names, ", ")));
 }
 
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format) {
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format,
+                                       const GridRules& rules = {}) {
   if (!format.empty()) {
-    return FindVolumeAs(path, format);
+    return FindVolumeAs(path, format, rules);
   }
   Hdf5Path hdf5;
   if (!io::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
@@ -218,7 +222,7 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
   }
-  return FindSampleFile(path, std::nullopt);
+  return FindSampleFile(path, std::nullopt, rules);
 }
 
 // The meshes of a VTKHDF or openPMD file, unless the path names a dataset of it; null if it has
@@ -250,8 +254,9 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
-                                                             const std::string& format) {
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format));
+                                                             const std::string& format,
+                                                             const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
   switch (found.kind) {
     case SourceKind::kTiff: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
@@ -264,7 +269,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
                                : OpenHdf5Dataset(path);
     }
     case SourceKind::kDicom:
-      return OpenDicomSeries(path);
+      return OpenDicomSeries(path, rules);
     case SourceKind::kVti:
       return OpenVtiFile(path);
     case SourceKind::kPvti: {
@@ -275,16 +280,16 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
       return OpenOnlyVolume(*series, pvti.file, true);
     }
     case SourceKind::kSeriesFile:
-      return OpenOnlyVolume(found.series);
+      return OpenOnlyVolume(found.series, rules);
     case SourceKind::kSampleFile:
       break;
   }
-  if (found.format == FileFormat::kNrrd) {  // of 64-bit integers, which ITK does not read
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> wide,
-                              OpenSampleSeries(found.format, found.files.front(), path, "volume"));
-    if (wide != nullptr && IsOneVolume(*wide)) {
-      return wide->Open(0, 0, 0);
-    }
+  // Several volumes, or 64-bit integers in NRRD, which ITK does not read.
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<VolumeSeries> series,
+      OpenSampleSeries(found.format, found.files.front(), path, FieldNameOf(path)));
+  if (series != nullptr) {
+    return OpenOnlyVolume(*series, path, false);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header,
                             ReadImageHeader(found.format, found.files.front()));
@@ -295,12 +300,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
-                                                       const std::string& format) {
+                                                       const std::string& format,
+                                                       const GridRules& rules) {
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
     return FilesOfPvd(path);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format));
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
   if (found.kind == SourceKind::kHdf5) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
     return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);

@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
@@ -31,6 +32,11 @@ class VolumeSource {
   }
   // Path or name, for messages.
   [[nodiscard]] virtual const std::string& name() const = 0;
+  // A sentence without its end, for people: how the grid differs from that of the file. Empty: it
+  // does not.
+  [[nodiscard]] virtual std::string note() const { return ""; }
+  // True if samples are interpolated between those of the file, with holes for GridRules::fill.
+  [[nodiscard]] virtual bool is_resampled() const { return false; }
 
   // Reads rows [begin_row, end_row), row = z * ny + y, as [row][x], x fastest, little-endian, into
   // `out`, which holds (end_row - begin_row) * nx * SizeOf(type) bytes. Runs of rows may overlap;
@@ -73,9 +79,11 @@ struct RawFormat {
 // a format of series_format.h. NOT_FOUND, INVALID_ARGUMENT (unknown format:
 // lists those known, and says how to read it as raw; not three-dimensional; more than one
 // component), DATA_LOSS.
-// `format` forces one of those that FormatNames lists; "": name and content decide.
+// `format` forces one of those that FormatNames lists; "": name and content decide. A grid that is
+// sheared or uneven is INVALID_ARGUMENT, with its numbers, unless the rules take it.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
-                                                             const std::string& format = "");
+                                                             const std::string& format = "",
+                                                             const GridRules& rules = {});
 // Returns the files of such a volume. While none of them changes and none is added, the volume does
 // not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
 // names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
@@ -83,7 +91,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 // Those of a ParaView collection (.pvd, volume_series.h) are its steps; those of a .pvti its
 // pieces.
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
-                                                       const std::string& format = "");
+                                                       const std::string& format = "",
+                                                       const GridRules& rules = {});
 // The files of a TIFF stack of many files: a folder of them, or a pattern, which may name none. Not
 // set if the path is neither.
 std::optional<std::vector<std::string>> FilesOfTiffStack(const std::string& path);

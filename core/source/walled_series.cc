@@ -3,6 +3,7 @@
 //   times=0 0.05 0.1 ...     none if there is no time
 //   time_unit=s
 //   length_unit=m
+//   distances_z=0 2 3 6      only of an axis that is not even: where its samples lie
 //   field=u                  begins a field
 //   number=3                 by which the child knows it
 //   unit=, long_name=
@@ -44,6 +45,22 @@ bool TakeTimes(const std::string& value, std::vector<double>* times) {
   return times->size() <= kMaxWalledSteps;
 }
 
+// ResampleSource checks that they ascend, and their number.
+bool TakeDistances(const std::string& value, std::vector<double>* distances) {
+  for (const absl::string_view word : absl::StrSplit(value, ' ', absl::SkipEmpty())) {
+    if (!absl::SimpleAtod(word, &distances->emplace_back())) {
+      return false;
+    }
+  }
+  return true;
+}
+
+std::string JoinedNumbers(const std::vector<double>& numbers) {
+  return absl::StrJoin(numbers, " ", [](std::string* out, double number) {
+    absl::StrAppendFormat(out, "%.17g", number);
+  });
+}
+
 // False if the text makes no sense.
 bool TakeText(const std::string& text, WalledFile* file) {
   const std::pair<std::string, std::string> pair = absl::StrSplit(text, absl::MaxSplits('=', 1));
@@ -54,6 +71,9 @@ bool TakeText(const std::string& text, WalledFile* file) {
   }
   if (key == "times") {
     return TakeTimes(value, &file->times);
+  }
+  if (absl::StartsWith(key, "distances_") && key.size() == 11 && key[10] >= 'x' && key[10] <= 'z') {
+    return TakeDistances(value, &file->distances[static_cast<std::size_t>(key[10] - 'x')]);
   }
   if (key == "field") {
     file->fields.push_back({.field = {.name = value, .components = {}}});
@@ -96,8 +116,9 @@ bool Complete(WalledFile* file) {
 
 class WalledSeries final : public VolumeSeries {
  public:
-  WalledSeries(const WalledLibrary& library, std::string path, WalledFile file)
-      : library_(library), path_(std::move(path)), file_(std::move(file)) {
+  WalledSeries(const WalledLibrary& library, std::string path, WalledFile file,
+               const GridRules& rules)
+      : library_(library), path_(std::move(path)), file_(std::move(file)), rules_(rules) {
     for (const WalledFile::Field& field : file_.fields) {
       fields_.push_back(field.field);
     }
@@ -110,27 +131,35 @@ class WalledSeries final : public VolumeSeries {
   [[nodiscard]] const std::string& length_unit() const override { return file_.length_unit; }
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    return OpenWalled(library_, path_,
-                      absl::StrCat(file_.fields[static_cast<std::size_t>(field)].number, " ", step,
-                                   " ", component));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<VolumeSource> source,
+        OpenWalled(library_, path_,
+                   absl::StrCat(file_.fields[static_cast<std::size_t>(field)].number, " ", step,
+                                " ", component)));
+    return rules_.resamples ? ResampleSource(std::move(source), file_.distances, rules_.fill)
+                            : std::move(source);
   }
 
  private:
   const WalledLibrary library_;
   const std::string path_;
   const WalledFile file_;
+  const GridRules rules_;
   std::vector<SourceField> fields_;
 };
 
 }  // namespace
 
 std::vector<std::string> WalledTexts(const WalledFile& file) {
-  std::vector<std::string> texts{
-      absl::StrCat("times=", absl::StrJoin(file.times, " ",
-                                           [](std::string* out, double time) {
-                                             absl::StrAppendFormat(out, "%.17g", time);
-                                           })),
-      absl::StrCat("time_unit=", file.time_unit), absl::StrCat("length_unit=", file.length_unit)};
+  std::vector<std::string> texts{absl::StrCat("times=", JoinedNumbers(file.times)),
+                                 absl::StrCat("time_unit=", file.time_unit),
+                                 absl::StrCat("length_unit=", file.length_unit)};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!file.distances[axis].empty()) {
+      texts.push_back(absl::StrCat("distances_", std::string(1, "xyz"[axis]), "=",
+                                   JoinedNumbers(file.distances[axis])));
+    }
+  }
   for (const WalledFile::Field& field : file.fields) {
     texts.push_back(absl::StrCat("field=", field.field.name));
     texts.push_back(absl::StrCat("number=", field.number));
@@ -157,7 +186,8 @@ std::array<std::int64_t, 3> ParseWalledPart(const std::string& part) {
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
                                                                const std::string& file,
-                                                               const std::string& part) {
+                                                               const std::string& part,
+                                                               const GridRules& rules) {
   constexpr std::size_t kMaxPart = 255;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> texts,
                             DescribeWalled(library, file, part.substr(0, kMaxPart)));
@@ -172,7 +202,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibra
     return absl::DataLossError(absl::StrFormat(
         "%s: what %s says of it makes no sense: the file is damaged", file, library.name));
   }
-  return std::make_unique<WalledSeries>(library, file, std::move(described));
+  return std::make_unique<WalledSeries>(library, file, std::move(described), rules);
 }
 
 }  // namespace isoscope::source

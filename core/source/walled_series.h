@@ -12,6 +12,8 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
+#include "core/source/resampled_source.h"
 #include "core/source/volume_series.h"
 #include "core/source/walled_source.h"
 
@@ -27,6 +29,7 @@ struct WalledFile {
   std::vector<double> times{};
   std::string time_unit{};
   std::string length_unit{};
+  AxisDistances distances{};  // of the grid of all fields, if it is not even
 };
 
 // For the child: texts "key=value", none empty.
@@ -37,10 +40,12 @@ std::array<std::int64_t, 3> ParseWalledPart(const std::string& part);
 
 // For the parent: the series of `library.describe`, which takes `part`, opened by `library.open`.
 // Nothing in the texts is taken for granted: DATA_LOSS if they make no sense. Null if there are
-// none. Errors also as DescribeWalled.
+// none. If the rules resample, `library.open` takes grids that are not even, and the volumes are
+// resampled here. Errors also as DescribeWalled; those of opening a volume also as ResampleSource.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
                                                                const std::string& file,
-                                                               const std::string& part);
+                                                               const std::string& part,
+                                                               const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

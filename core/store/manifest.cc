@@ -148,6 +148,7 @@ std::string EncodeManifest(const Manifest& manifest) {
   json["distribution"] = std::string(NameOf(manifest.distribution));
   json["seed"] = manifest.seed;
   json["range_table_crc32c"] = JsonFromCrc32c(manifest.range_table_crc32c);
+  AddLabels(manifest.labels, &json);
   json["shards"] = std::move(shards);
   return SealJson(DumpJson(json));
 }
@@ -185,6 +186,7 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
   fields.Read("distribution", &distribution);
   fields.Read("seed", &manifest.seed);
   fields.ReadCrc32c("range_table_crc32c", &manifest.range_table_crc32c);
+  ReadLabels(where, &fields, &manifest.labels);
   if (const Json* shards = fields.ReadArray("shards")) {
     fields.Fail(ReadShards(*shards, where, &manifest.shards));
   }

@@ -16,6 +16,7 @@
 
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/label.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
@@ -54,6 +55,9 @@ struct Manifest {
   // Bound of the length of the gradient (extract/gradient_bound.h), in field units per world unit;
   // finite, >= 0. Not in datasets of programs that did not know it.
   std::optional<double> max_gradient_magnitude = std::nullopt;
+  // Names and colours of sample values, if the source or its user tells them; as
+  // volume::ValidateLabels has them.
+  std::vector<volume::Label> labels{};
 
   friend bool operator==(const Manifest&, const Manifest&) = default;
 };

@@ -1,5 +1,7 @@
 #include "core/store/manifest_members.h"
 
+#include <utility>
+
 #include "absl/strings/str_cat.h"
 #include <nlohmann/json.hpp>
 
@@ -46,6 +48,57 @@ void ReadPatientFrame(absl::string_view where, JsonFields* fields,
     return fields->Fail(WithContext(where, known.status()));
   }
   *frame = *known;
+}
+
+void AddLabels(const std::vector<volume::Label>& labels, Json* json) {
+  if (labels.empty()) {
+    return;
+  }
+  Json array = Json::array();
+  for (const volume::Label& label : labels) {
+    Json element{{"value", JsonFromDouble(label.value)}};
+    if (!label.name.empty()) {
+      element["name"] = label.name;
+    }
+    if (label.color.has_value()) {
+      element["color"] = volume::ToHex(*label.color);
+    }
+    array.push_back(std::move(element));
+  }
+  (*json)["labels"] = std::move(array);
+}
+
+void ReadLabels(absl::string_view where, JsonFields* fields, std::vector<volume::Label>* labels) {
+  const Json* const array = fields->Has("labels") ? fields->ReadArray("labels") : nullptr;
+  if (array == nullptr) {
+    return;
+  }
+  std::vector<volume::Label> read;
+  for (const Json& element : *array) {
+    JsonFields members(element, where);
+    volume::Label& label = read.emplace_back();
+    members.ReadDouble("value", &label.value);
+    if (members.Has("name")) {
+      members.Read("name", &label.name);
+    }
+    if (members.Has("color")) {
+      std::string color;
+      members.Read("color", &color);
+      label.color = volume::LabelColorFromHex(color);
+      if (!label.color.has_value()) {
+        members.Fail(absl::DataLossError(
+            absl::StrCat(where, ": member \"color\" of a label: expected #rrggbb")));
+      }
+    }
+    if (!members.status().ok()) {
+      return fields->Fail(members.status());
+    }
+  }
+  const absl::Status valid = volume::ValidateLabels(read);
+  if (!valid.ok()) {
+    return fields->Fail(WithContext(where, valid));
+  }
+  *labels = std::move(read);
 }
 
 absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
@@ -14,6 +15,7 @@
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/store/json_fields.h"
+#include "core/volume/label.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_span.h"
 
@@ -22,6 +24,8 @@ namespace isoscope::store {
 Json JsonFromIndex(const math::Index3& index);
 Json JsonFromVector(const math::Vec3d& vector);
 Json JsonFromDirection(const math::Mat3d& direction);
+// Adds the member "labels"; none if there are no labels.
+void AddLabels(const std::vector<volume::Label>& labels, Json* json);
 
 // Read a member as JsonFields does.
 void ReadIndex(const char* name, std::int64_t min, std::int64_t max, JsonFields* fields,
@@ -30,6 +34,8 @@ void ReadVector(const char* name, JsonFields* fields, math::Vec3d* vector);
 // Leaves the frame unset if there is no such member.
 void ReadPatientFrame(absl::string_view where, JsonFields* fields,
                       std::optional<volume::PatientFrame>* frame);
+// Leaves the labels empty if there is no such member.
+void ReadLabels(absl::string_view where, JsonFields* fields, std::vector<volume::Label>* labels);
 
 // Read an object. DATA_LOSS names `where`.
 absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction);

@@ -30,23 +30,15 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/io/atomic_file.h"
-#include "core/io/file.h"
 #include "core/store/json_fields.h"
 #include "core/store/manifest.h"
 #include "core/store/manifest_members.h"
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
-#include "core/store/shard_reader.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::store {
 namespace {
-
-constexpr absl::string_view kSeriesShardFormat = "isoscope-series-shard";
-constexpr std::int64_t kSeriesShardVersion = 1;
-// The first bytes of a manifest that tell its version.
-constexpr std::int64_t kVersionHeadBytes = 256;
 
 // Members that may be empty are left out then.
 void AddText(const char* name, const std::string& text, Json* json) {
@@ -107,6 +99,7 @@ Json HeadOf(const SeriesManifest& manifest) {
     json["times"] = std::move(times);
   }
   AddText("time_unit", manifest.time_unit, &json);
+  AddLabels(manifest.labels, &json);
   return json;
 }
 
@@ -325,60 +318,6 @@ absl::StatusOr<std::shared_ptr<const Json>> ParseSeries(absl::string_view bytes,
   return json;
 }
 
-std::string FileIn(const std::string& directory, absl::string_view name) {
-  return absl::StrCat(directory, "/", name);
-}
-
-// Reads a sealed file that a finished directory has. DATA_LOSS if it is missing or larger.
-absl::StatusOr<std::string> ReadSealed(const std::string& path, std::int64_t max_size) {
-  const auto file = io::OpenRandomAccessFile(path);
-  if (absl::IsNotFound(file.status())) {
-    return absl::DataLossError(
-        absl::StrCat(path, ": is missing; copy the directory again or partition anew"));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(file.status());
-  if ((*file)->size_bytes() > max_size) {
-    return absl::DataLossError(absl::StrFormat("%s: %d bytes, expected at most %d", path,
-                                               (*file)->size_bytes(), max_size));
-  }
-  return io::ReadWholeFile(**file, max_size);
-}
-
-std::string EncodeSeriesShard(const SeriesManifest& manifest, int shard_index) {
-  Json json;
-  json["format"] = std::string(kSeriesShardFormat);
-  json["format_version"] = kSeriesShardVersion;
-  json["crc32c"] = JsonFromCrc32c(0);
-  json["dataset_id"] = manifest.dataset_id;
-  json["shard_index"] = shard_index;
-  json["shard_count"] = manifest.shard_count;
-  return SealJson(DumpJson(json));
-}
-
-// Returns the index of the shard that `path` describes. DATA_LOSS if it is not of this series.
-absl::StatusOr<int> ReadSeriesShard(const std::string& path, const SeriesManifest& manifest) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadSealed(path, kMaxShardFileBytes));
-  ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, path).status());
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Json> json,
-                            ParseJsonFile(bytes, path, kSeriesShardFormat, kSeriesShardVersion));
-  JsonFields fields(*json, path);
-  std::string dataset_id;
-  std::int64_t shard_count = 0;
-  std::int64_t shard_index = 0;
-  fields.Read("dataset_id", &dataset_id);
-  fields.Read("shard_count", 1, kMaxShardCount, &shard_count);
-  fields.Read("shard_index", 0, kMaxShardCount - 1, &shard_index);
-  ISOSCOPE_RETURN_IF_ERROR(fields.status());
-  if (dataset_id != manifest.dataset_id || shard_count != manifest.shard_count ||
-      shard_index >= shard_count) {
-    return absl::DataLossError(absl::StrFormat(
-        "%s: describes shard %d of %d of dataset %s; the manifest beside it is of dataset %s with "
-        "%d shards: files of different datasets are mixed",
-        path, shard_index, shard_count, dataset_id, manifest.dataset_id, manifest.shard_count));
-  }
-  return static_cast<int>(shard_index);
-}
-
 }  // namespace
 
 std::string ScalarVolumeDirectoryName(const ScalarVolumeKey& key) {
@@ -441,6 +380,7 @@ absl::StatusOr<SeriesManifest> DecodeSeriesManifest(absl::string_view bytes,
     }
   }
   ReadOptionalText("time_unit", &fields, &manifest.time_unit);
+  ReadLabels(where, &fields, &manifest.labels);
   if (const Json* volumes = fields.ReadArray("volumes")) {
     fields.Fail(ReadVolumes(*volumes, where, &manifest.volumes));
   }
@@ -452,92 +392,6 @@ absl::StatusOr<SeriesManifest> DecodeSeriesManifest(absl::string_view bytes,
   manifest.shard_count = static_cast<int>(shard_count);
   ISOSCOPE_RETURN_IF_ERROR(CheckSeries(manifest, where));
   return manifest;
-}
-
-bool IsSeriesDirectory(const std::string& directory) {
-  const auto file = io::OpenRandomAccessFile(FileIn(directory, kManifestFileName));
-  if (!file.ok()) {
-    return false;
-  }
-  std::string head(
-      static_cast<std::size_t>(std::min<std::int64_t>((*file)->size_bytes(), kVersionHeadBytes)),
-      '\0');
-  // Inside a JSON string the quotes would be escaped.
-  return (*file)->ReadAt(0, head.size(), head.data()).ok() &&
-         absl::StrContains(head, absl::StrCat("\"format_version\": ", kSeriesFormatVersion, ","));
-}
-
-absl::StatusOr<SeriesShard> OpenSeriesShard(const std::string& directory) {
-  const std::string path = FileIn(directory, kManifestFileName);
-  const std::string shard_path = FileIn(directory, kSeriesShardFileName);
-  const bool has_manifest = io::PathExists(path);
-  if (!has_manifest && io::PathExists(shard_path)) {
-    return absl::FailedPreconditionError(
-        absl::StrCat(directory, ": a shard without ", kManifestFileName,
-                     ": its partitioning or copying did not finish; do it again"));
-  }
-  if (!has_manifest || !io::PathExists(shard_path)) {
-    return absl::NotFoundError(
-        absl::StrCat(directory, ": no ", has_manifest ? kSeriesShardFileName : kManifestFileName,
-                     " in it, expected a shard directory of a dataset with fields or steps"));
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadSealed(path, kMaxSeriesManifestBytes));
-  SeriesShard shard;
-  ISOSCOPE_ASSIGN_OR_RETURN(shard.manifest_crc32c, VerifySeal(bytes, path));
-  ISOSCOPE_ASSIGN_OR_RETURN(shard.manifest, DecodeSeriesManifest(bytes, path));
-  ISOSCOPE_ASSIGN_OR_RETURN(shard.shard_index, ReadSeriesShard(shard_path, shard.manifest));
-  return shard;
-}
-
-absl::StatusOr<SeriesDescription> OpenSeries(const std::string& directory) {
-  const std::string path = FileIn(directory, kManifestFileName);
-  if (!io::PathExists(path)) {
-    return absl::NotFoundError(absl::StrCat(
-        directory, ": no ", kManifestFileName,
-        " in it: no dataset, or one whose partitioning did not finish; run `isoscope partition`"));
-  }
-  if (IsShardDirectory(directory)) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        directory, ": is one shard of a dataset, expected the dataset directory that holds it"));
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadSealed(path, kMaxSeriesManifestBytes));
-  SeriesDescription series;
-  ISOSCOPE_ASSIGN_OR_RETURN(series.manifest, DecodeSeriesManifest(bytes, path));
-  for (int shard = 0; shard < series.manifest.shard_count; ++shard) {
-    std::string shard_path =
-        FileIn(directory, ShardDirectoryName(shard, series.manifest.shard_count));
-    series.shard_directories.push_back(io::IsDirectory(shard_path) ? std::move(shard_path) : "");
-  }
-  return series;
-}
-
-absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory) {
-  if (IsSeriesDirectory(directory)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(SeriesDescription series, OpenSeries(directory));
-    return std::move(series.shard_directories);
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetDescription dataset, OpenDataset(directory));
-  return std::move(dataset.shard_directories);
-}
-
-absl::Status WriteSeriesManifest(const std::string& directory, const SeriesManifest& manifest,
-                                 int shard_index) {
-  const std::string path = FileIn(directory, kManifestFileName);
-  const std::string bytes = EncodeSeriesManifest(manifest);
-  if (const auto decoded = DecodeSeriesManifest(bytes, path); !decoded.ok()) {
-    return absl::InvalidArgumentError(decoded.status().message());
-  }
-  if (static_cast<std::int64_t>(bytes.size()) > kMaxSeriesManifestBytes) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: %d bytes, expected at most %d", path,
-                                                      bytes.size(), kMaxSeriesManifestBytes));
-  }
-  if (shard_index >= 0) {
-    ISOSCOPE_CHECK_LT(shard_index, manifest.shard_count);
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(FileIn(directory, kSeriesShardFileName),
-                                                     EncodeSeriesShard(manifest, shard_index)));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(path, bytes));
-  return io::SyncDirectory(directory);
 }
 
 }  // namespace isoscope::store

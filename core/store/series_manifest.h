@@ -29,6 +29,7 @@
 
 #include "core/math/vec.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/label.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
@@ -100,6 +101,8 @@ struct SeriesManifest {
       times;              // by step number, strictly ascending, finite; empty: one step, no time
   std::string time_unit;  // may be empty
   std::vector<ScalarVolume> volumes;  // ascending by key, each once
+  // As in Manifest; those of the scalar volumes' own manifests are empty.
+  std::vector<volume::Label> labels{};
 
   [[nodiscard]] int step_count() const {
     return times.empty() ? 1 : static_cast<int>(times.size());

@@ -26,6 +26,7 @@
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/block_set.h"
+#include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
 
@@ -68,9 +69,10 @@ class ShardReader {
   [[nodiscard]] int shard_index() const { return shard_index_; }
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
   [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_->table(); }
-  // As ranges().ActiveBlocks(isovalue), of all shards of the volume in this process.
-  [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(double isovalue) const {
-    return ranges_->ActiveBlocks(isovalue);
+  // As ranges().ActiveBlocks(rule), of all shards of the volume in this process.
+  [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(
+      const volume::InsideRule& rule) const {
+    return ranges_->ActiveBlocks(rule);
   }
   [[nodiscard]] std::int64_t block_count() const;
   // REQUIRES: ordinal < block_count().

@@ -267,6 +267,12 @@ std::string ComputeDatasetId(const Manifest& manifest) {
     AppendString("patient_frame", &canonical);
     AppendString(manifest.patient_frame->name(), &canonical);
   }
+  for (const volume::Label& label : manifest.labels) {  // as above
+    AppendString("label", &canonical);
+    base::AppendLittleEndian(label.value, &canonical);
+    AppendString(label.name, &canonical);
+    AppendString(label.color.has_value() ? volume::ToHex(*label.color) : "", &canonical);
+  }
   constexpr std::size_t kIdDigits = 32;
   return base::Sha256Hex(canonical).substr(0, kIdDigits);
 }

@@ -1,6 +1,7 @@
 #include "core/store/volume_ranges.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -37,18 +38,21 @@ std::shared_ptr<VolumeRanges> VolumeRanges::Share(volume::RangeTable table) {
   return pool.Share(std::move(table));
 }
 
-std::shared_ptr<const volume::BlockSet> VolumeRanges::ActiveBlocks(double isovalue) {
+std::shared_ptr<const volume::BlockSet> VolumeRanges::ActiveBlocks(const volume::InsideRule& rule) {
   // The lock is held while a set is made, because agents of one process need the same set at once.
   const base::MutexLock lock(&mutex_);
   const auto found = std::find_if(entries_.begin(), entries_.end(),
-                                  [&](const Entry& entry) { return entry.isovalue == isovalue; });
+                                  [&](const Entry& entry) { return entry.rule == rule; });
   if (found != entries_.end()) {
     entries_.splice(entries_.begin(), entries_, found);
     return found->active;
   }
-  auto active = std::make_shared<const volume::BlockSet>(table_.ActiveBlocks(isovalue));
-  entries_.push_front({isovalue, active});
-  if (entries_.size() > kMaxSets) {
+  auto active = std::make_shared<const volume::BlockSet>(table_.ActiveBlocks(rule));
+  entries_.push_front({rule, active});
+  const std::size_t set_bytes = active->words().size() * sizeof(std::uint64_t);
+  const std::size_t max_sets =
+      std::clamp(kMaxBytes / std::max<std::size_t>(set_bytes, 1), kMinSets, kMaxSets);
+  if (entries_.size() > max_sets) {
     entries_.pop_back();
   }
   return active;

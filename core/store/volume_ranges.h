@@ -13,6 +13,7 @@
 
 #include "core/base/mutex.h"
 #include "core/volume/block_set.h"
+#include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 
 namespace isoscope::store {
@@ -28,16 +29,19 @@ class VolumeRanges {
   VolumeRanges& operator=(const VolumeRanges&) = delete;
 
   [[nodiscard]] const volume::RangeTable& table() const { return table_; }
-  // Returns table().ActiveBlocks(isovalue). Keeps the sets of the last kMaxSets isovalues, one bit
-  // for each block of the volume. REQUIRES: isovalue is finite.
-  [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(double isovalue)
+  // Returns table().ActiveBlocks(rule). Keeps the sets of the last rules, one bit for each block of
+  // the volume: kMinSets of them, and up to kMaxSets that take at most kMaxBytes.
+  // REQUIRES: isovalues are finite.
+  [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(const volume::InsideRule& rule)
       ABSL_LOCKS_EXCLUDED(mutex_);
 
-  static constexpr std::size_t kMaxSets = 16;
+  static constexpr std::size_t kMinSets = 16;
+  static constexpr std::size_t kMaxSets = 128;  // as many as a frame has surfaces
+  static constexpr std::size_t kMaxBytes = std::size_t{4} << 20;
 
  private:
   struct Entry {
-    double isovalue = 0;
+    volume::InsideRule rule;
     std::shared_ptr<const volume::BlockSet> active;
   };
 

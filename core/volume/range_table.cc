@@ -157,6 +157,25 @@ BlockSet RangeTable::ActiveBlocks(double isovalue) const {
   return active;
 }
 
+BlockSet RangeTable::ActiveBlocks(const InsideRule& rule) const {
+  if (!rule.has_labels()) {
+    return ActiveBlocks(rule.isovalue);
+  }
+  BlockSet active(block_count_);
+  VisitScalarType(type_, [&]<typename T>() {
+    for (std::int64_t id = 0; id < block_count_; ++id) {
+      const char* const entry = bytes_.data() + 2 * sizeof(T) * static_cast<std::size_t>(id);
+      const auto min = base::LoadLittleEndian<T>(entry);
+      const auto max = base::LoadLittleEndian<T>(entry + sizeof(T));
+      // Most blocks of a segmentation have one value: they need no search.
+      if (min < max && rule.IsActive(static_cast<double>(min), static_cast<double>(max))) {
+        active.Insert(static_cast<BlockId>(id));
+      }
+    }
+  });
+  return active;
+}
+
 RangeTable RangeTable::FromBytes(ScalarType type, std::int64_t block_count, std::string bytes) {
   ISOSCOPE_CHECK_EQ(bytes.size(), 2 * SizeOf(type) * static_cast<std::size_t>(block_count));
   RangeTable table;

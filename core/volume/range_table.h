@@ -10,6 +10,7 @@
 
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
+#include "core/volume/inside_rule.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
@@ -36,6 +37,9 @@ class RangeTable {
   // Returns the blocks with IsActive(Get(id), isovalue). REQUIRES: isovalue is finite.
   // O(block_count).
   [[nodiscard]] BlockSet ActiveBlocks(double isovalue) const;
+  // Returns the blocks with rule.IsActive(Get(id)). O(block_count), times the logarithm of the
+  // labels.
+  [[nodiscard]] BlockSet ActiveBlocks(const InsideRule& rule) const;
 
   // The table as it lies in files: min and max of block 0, min and max of block 1, ..., in the
   // sample type, little-endian: 2 * SizeOf(type) * block_count bytes.

@@ -1,13 +1,11 @@
 // One probe, on the registry's thread:
 //
-// 1. The endpoints become members. A plain target is one member. A name in the DNS is one member
-//    for each of its addresses. An address that the name has lost stays as long as the agent
-//    answers.
+// 1. The endpoints become members (agent_members).
 // 2. All members are asked at the same time for their shards. A member that failed gets a fresh
 //    channel, because a channel that met an error waits before it dials again.
 // 3. Answers become states, and states become datasets. Both form a snapshot that replaces the old
 //    one at once. Only the replacement holds the lock: logging may block, and snapshots may be
-// large.
+//    large.
 //
 // A call that fails makes its agent suspect (ReportFailure). The next frame then waits for a probe
 // that begins after the failure. A failure reported while a probe is under way still counts.
@@ -45,6 +43,57 @@ std::size_t AgentCount(const DatasetState& state) {
   return addresses.size();
 }
 
+// These log the changes from `before` to `after`. A blocked reader of the log blocks no other
+// thread: no lock is held.
+void LogMembers(const AgentMembers& before, const AgentMembers& after) {
+  for (const auto& [address, member] : after) {
+    const auto known = before.find(address);
+    const bool was_ok = known != before.end() && known->second.state.status.ok();
+    if (member.state.status.ok() && !was_ok) {
+      base::LogInfo("agent_found", {{"address", address},
+                                    {"shards", member.state.shards.size()},
+                                    {"version", member.state.version},
+                                    {"renderer", member.state.renderer}});
+    } else if (member.state.status.ok() && member.state.is_draining &&
+               !known->second.state.is_draining) {
+      base::LogInfo("agent_drains", {{"address", address}});
+    } else if (!member.state.status.ok() && (was_ok || known == before.end())) {
+      base::LogWarning(was_ok ? "agent_lost" : "agent_unreachable",
+                       {{"address", address}, {"status", member.state.status}});
+    }
+  }
+  for (const auto& [address, member] : before) {
+    if (after.count(address) == 0) {
+      base::LogWarning("agent_gone", {{"address", address}});
+    }
+  }
+}
+
+void LogDatasets(const std::map<std::string, DatasetState>& before,
+                 const std::map<std::string, DatasetState>& after) {
+  for (const auto& [name, state] : after) {
+    const auto known = before.find(name);
+    const absl::Status was = known == before.end() ? absl::UnknownError("") : known->second.status;
+    const std::string revision = frame::ToString(state.picture_revision);
+    if (state.status.ok() && !was.ok()) {
+      base::LogInfo(
+          "dataset_ready",
+          {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
+    } else if (state.status.ok() && !(state.picture_revision == known->second.picture_revision)) {
+      base::LogInfo(
+          "dataset_revision",
+          {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
+    } else if (!state.status.ok() && state.status != was) {
+      base::LogWarning("dataset_not_ready", {{"dataset", name}, {"status", state.status}});
+    }
+    if (state.status.ok() && !state.contradiction.empty() &&
+        (known == before.end() || known->second.contradiction != state.contradiction)) {
+      base::LogWarning("dataset_contradicted",
+                       {{"dataset", name}, {"contents", state.contradiction}});
+    }
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<AgentRegistry>> AgentRegistry::Start(
@@ -70,7 +119,9 @@ absl::StatusOr<std::unique_ptr<AgentRegistry>> AgentRegistry::Start(
 }
 
 AgentRegistry::AgentRegistry(AgentRegistryOptions options)
-    : options_(std::move(options)), snapshot_(std::make_shared<const Snapshot>()) {
+    : options_(std::move(options)),
+      snapshot_(std::make_shared<const Snapshot>()),
+      resolver_(options_.endpoints, options_.check_target, options_.resolve) {
   thread_ = std::thread([this] { Run(); });
 }
 
@@ -111,95 +162,7 @@ void AgentRegistry::Run() {
   }
 }
 
-void AgentRegistry::ResolveList(std::size_t endpoint_index, const std::string& path,
-                                Members* members) {
-  absl::StatusOr<std::vector<std::string>> targets = ReadAgentList(path);
-  for (std::size_t i = 0; targets.ok() && options_.check_target && i < targets->size(); ++i) {
-    if (absl::Status status = options_.check_target((*targets)[i]); !status.ok()) {
-      targets = std::move(status);
-    }
-  }
-  if (list_errors_[path] != targets.status()) {
-    list_errors_[path] = targets.status();
-    base::Log(targets.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
-              targets.ok() ? "agent_list_read" : "agent_list_not_read",
-              {{"file", path}, {"status", targets.status()}});
-  }
-  const std::string& target = options_.endpoints[endpoint_index].target;
-  if (!targets.ok()) {
-    const bool is_known = std::any_of(members->begin(), members->end(), [&](const auto& entry) {
-      return entry.second.endpoint_index == endpoint_index && entry.first != target;
-    });
-    if (!is_known) {
-      Member& member = (*members)[target];
-      member.endpoint_index = endpoint_index;
-      member.state.address = target;
-      member.state.status = targets.status();
-      member.is_name = true;
-    }
-    return;
-  }
-  std::erase_if(*members, [&](const auto& entry) {
-    return entry.second.endpoint_index == endpoint_index &&
-           !std::binary_search(targets->begin(), targets->end(), entry.first);
-  });
-  for (const std::string& address : *targets) {
-    Member& member = (*members)[address];
-    member.endpoint_index = endpoint_index;
-    member.state.address = address;
-  }
-}
-
-AgentRegistry::Members AgentRegistry::ResolveMembers(Members members) {
-  for (std::size_t i = 0; i < options_.endpoints.size(); ++i) {
-    const AgentEndpoint& endpoint = options_.endpoints[i];
-    if (const auto list = ParseAgentListTarget(endpoint.target); list.ok() && list->has_value()) {
-      ResolveList(i, **list, &members);
-      continue;
-    }
-    const absl::StatusOr<std::optional<DnsName>> name = ParseDnsTarget(endpoint.target);
-    if (endpoint.channel != nullptr || !name.ok() || !name->has_value()) {
-      Member& member = members[endpoint.target];
-      member.endpoint_index = i;
-      member.state.address = endpoint.target;
-      if (endpoint.channel != nullptr) {
-        member.state.channel = endpoint.channel;
-        member.has_fixed_channel = true;
-      }
-      continue;
-    }
-    const absl::StatusOr<std::vector<std::string>> addresses = options_.resolve(**name);
-    if (!addresses.ok()) {
-      // A failure of the resolver says nothing about agents, so the known ones stay.
-      const bool is_known = std::any_of(members.begin(), members.end(), [&](const auto& entry) {
-        return entry.second.endpoint_index == i && entry.first != endpoint.target;
-      });
-      if (!is_known) {
-        Member& member = members[endpoint.target];
-        member.endpoint_index = i;
-        member.state.address = endpoint.target;
-        member.state.status = addresses.status();
-        member.is_name = true;
-      }
-      continue;
-    }
-    members.erase(endpoint.target);
-    for (auto& [address, member] : members) {
-      if (member.endpoint_index == i) {
-        member.is_listed = false;
-      }
-    }
-    for (const std::string& address : *addresses) {
-      Member& member = members[address];
-      member.endpoint_index = i;
-      member.state.address = address;
-      member.is_listed = true;
-    }
-  }
-  return members;
-}
-
-rpc::Dialing AgentRegistry::DialingOf(const Member& member) const {
+rpc::Dialing AgentRegistry::DialingOf(const AgentMember& member) const {
   rpc::Dialing dialing = options_.dialing;
   const auto name = ParseDnsTarget(options_.endpoints[member.endpoint_index].target);
   if (dialing.server_name.empty() && name.ok() && name->has_value()) {
@@ -208,8 +171,8 @@ rpc::Dialing AgentRegistry::DialingOf(const Member& member) const {
   return dialing;
 }
 
-void AgentRegistry::AskMembers(const Suspects& suspects, Members* members) const {
-  std::vector<Member*> asked;
+void AgentRegistry::AskMembers(const Suspects& suspects, AgentMembers* members) const {
+  std::vector<AgentMember*> asked;
   std::vector<AgentProbe> probes;
   for (auto& [address, member] : *members) {
     if (member.is_name) {
@@ -240,7 +203,7 @@ void AgentRegistry::Probe(absl::Time begin) {
     before = snapshot_;
     suspects.swap(suspects_);  // the next probe sees only later failures
   }
-  Members members = ResolveMembers(before->members);
+  AgentMembers members = resolver_.Resolve(before->members);
   AskMembers(suspects, &members);
   if (stopping_.is_cancelled()) {
     return;  // the answers were cut off
@@ -251,56 +214,7 @@ void AgentRegistry::Probe(absl::Time begin) {
   AdoptMembers(std::move(members), begin);
 }
 
-void AgentRegistry::LogMembers(const Members& before, const Members& after) const {
-  for (const auto& [address, member] : after) {
-    const auto known = before.find(address);
-    const bool was_ok = known != before.end() && known->second.state.status.ok();
-    if (member.state.status.ok() && !was_ok) {
-      base::LogInfo("agent_found", {{"address", address},
-                                    {"shards", member.state.shards.size()},
-                                    {"version", member.state.version},
-                                    {"renderer", member.state.renderer}});
-    } else if (member.state.status.ok() && member.state.is_draining &&
-               !known->second.state.is_draining) {
-      base::LogInfo("agent_drains", {{"address", address}});
-    } else if (!member.state.status.ok() && (was_ok || known == before.end())) {
-      base::LogWarning(was_ok ? "agent_lost" : "agent_unreachable",
-                       {{"address", address}, {"status", member.state.status}});
-    }
-  }
-  for (const auto& [address, member] : before) {
-    if (after.count(address) == 0) {
-      base::LogWarning("agent_gone", {{"address", address}});
-    }
-  }
-}
-
-void AgentRegistry::LogDatasets(const std::map<std::string, DatasetState>& before,
-                                const std::map<std::string, DatasetState>& after) const {
-  for (const auto& [name, state] : after) {
-    const auto known = before.find(name);
-    const absl::Status was = known == before.end() ? absl::UnknownError("") : known->second.status;
-    const std::string revision = frame::ToString(state.picture_revision);
-    if (state.status.ok() && !was.ok()) {
-      base::LogInfo(
-          "dataset_ready",
-          {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
-    } else if (state.status.ok() && !(state.picture_revision == known->second.picture_revision)) {
-      base::LogInfo(
-          "dataset_revision",
-          {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
-    } else if (!state.status.ok() && state.status != was) {
-      base::LogWarning("dataset_not_ready", {{"dataset", name}, {"status", state.status}});
-    }
-    if (state.status.ok() && !state.contradiction.empty() &&
-        (known == before.end() || known->second.contradiction != state.contradiction)) {
-      base::LogWarning("dataset_contradicted",
-                       {{"dataset", name}, {"contents", state.contradiction}});
-    }
-  }
-}
-
-void AgentRegistry::AdoptMembers(Members members, absl::Time probe_begin) {
+void AgentRegistry::AdoptMembers(AgentMembers members, absl::Time probe_begin) {
   std::vector<AgentState> states;
   states.reserve(members.size());
   for (const auto& [address, member] : members) {

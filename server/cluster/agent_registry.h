@@ -7,8 +7,8 @@
 // The findings are an immutable snapshot: each probe makes a new one. A frame holds the snapshot
 // that it began with, and copies nothing of it.
 //
-// Other files have the other parts of this work: dns_target and agent_list find addresses,
-// agent_prober asks, dataset_catalog combines the answers.
+// Other files have the other parts of this work: agent_members finds addresses, agent_prober asks,
+// dataset_catalog combines the answers.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_AGENT_REGISTRY_H_
 #define ISOSCOPE_SERVER_CLUSTER_AGENT_REGISTRY_H_
@@ -35,6 +35,7 @@
 #include "core/rpc/transport.h"
 #include "server/access/access_control.h"
 #include "server/cluster/agent_endpoint.h"
+#include "server/cluster/agent_members.h"
 #include "server/cluster/agent_prober.h"
 #include "server/cluster/dataset_catalog.h"
 #include "server/cluster/dns_target.h"
@@ -103,19 +104,10 @@ class AgentRegistry {
   absl::Status WaitUntilReady(absl::Time deadline);
 
  private:
-  // An agent, and the endpoint that named it.
-  struct Member {
-    AgentState state;
-    std::size_t endpoint_index = 0;
-    bool is_listed = true;  // its endpoint's name still has this address
-    bool has_fixed_channel = false;
-    bool is_name = false;  // a name without known addresses: no agent can be asked
-  };
-  using Members = std::map<std::string, Member>;  // by address
-  using Suspects = std::set<std::string>;         // addresses
+  using Suspects = std::set<std::string>;  // addresses
   // The findings of one probe.
   struct Snapshot {
-    Members members;
+    AgentMembers members;
     std::map<std::string, DatasetState> datasets;
     std::string unreachable;       // DescribeUnreachable of the members
     bool is_any_complete = false;  // of the datasets
@@ -125,19 +117,9 @@ class AgentRegistry {
   explicit AgentRegistry(AgentRegistryOptions options);
   void Run();
   void Probe(absl::Time begin);
-  // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
-  Members ResolveMembers(Members members);
-  // Makes the agents of a list the members of an endpoint. A list that can't be read changes
-  // nothing.
-  void ResolveList(std::size_t endpoint_index, const std::string& path, Members* members);
-  [[nodiscard]] rpc::Dialing DialingOf(const Member& member) const;
-  void AskMembers(const Suspects& suspects, Members* members) const;
-  void AdoptMembers(Members members, absl::Time probe_begin) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Log the changes from `before` to `after`. A blocked reader of the log blocks no other thread.
-  void LogMembers(const Members& before, const Members& after) const ABSL_LOCKS_EXCLUDED(mutex_);
-  void LogDatasets(const std::map<std::string, DatasetState>& before,
-                   const std::map<std::string, DatasetState>& after) const
-      ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] rpc::Dialing DialingOf(const AgentMember& member) const;
+  void AskMembers(const Suspects& suspects, AgentMembers* members) const;
+  void AdoptMembers(AgentMembers members, absl::Time probe_begin) ABSL_LOCKS_EXCLUDED(mutex_);
   [[nodiscard]] std::shared_ptr<const Snapshot> Latest() const ABSL_LOCKS_EXCLUDED(mutex_);
   static absl::StatusOr<std::shared_ptr<const DatasetState>> FindIn(
       const std::shared_ptr<const Snapshot>& snapshot, const std::string& name,
@@ -163,8 +145,7 @@ class AgentRegistry {
   std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;
   std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;
   std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;
-  // Used by the registry's thread alone: the last error of each list, so that it is logged once.
-  std::map<std::string, absl::Status> list_errors_;
+  AgentMemberResolver resolver_;  // used by the registry's thread alone
   std::thread thread_;
 };
 

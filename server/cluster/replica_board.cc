@@ -11,6 +11,7 @@
 #include "server/cluster/replica_board.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <functional>
 #include <numeric>
@@ -62,11 +63,14 @@ std::vector<std::size_t> OrderOf(const ReplicaSet& set, const std::vector<bool>&
 
 }  // namespace
 
-std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<double> isovalues) {
-  std::sort(isovalues.begin(), isovalues.end());
+std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<volume::InsideRule> rules) {
+  std::sort(rules.begin(), rules.end());
   return absl::StrCat(dataset_id, "/",
-                      absl::StrJoin(isovalues, ",", [](std::string* out, double isovalue) {
-                        absl::StrAppendFormat(out, "%.17g", isovalue);
+                      absl::StrJoin(rules, ",", [](std::string* out, const auto& rule) {
+                        absl::StrAppendFormat(out, "%.17g", rule.isovalue);
+                        for (const double label : rule.labels) {
+                          absl::StrAppend(out, "|", absl::Hex(std::bit_cast<std::uint64_t>(label)));
+                        }
                       }));
 }
 

@@ -31,12 +31,13 @@
 #include "absl/time/time.h"
 
 #include "core/base/mutex.h"
+#include "core/volume/inside_rule.h"
 #include "server/cluster/frame_part.h"
 
 namespace isoscope::server {
 
-// Returns the key of frames at some isovalues, in any order.
-std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<double> isovalues);
+// Returns the key of frames with surfaces of some rules, in any order.
+std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<volume::InsideRule> rules);
 
 // Returns the shards below `shard_count` that no part has, ascending.
 std::vector<int> MissingShards(int shard_count, const std::vector<FramePart>& parts);

@@ -6,12 +6,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
 
 namespace isoscope::server {
 namespace {
 
-std::size_t SizeBytes(const ActiveBlocks& active) {
-  return sizeof(active) + active.ids.capacity() * sizeof(volume::BlockId) +
+std::size_t SizeBytes(const std::string& key, const ActiveBlocks& active) {
+  return key.size() + sizeof(active) + active.ids.capacity() * sizeof(volume::BlockId) +
          active.begin_by_agent.capacity() * sizeof(std::size_t) +
          active.set.words().size() * sizeof(std::uint64_t);
 }
@@ -32,10 +33,16 @@ ActiveBlocks::ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_a
 
 std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
                                      const std::vector<std::vector<int>>& shard_indices_by_agent,
-                                     const std::vector<double>& isovalues) {
+                                     const std::vector<volume::InsideRule>& rules) {
   std::string key = dataset_id;
-  for (const double isovalue : isovalues) {
-    absl::StrAppend(&key, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+  const auto append = [&key](absl::string_view mark, double value) {
+    absl::StrAppend(&key, mark, absl::Hex(std::bit_cast<std::uint64_t>(value + 0.0)));
+  };
+  for (const volume::InsideRule& rule : rules) {
+    append("@", rule.isovalue);
+    for (const double label : rule.labels) {
+      append("|", label);
+    }
   }
   for (const std::vector<int>& indices : shard_indices_by_agent) {
     absl::StrAppend(&key, "/", absl::StrJoin(indices, ","));
@@ -55,7 +62,7 @@ std::shared_ptr<const ActiveBlocks> ActiveBlocksCache::Find(const std::string& k
 }
 
 void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active) {
-  const std::size_t size = SizeBytes(*active);
+  const std::size_t size = SizeBytes(key, *active);
   if (size > max_bytes_) {
     return;
   }

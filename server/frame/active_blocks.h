@@ -1,5 +1,5 @@
-// The active blocks at an isovalue and the agents that own them. Agents report them in step 1. The
-// coordinator keeps them, so that the next frame at the same isovalue need not ask.
+// The active blocks of surfaces and the agents that own them. Agents report them in step 1. The
+// coordinator keeps them, so that the next frame with the same surfaces need not ask.
 
 #ifndef ISOSCOPE_SERVER_FRAME_ACTIVE_BLOCKS_H_
 #define ISOSCOPE_SERVER_FRAME_ACTIVE_BLOCKS_H_
@@ -17,6 +17,7 @@
 #include "core/base/mutex.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
+#include "core/volume/inside_rule.h"
 
 namespace isoscope::server {
 
@@ -36,10 +37,10 @@ class ActiveBlocksCache {
   explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
 
   // Returns the key of a frame. The active blocks and their owners follow from the dataset's
-  // content, the shards of each agent, and the isovalues of the frame's surfaces.
+  // content, the shards of each agent, and the rules of the frame's surfaces.
   static std::string KeyOf(const std::string& dataset_id,
                            const std::vector<std::vector<int>>& shard_indices_by_agent,
-                           const std::vector<double>& isovalues);
+                           const std::vector<volume::InsideRule>& rules);
 
   // Returns null if there is no value.
   std::shared_ptr<const ActiveBlocks> Find(const std::string& key);

@@ -18,90 +18,36 @@
 //   INTERNAL       a message is malformed
 //   INTERNAL       the stream ended with OK before the frame was done
 //   CallStatus     gRPC's status
-//
-// A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
-// one and checks each. It reads the next message only on demand. Blocks come in ascending order, so
-// a replica that takes over is read up to the last block that was given.
 
 #include "server/frame/agent_client.h"
 
-#include <cstring>
+#include <atomic>
 #include <deque>
 #include <iterator>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
 #include <grpcpp/support/client_callback.h>
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
-#include "core/rpc/read_timeout.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/trace_convert.h"
+#include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "proto/message_checksum.h"
+#include "server/frame/agent_call.h"
 
 namespace isoscope::server {
 namespace {
 
 namespace internal = isoscope::internal::v1;
-
-void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
-  if (deadline != absl::InfiniteFuture()) {
-    context->set_deadline(absl::ToChronoTime(deadline));
-  }
-}
-
-// Fills `values` from little-endian bytes. False if their size is not a multiple of a value's.
-template <typename T>
-bool Unpack(const std::string& bytes, std::vector<T>* values) {
-  if (bytes.size() % sizeof(T) != 0) {
-    return false;
-  }
-  values->resize(bytes.size() / sizeof(T));
-  if (!bytes.empty()) {
-    std::memcpy(values->data(), bytes.data(), bytes.size());
-  }
-  return true;
-}
-
-absl::Status UnpackBlock(const internal::BlockSurface& proto, const volume::BlockLayout& layout,
-                         mesh::BlockMesh* block) {
-  if (proto.block_id() < 0 || proto.block_id() >= layout.block_count()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "block_id is ", proto.block_id(), ": must lie in [0, ", layout.block_count(), ")"));
-  }
-  block->block_id = static_cast<volume::BlockId>(proto.block_id());
-  if (!Unpack(proto.positions(), &block->positions) || !Unpack(proto.normals(), &block->normals) ||
-      !Unpack(proto.edge_keys(), &block->edge_keys) ||
-      !Unpack(proto.triangles(), &block->indices) ||
-      block->normals.size() != block->positions.size() ||
-      block->edge_keys.size() != block->positions.size() || block->indices.size() % 3 != 0) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "block ", proto.block_id(), " has ", proto.positions().size(), " bytes of positions, ",
-        proto.normals().size(), " of normals, ", proto.edge_keys().size(), " of edge keys, ",
-        proto.triangles().size(), " of triangles: they do not fit together"));
-  }
-  for (const std::uint32_t index : block->indices) {
-    if (index >= block->positions.size()) {
-      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(),
-                                                     " has a triangle of vertex ", index, " of ",
-                                                     block->positions.size()));
-    }
-  }
-  const std::int64_t edge_count = 3 * math::Volume(layout.sample_dims());
-  for (const std::int64_t key : block->edge_keys) {
-    if (key < 0 || key >= edge_count) {
-      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(), " has edge key ",
-                                                     key, ": must lie in [0, ", edge_count, ")"));
-    }
-  }
-  return absl::OkStatus();
-}
 
 // The stream of one frame. Its owner waits until it has ended, and then destroys it. If a reaction
 // dropped the last reference to a channel instead, gRPC would join the reaction's own thread.
@@ -360,22 +306,6 @@ class GrpcAgentLink final : public AgentLink {
 
 }  // namespace
 
-absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
-  const bool is_cut =
-      (absl::IsCancelled(status) && !was_cancelled_by_us) ||
-      (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
-  if (is_cut) {
-    return absl::UnavailableError(status.message());
-  }
-  if (absl::IsUnimplemented(status)) {
-    return absl::UnavailableError(
-        absl::StrCat("the agent does not know the call, which was damaged on its way, or is of "
-                     "another version: ",
-                     status.message()));
-  }
-  return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
-}
-
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              internal::BeginFrame begin, std::int64_t block_count,
                                              absl::Time deadline, image::PixelMailboxes* mailboxes,
@@ -390,130 +320,6 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                               trace_target, listener);
   FrameStream::Start(stream.get(), std::move(begin));
   return std::make_unique<GrpcAgentLink>(std::move(stream));
-}
-
-struct SurfaceStream::Call {
-  std::unique_ptr<internal::PartitionAgentService::Stub> stub;
-  grpc::ClientContext context;
-  std::unique_ptr<grpc::ClientReader<internal::ExtractSurfaceResponse>> reader;
-};
-
-SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
-                             internal::ExtractSurfaceRequest request, absl::Time deadline,
-                             absl::Duration max_silence, const base::TraceContext& identity)
-    : part_(std::move(part)),
-      layout_(layout),
-      request_(std::move(request)),
-      deadline_(deadline),
-      max_silence_(max_silence),
-      identity_(identity) {
-  request_.clear_shard_indices();
-  for (const int index : part_.shard_indices) {
-    request_.add_shard_indices(index);
-  }
-  Open();
-}
-
-void SurfaceStream::Open() {
-  auto call = std::make_unique<Call>();
-  const ServingAgent& agent = part_.replicas[replica_];
-  call->stub = internal::PartitionAgentService::NewStub(
-      agent.export_channel != nullptr ? agent.export_channel : agent.channel);
-  SetDeadline(deadline_, &call->context);
-  rpc::SetTraceparent(identity_, &call->context);
-  call->reader = call->stub->ExtractSurface(&call->context, request_);
-  message_.Clear();
-  next_block_ = 0;
-  has_ended_ = false;
-  const base::MutexLock lock(&mutex_);
-  call_ = std::move(call);
-  if (was_cancelled_.load()) {
-    call_->context.TryCancel();
-  }
-}
-
-SurfaceStream::~SurfaceStream() {
-  if (!has_ended_) {
-    call_->context.TryCancel();
-    call_->reader->Finish();
-  }
-}
-
-void SurfaceStream::Cancel() {
-  was_cancelled_.store(true);
-  const base::MutexLock lock(&mutex_);
-  call_->context.TryCancel();
-}
-
-absl::StatusOr<bool> SurfaceStream::ReadMessage() {
-  message_.Clear();
-  rpc::ReadTimeout timeout(&call_->context, max_silence_);
-  const bool has_message = call_->reader->Read(&message_);
-  if (timeout.Stop()) {
-    message_.Clear();
-    return absl::DeadlineExceededError(
-        absl::StrCat("sent nothing for ", absl::FormatDuration(max_silence_)));
-  }
-  return has_message;
-}
-
-absl::Status SurfaceStream::Fail(absl::Status status, bool was_silent) {
-  failures_.push_back({.part_index = 0,
-                       .agent = part_.On(replica_).identity(),
-                       .stage = FrameStage::kRenderingVisible,
-                       .status = std::move(status)});
-  const AgentFailure& failure = failures_.back();
-  const bool is_repeatable = !was_cancelled_.load() && !absl::IsCancelled(failure.status) &&
-                             (was_silent || !absl::IsDeadlineExceeded(failure.status));
-  if (!is_repeatable || replica_ + 1 == part_.replicas.size()) {
-    return failure.ToStatus();
-  }
-  if (!has_ended_) {
-    call_->context.TryCancel();
-    call_->reader->Finish();
-  }
-  ++replica_;
-  Open();
-  return absl::OkStatus();
-}
-
-absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
-  while (true) {
-    if (next_block_ == message_.blocks_size()) {
-      if (has_ended_) {
-        return false;
-      }
-      next_block_ = 0;
-      const absl::StatusOr<bool> has_message = ReadMessage();
-      if (!has_message.ok()) {
-        ISOSCOPE_RETURN_IF_ERROR(Fail(has_message.status(), /*was_silent=*/true));
-        continue;
-      }
-      if (*has_message) {
-        const absl::Status intact = proto::CheckIntact(message_);
-        if (!intact.ok()) {
-          ISOSCOPE_RETURN_IF_ERROR(Fail(intact));
-        }
-        continue;
-      }
-      message_.Clear();
-      has_ended_ = true;
-      const grpc::Status status = call_->reader->Finish();
-      if (!status.ok()) {
-        ISOSCOPE_RETURN_IF_ERROR(
-            Fail(CallStatus(rpc::ToAbslStatus(status), was_cancelled_.load())));
-      }
-      continue;
-    }
-    const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
-    if (!status.ok()) {
-      ISOSCOPE_RETURN_IF_ERROR(
-          Fail(absl::InternalError(absl::StrCat("sent a malformed block: ", status.message()))));
-    } else if (replica_ == 0 || static_cast<std::int64_t>(block->block_id) > last_block_id_) {
-      last_block_id_ = static_cast<std::int64_t>(block->block_id);
-      return true;
-    }
-  }
 }
 
 }  // namespace isoscope::server

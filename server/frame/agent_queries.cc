@@ -23,6 +23,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
 #include "core/base/mutex.h"
@@ -33,7 +34,7 @@
 #include "core/rpc/request_context.h"
 #include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
-#include "server/frame/agent_client.h"
+#include "server/frame/agent_call.h"
 
 namespace isoscope::server {
 namespace {
@@ -140,9 +141,7 @@ class Inquiry {
     const std::size_t number = question.attempts.size();
     Attempt<Response>& attempt = question.attempts.emplace_back();
     attempt.stub = internal::PartitionAgentService::NewStub(question.agents[number].channel);
-    if (cancellation_.deadline() != absl::InfiniteFuture()) {
-      attempt.context.set_deadline(absl::ToChronoTime(cancellation_.deadline()));
-    }
+    SetDeadline(cancellation_.deadline(), &attempt.context);
     rpc::SetTraceparent(identity_, &attempt.context);
     ++live_count_;
     (attempt.stub->async()->*method_)(
@@ -318,6 +317,43 @@ QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation
   return {std::move(result), std::move(report)};
 }
 
+// Fills in a question about points. Each set of labels travels once.
+void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::string>& volume_ids,
+               internal::GetGradientsRequest* request) {
+  const bool has_labels = std::any_of(points.begin(), points.end(), [](const ShownPoint& point) {
+    return point.rule.has_labels();
+  });
+  std::vector<const std::vector<double>*> sets;
+  for (const ShownPoint& point : points) {
+    *request->add_points() = rpc::ToProto(point.position);
+    request->add_block_ids(point.block_id);
+    if (!volume_ids.empty()) {
+      request->mutable_values()->add_isovalues(point.rule.isovalue);
+    }
+    if (!volume_ids.empty() || has_labels) {
+      request->add_on_caps(point.is_on_cap);
+    }
+    if (!has_labels) {
+      continue;
+    }
+    if (!point.rule.has_labels()) {
+      request->add_label_set_indices(-1);
+      continue;
+    }
+    const std::vector<double>& labels = point.rule.labels;
+    auto set = std::find_if(sets.begin(), sets.end(),
+                            [&](const std::vector<double>* known) { return *known == labels; });
+    if (set == sets.end()) {
+      request->add_label_sets()->mutable_labels()->Assign(labels.begin(), labels.end());
+      set = sets.insert(sets.end(), &labels);
+    }
+    request->add_label_set_indices(static_cast<std::int32_t>(set - sets.begin()));
+  }
+  for (const std::string& id : volume_ids) {
+    request->mutable_values()->add_dataset_ids(id);
+  }
+}
+
 }  // namespace
 
 QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
@@ -347,7 +383,7 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
 
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
-                                        const std::vector<double>& isovalues,
+                                        const std::vector<volume::InsideRule>& rules,
                                         const isoscope::v1::ClipRegion& clip,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation) {
@@ -355,7 +391,14 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   Questions<internal::GetActiveBoxRequest, Response> questions(1);
   questions[0].agents = AnyAgents(target);
   questions[0].request.set_dataset_id(target.dataset_id);
-  questions[0].request.mutable_isovalues()->Assign(isovalues.begin(), isovalues.end());
+  for (const volume::InsideRule& rule : rules) {
+    if (rule.has_labels()) {
+      questions[0].request.add_label_sets()->mutable_labels()->Assign(rule.labels.begin(),
+                                                                      rule.labels.end());
+    } else {
+      questions[0].request.add_isovalues(rule.isovalue);
+    }
+  }
   *questions[0].request.mutable_clip() = clip;
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
@@ -373,21 +416,16 @@ QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
   using Response = internal::GetGradientsResponse;
   auto questions = QuestionsToParts<internal::GetGradientsRequest, Response>(target);
   for (auto& question : questions) {
-    for (const ShownPoint& point : points) {
-      *question.request.add_points() = rpc::ToProto(point.position);
-      question.request.add_block_ids(point.block_id);
-      if (!volume_ids.empty()) {
-        question.request.mutable_values()->add_isovalues(point.isovalue);
-        question.request.mutable_values()->add_on_caps(point.is_on_cap);
-      }
-    }
-    for (const std::string& id : volume_ids) {
-      question.request.mutable_values()->add_dataset_ids(id);
-    }
+    AddPoints(points, volume_ids, &question.request);
+  }
+  std::vector<volume::InsideRule> rules;
+  for (const ShownPoint& point : points) {
+    rules.push_back(point.rule);
   }
   std::vector<std::optional<math::Vec3d>> gradients(points.size());
   std::vector<std::optional<int>> shards(points.size());
   std::vector<std::vector<double>> values(points.size());
+  std::vector<std::optional<double>> labels(points.size());
   auto outcome =
       Ask(identity, cancellation, &Async::GetGradients, std::move(questions),
           std::vector<PointAnswer>(points.size()),
@@ -395,11 +433,14 @@ QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
             absl::Status status = rpc::AddGradients(answer, &gradients);
             status.Update(rpc::AddPointShards(answer, target.parts[i].shard_indices, &shards));
             status.Update(rpc::AddPointValues(answer, volume_ids.size(), &values));
+            status.Update(rpc::AddPointLabels(answer, rules, &labels));
             return status;
           });
   for (std::size_t i = 0; outcome.result.ok() && i < points.size(); ++i) {
-    (*outcome.result)[i] = {
-        .gradient = gradients[i], .shard_index = shards[i], .values = std::move(values[i])};
+    (*outcome.result)[i] = {.gradient = gradients[i],
+                            .shard_index = shards[i],
+                            .values = std::move(values[i]),
+                            .label = labels[i]};
   }
   return outcome;
 }

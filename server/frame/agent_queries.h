@@ -20,6 +20,7 @@
 #include "core/math/vec.h"
 #include "core/rpc/histogram_convert.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/inside_rule.h"
 #include "core/volume/sample_histogram.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/agent_failure.h"
@@ -67,13 +68,13 @@ struct ActiveExtent {
   std::optional<math::IndexBox> cells;  // box around the active blocks; not set if there are none
 };
 
-// Returns the number of blocks that are active for any of some isovalues and not wholly outside of
+// Returns the number of blocks that are active for any of some surfaces and not wholly outside of
 // `clip`, and their box. Blocks of missing shards count too. Asks one agent of any part, because
 // every agent knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED,
 // CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
-                                        const std::vector<double>& isovalues,
+                                        const std::vector<volume::InsideRule>& rules,
                                         const isoscope::v1::ClipRegion& clip,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation);
@@ -82,7 +83,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
 struct ShownPoint {
   math::Vec3d position;
   volume::BlockId block_id = 0;
-  double isovalue = 0;  // of the surface
+  volume::InsideRule rule = {};  // of the surface
   bool is_on_cap = false;
 };
 
@@ -91,6 +92,7 @@ struct PointAnswer {
   std::optional<math::Vec3d> gradient;  // of the field; not set where it is not finite
   std::optional<int> shard_index;       // shard of the block; not set if no part has it
   std::vector<double> values;           // by volume; empty if no part has the block
+  std::optional<double> label;          // not set if the surface has none, or no part has the block
 };
 
 // Returns the agents' answers for some points, at most rpc::kMaxPickedPixels. Each agent answers

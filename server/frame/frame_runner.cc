@@ -60,7 +60,7 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
     shard_indices.push_back(part.shard_indices);
   }
   return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), shard_indices,
-                                  frame::IsovaluesOf(spec));
+                                  frame::RulesOf(spec));
 }
 
 void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
@@ -133,7 +133,7 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   std::vector<FramePart> parts =
-      replicas_.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::IsovaluesOf(spec)));
+      replicas_.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::RulesOf(spec)));
   ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(identity, {id, parts, NextTurn()}, geometry, layout, asked));
   ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
                             view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
@@ -170,7 +170,7 @@ absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const Query
   std::optional<math::Box3d> surface_bounds;
   if (asked->request.camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
     const QueryOutcome<ActiveExtent> outcome =
-        AskActiveBox(query, layout, frame::IsovaluesOf(asked->spec), asked->request.clip(),
+        AskActiveBox(query, layout, frame::RulesOf(asked->spec), asked->request.clip(),
                      *identity.request, *identity.cancellation);
     ReportQuery(*identity.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
@@ -369,7 +369,7 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
     return absl::OkStatus();
   }
   const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
-      {dataset.dataset_id(), parts, NextTurn()}, target.layout, frame::IsovaluesOf(asked.spec),
+      {dataset.dataset_id(), parts, NextTurn()}, target.layout, frame::RulesOf(asked.spec),
       asked.request.clip(), *identity.request, *identity.cancellation);
   ReportQuery(*identity.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());

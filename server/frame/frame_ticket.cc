@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "absl/cleanup/cleanup.h"
-#include "absl/strings/str_join.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
 #include "core/base/log.h"
@@ -239,7 +239,7 @@ void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
                   {{"request", origin_.request.request_id()},
                    {"frame", frame_number_},
                    {"dataset", dataset_name_},
-                   {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec), ",")},
+                   {"surfaces", frame::TextOf(frame::RulesOf(spec))},
                    {"width", frame::ImageSizeOf(spec).width_px},
                    {"height", frame::ImageSizeOf(spec).height_px},
                    {"duration_ms", duration},

@@ -39,6 +39,15 @@ v1::PickedPoint ToProto(const std::optional<PixelPoint>& point) {
   return proto;
 }
 
+void SetLabel(const v1::Dataset& dataset, double value, v1::PickedPoint* point) {
+  point->set_label(value);
+  for (const v1::Label& label : dataset.labels()) {
+    if (label.value() == value) {
+      point->set_label_name(label.name());
+    }
+  }
+}
+
 // Returns true if a pixel of the drawn region shows a cap, by the depth of its fragment: that of a
 // crossing of its ray with the border of the clip region.
 bool ShowsCap(const view::ClipCrossingFinder& crossings, const rpc::PixelPosition& pixel,
@@ -115,7 +124,7 @@ absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
       const auto surface = static_cast<std::size_t>(point.surface_index());
       points.push_back({.position = position,
                         .block_id = static_cast<volume::BlockId>(point.block_id()),
-                        .isovalue = asked_.spec.surfaces[surface].isovalue,
+                        .rule = asked_.spec.surfaces[surface].rule,
                         .is_on_cap = shows_cap_[i]});
     }
   }
@@ -139,7 +148,13 @@ absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
           absl::StrCat("a pixel shows block ", hits[i]->block_id(), ", which no agent has"));
     }
     hits[i]->set_shard_index(*answer.shard_index);
-    if (answer.gradient.has_value()) {
+    if (points[i].rule.has_labels()) {
+      if (!answer.label.has_value()) {
+        return absl::InternalError(absl::StrCat("a pixel shows block ", hits[i]->block_id(),
+                                                ", where no agent found a label"));
+      }
+      SetLabel(target.dataset->dataset, *answer.label, hits[i]);
+    } else if (answer.gradient.has_value()) {
       *hits[i]->mutable_gradient() = rpc::ToProto(*answer.gradient);
     }
     for (std::size_t k = 0; k < fields.size(); ++k) {

@@ -2,6 +2,10 @@
 //
 //   BM_Extract/<field>/<type>/<block edge>
 //   BM_Extract/<field>/<type>/<block edge>/<instruction set>: held to that instead of the best
+//   BM_Labels/<field>/<type>/<block edge>/<labels>: the same vertices, as the surface of labels.
+//   The
+//     samples are labels: inside ones have one of that many, which lie apart, others the one label
+//     0
 //
 // sphere: one smooth sheet; gyroid: a periodic sheet through everything; random: a smooth random
 // field with many sheets; ct: flat regions with sharp sheets and noise between them, as in a scan.
@@ -19,8 +23,10 @@
 
 // As in block_kernels.cc, so that all of its targets are known here.
 #define HWY_WANT_AVX3_DL
+#include "core/base/coding.h"
 #include "core/base/random.h"
 #include "core/extract/block_extractor.h"
+#include "core/volume/inside_rule.h"
 #include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/synthetic_fields.h"
@@ -105,6 +111,57 @@ void BM_Extract(benchmark::State& state, const Scene& scene, volume::ScalarType 
   state.counters["active_blocks"] = static_cast<double>(active.size());
 }
 
+// The scene's samples as labels: inside ones are 2, 4, 6, ..., of which there are `label_count`.
+std::string LabelsOf(const Scene& scene, volume::ScalarType type, int label_count) {
+  std::string bytes = SamplesOf(scene.name, type);
+  volume::VisitScalarType(type, [&]<typename T>() {
+    for (std::size_t i = 0; i < bytes.size() / sizeof(T); ++i) {
+      char* const at = bytes.data() + i * sizeof(T);
+      const bool is_inside = static_cast<double>(base::LoadLittleEndian<T>(at)) >= scene.isovalue;
+      const std::uint64_t number =
+          1 + base::RandomBits(7, i) % static_cast<std::uint64_t>(label_count);
+      base::StoreLittleEndian(is_inside ? static_cast<T>(2 * number) : T{0}, at);
+    }
+  });
+  return bytes;
+}
+
+void BM_Labels(benchmark::State& state, const Scene& scene, volume::ScalarType type,
+               std::int64_t block_edge, int label_count) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {kEdge, kEdge, kEdge};
+  const volume::BlockLayout layout =
+      volume::BlockLayout::Make(geometry.sample_dims, {block_edge, block_edge, block_edge}).value();
+  const std::string bytes = LabelsOf(scene, type, label_count);
+  std::vector<double> labels;
+  for (int i = 1; i <= label_count; ++i) {
+    labels.push_back(2 * i);
+  }
+  const volume::InsideRule rule = volume::InsideRule::OfLabels(labels);
+  BlockExtractor extractor(geometry, layout);
+  std::vector<std::pair<volume::BlockId, std::string>> active;
+  std::int64_t triangles = 0;
+  for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    std::string block = testing::CutBlock(layout, type, bytes, id);
+    const std::int64_t of_block =
+        extractor.Extract({id, type, block.data()}, rule).triangle_count();
+    if (of_block > 0) {
+      triangles += of_block;
+      active.emplace_back(id, std::move(block));
+    }
+  }
+  for (auto unused : state) {
+    for (const auto& [id, block] : active) {
+      benchmark::DoNotOptimize(extractor.Extract({id, type, block.data()}, rule).indices.data());
+    }
+  }
+  state.counters["triangles"] =
+      benchmark::Counter(static_cast<double>(state.iterations()) * static_cast<double>(triangles),
+                         benchmark::Counter::kIsRate);
+  state.counters["active_blocks"] = static_cast<double>(active.size());
+}
+
 // Registers the cross product of scenes, types and block edges, and of instruction sets for one
 // scene.
 const bool kRegistered = [] {
@@ -117,6 +174,22 @@ const bool kRegistered = [] {
         benchmark::RegisterBenchmark(name.c_str(), [&scene, type, edge](benchmark::State& state) {
           BM_Extract(state, scene, type, edge, 0);
         })->Unit(benchmark::kMillisecond);
+      }
+    }
+  }
+  for (const Scene& scene : kScenes) {
+    for (const volume::ScalarType type :
+         {volume::ScalarType::kUint8, volume::ScalarType::kUint16, volume::ScalarType::kFloat32}) {
+      for (const std::int64_t edge : {8, 16, 32}) {
+        for (const int label_count : {1, 60}) {
+          const std::string name = std::string("BM_Labels/") + scene.name + "/" +
+                                   std::string(volume::NameOf(type)) + "/" + std::to_string(edge) +
+                                   "/" + std::to_string(label_count);
+          benchmark::RegisterBenchmark(name.c_str(), [&scene, type, edge,
+                                                      label_count](benchmark::State& state) {
+            BM_Labels(state, scene, type, edge, label_count);
+          })->Unit(benchmark::kMillisecond);
+        }
       }
     }
   }

@@ -58,7 +58,7 @@ frame::FrameSpec MakeRequest(const volume::GridGeometry& geometry, double isoval
   constexpr double kRadians = std::numbers::pi / 180;
   frame::FrameSpec request;
   request.surfaces.resize(1);
-  request.surfaces[0].isovalue = isovalue;
+  request.surfaces[0].rule.isovalue = isovalue;
   request.camera = view::MakeDefaultCamera(geometry.Bounds());
   view::Azimuth(azimuth_degrees * kRadians, &*request.camera);
   view::Elevation(elevation_degrees * kRadians, &*request.camera);

@@ -168,7 +168,7 @@ class CapsTest : public ::testing::TestWithParam<render::RendererKind> {
 // From +x to the middle of a ball, z up, 48 units high: 192 pixels.
 frame::FrameSpec BallFromX(double isovalue) {
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+  spec.surfaces = {{.rule = {.isovalue = isovalue}, .appearance = {}}};
   view::Camera& camera = spec.camera.emplace();
   camera.eye = {200, 24, 24};
   camera.target = {24, 24, 24};
@@ -213,9 +213,9 @@ TEST_P(CapsTest, OfNestedSurfacesTheHighestIsovalueShows) {
   for (const bool is_inner_first : {false, true}) {
     frame::FrameSpec spec = BallFromX(4);
     spec.surfaces.resize(3);
-    spec.surfaces[is_inner_first ? 0 : 1].isovalue = 12;
-    spec.surfaces[is_inner_first ? 1 : 0].isovalue = 4;
-    spec.surfaces[2].isovalue = 8;
+    spec.surfaces[is_inner_first ? 0 : 1].rule.isovalue = 12;
+    spec.surfaces[is_inner_first ? 1 : 0].rule.isovalue = 4;
+    spec.surfaces[2].rule.isovalue = 8;
     spec.surfaces[2].opacity = 0.5F;  // clipped, but not filled
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, RenderAlike(ball, spec));
     const image::FragmentOrder order{.block_count = 6 * 6 * 6};
@@ -269,7 +269,7 @@ TEST_P(CapsTest, AVolumeThatIsInsideEverywhereShowsTheBordersOfItsPart) {
 TEST_P(CapsTest, SamplesShowThroughTheMap) {
   const Volume solid = Solid();
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = 50, .appearance = {}}};
+  spec.surfaces = {{.rule = {.isovalue = 50}, .appearance = {}}};
   view::Camera& camera = spec.camera.emplace();
   camera.eye = {16, 14, 100};
   camera.target = {16, 14, 12};
@@ -312,7 +312,7 @@ class RayWalk {
         view_(view),
         unprojection_(view),
         clipper_(spec.clip, volume.geometry),
-        isovalue_(spec.surfaces[0].isovalue) {}
+        isovalue_(spec.surfaces[0].rule.isovalue) {}
 
   // Whether the point at a distance is in the solid and the clip region, by a margin in samples.
   [[nodiscard]] bool IsInside(double x, double y, double distance, double margin) const {

@@ -34,6 +34,7 @@
 #include "tests/support/process_cluster.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/volume_files.h"
 
 namespace isoscope {
 namespace {
@@ -385,6 +386,84 @@ TEST_F(CliTest, PartsOfASourceKeepTheirPositions) {
       {"info", Path("p.raw"), "--dims", "8,7,6", "--type", "uint8", "--crop", ":,:,2:7"}, {});
   EXPECT_EQ(beyond.exit_code, 1);
   EXPECT_THAT(beyond.err, HasSubstr("--crop 2:7 on axis z, which has 6 samples, 0 to 5"));
+}
+
+TEST_F(CliTest, ShearedAndUnevenGridsAreTakenByTheirFlags) {
+  std::string sheared = testing::NiftiHeaderBytes({.dims = {4, 3, 2}});
+  const float lean = 0.5F;
+  std::memcpy(sheared.data() + 280, &lean, sizeof(lean));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("s.nii"), sheared + std::string(48, '\0')));
+  const std::string uneven =
+      "# vtk DataFile Version 3.0\nt\nASCII\nDATASET RECTILINEAR_GRID\nDIMENSIONS 4 2 2\n"
+      "X_COORDINATES 4 float\n0 1 3 4\nY_COORDINATES 2 float\n0 1\nZ_COORDINATES 2 float\n0 1\n"
+      "POINT_DATA 16\nSCALARS p short\nLOOKUP_TABLE default\n"
+      "0 1 3 4 0 1 3 4 0 1 3 4 0 1 3 4\n";
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("r.vtk"), uneven));
+  struct Case {
+    const char* file;
+    const char* flag;
+    const char* note;
+    std::vector<int> dims;
+  };
+  for (const Case& c : {Case{"s.nii",
+                             "--ignore-shear",
+                             "axes x and y, which meet at 108.4 degrees, were made",
+                             {4, 3, 2}},
+                        Case{"r.vtk",
+                             "--resample",
+                             "axis x was resampled: 4 samples, 1 to 2 apart, became 5, 1",
+                             {5, 2, 2}}}) {
+    SCOPED_TRACE(c.file);
+    for (const std::vector<std::string>& command :
+         {std::vector<std::string>{"info"}, std::vector<std::string>{"partition", "-o", Path("no")},
+          std::vector<std::string>{"render", "--isovalue", "2", "-o", Path("no.png")}}) {
+      const testing::CommandResult refused =
+          testing::RunIsoscope(Join(command, {Path(c.file)}), Options());
+      EXPECT_EQ(refused.exit_code, 1);
+      EXPECT_THAT(refused.err, HasSubstr(c.flag));
+    }
+    const json volume = ParseJson(MustRun({"info", Path(c.file), c.flag, "--json"})).at("volume");
+    EXPECT_THAT(volume.at("note").get<std::string>(), HasSubstr(c.note));
+    EXPECT_EQ(volume.at("sample_dims"), json(c.dims));
+    EXPECT_THAT(volume.at("commands").at(0).get<std::string>(), HasSubstr(c.flag));
+    EXPECT_THAT(MustRun({"info", Path(c.file), c.flag}), HasSubstr(c.note));
+    const std::string folder = Path(std::string(c.file) + ".d");
+    const testing::CommandResult made =
+        testing::RunIsoscope({"partition", Path(c.file), c.flag, "-o", folder}, Options());
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+    EXPECT_THAT(made.err, HasSubstr(c.note));
+    EXPECT_EQ(ParseJson(MustRun({"info", folder, "--json"})).at("datasets").at(0).at("sample_dims"),
+              json(c.dims));
+  }
+  // The cached dataset of a flag is not that of another.
+  const testing::CommandResult drawn = testing::RunIsoscope(
+      {"render", Path("r.vtk"), "--resample", "--isovalue", "2", "-o", Path("r.png")}, Options());
+  EXPECT_EQ(drawn.exit_code, 0) << drawn.err;
+  EXPECT_THAT(drawn.err, HasSubstr("was resampled"));
+  EXPECT_EQ(testing::RunIsoscope({"render", Path("r.vtk"), "--isovalue", "2", "-o", Path("r.png")},
+                                 Options())
+                .exit_code,
+            1);
+}
+
+TEST_F(CliTest, InfoHasTheRangeOfEachFieldAndErrorsTheSameList) {
+  std::string header =
+      testing::NiftiHeaderBytes({.dims = {2, 2, 2}, .dim_count = 4, .dim4 = 3, .datatype = 2});
+  std::string samples;
+  for (int i = 0; i < 24; ++i) {
+    samples.push_back(static_cast<char>(i + 1));
+  }
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("t.nii"), header + samples));
+  const std::string text = MustRun({"info", Path("t.nii")});
+  EXPECT_THAT(text, HasSubstr("fields        t\n"));
+  EXPECT_THAT(text, HasSubstr("steps         3, from 0 to 2 s\n"));
+  EXPECT_THAT(text, HasSubstr("values        t  1.0 to 24.0\n"));
+  EXPECT_THAT(text, HasSubstr("--isovalue 12.5"));
+  const testing::CommandResult drawn = testing::RunIsoscope(
+      {"render", Path("t.nii"), "--isovalue", "2", "-o", Path("t.png")}, Options());
+  EXPECT_EQ(drawn.exit_code, 1);
+  EXPECT_THAT(drawn.err, AllOf(HasSubstr("fields: t; steps: 3, from 0 to 2 s"),
+                               HasSubstr("isoscope partition"), HasSubstr("--step 2")));
 }
 
 TEST_F(CliTest, FormatsAreListedAndForced) {

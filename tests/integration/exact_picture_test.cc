@@ -331,7 +331,7 @@ TEST_P(ExactPictureTest, OverlappingRegionsOfAViewportThatNobodyCanDrawAgree) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));
   frame::FrameSpec request;
-  request.surfaces = {{.isovalue = volume.isovalue, .appearance = {}}};
+  request.surfaces = {{.rule = {.isovalue = volume.isovalue}, .appearance = {}}};
   request.camera = view::MakeDefaultCamera(volume.geometry.Bounds());
   request.viewport = {65536, 50000};
   request.region = {32000, 24000, 400, 300};
@@ -395,7 +395,7 @@ TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
                                 datasets.Get(4, 3, store::Distribution::kRandom));
   frame::FrameSpec request;
   request.surfaces.resize(1);
-  request.surfaces[0].isovalue = volume.isovalue;
+  request.surfaces[0].rule.isovalue = volume.isovalue;
   request.viewport = {128, 128};
   request.camera = view::MakeDefaultCamera(volume.geometry.Bounds());
   view::Azimuth(0.3, &*request.camera);
@@ -857,7 +857,7 @@ TEST_P(CpuExactPictureTest, AKnownTieDoesNotShowHowTheVolumeWasCut) {
   ISOSCOPE_ASSERT_OK(source->ReadSlab(0, volume.geometry.sample_dims.z, volume.samples.data()));
   Datasets datasets(volume, directories_.get(), renderer_.get());
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = volume.isovalue, .appearance = {}}};
+  spec.surfaces = {{.rule = {.isovalue = volume.isovalue}, .appearance = {}}};
   view::Camera& camera = spec.camera.emplace();
   camera.eye = {223.47368606080332, -75.87608601822026, 280.17718837759014};
   camera.target = {99.24046611953719, 72.68238887999725, 87.94743351561094};

@@ -12,18 +12,14 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <grpcpp/client_context.h>
 
 #include "core/base/coding.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "core/picture/color_map.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -70,7 +66,6 @@ class GradientTest : public ::testing::Test {
     directory_ = folder_.Sub(absl::StrCat("d", ++dataset_count_));
     ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume, directory_, shard_count, block_edge));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(cluster_, ProcessCluster::Start(directory_, shard_count));
-    stub_ = v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(cluster_->address()));
   }
 
   // One surface whose pixels have the colours of the map, without light.
@@ -93,12 +88,7 @@ class GradientTest : public ::testing::Test {
   }
 
   absl::StatusOr<v1::RenderIsosurfaceResponse> Render(const v1::RenderIsosurfaceRequest& request) {
-    grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
-    v1::RenderIsosurfaceResponse response;
-    const absl::Status status =
-        rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response));
-    return status.ok() ? absl::StatusOr<v1::RenderIsosurfaceResponse>(response) : status;
+    return testing::Render(cluster_->address(), request, testing::kPatience);
   }
 
   // Expects each pixel's grey to be the step of the length that `magnitude` gives for its place,
@@ -131,7 +121,6 @@ class GradientTest : public ::testing::Test {
   std::string directory_;
   int dataset_count_ = 0;
   std::unique_ptr<ProcessCluster> cluster_;
-  std::unique_ptr<v1::IsosurfaceService::Stub> stub_;
 };
 
 TEST_F(GradientTest, ALinearFieldHasOneColorAndTheLastOneByDefault) {

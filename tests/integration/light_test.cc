@@ -10,17 +10,13 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <grpcpp/client_context.h>
 
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
-#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -56,7 +52,6 @@ class LightTest : public ::testing::Test {
   void StartCluster(int shard_count, const std::vector<std::string>& flags = {}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(cluster_,
                                   ProcessCluster::Start(Dataset(shard_count), shard_count, flags));
-    stub_ = v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(cluster_->address()));
   }
 
   // Two lights on two surfaces, of which the second is coloured by its height.
@@ -81,12 +76,7 @@ class LightTest : public ::testing::Test {
   }
 
   absl::StatusOr<v1::RenderIsosurfaceResponse> Render(const v1::RenderIsosurfaceRequest& request) {
-    grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
-    v1::RenderIsosurfaceResponse response;
-    const absl::Status status =
-        rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response));
-    return status.ok() ? absl::StatusOr<v1::RenderIsosurfaceResponse>(response) : status;
+    return testing::Render(cluster_->address(), request, testing::kPatience);
   }
 
   static image::RgbaImage Decode(const v1::RenderIsosurfaceResponse& response) {
@@ -97,7 +87,6 @@ class LightTest : public ::testing::Test {
 
   static testing::TempDir* shared_;
   std::unique_ptr<ProcessCluster> cluster_;
-  std::unique_ptr<v1::IsosurfaceService::Stub> stub_;
 };
 
 testing::TempDir* LightTest::shared_ = nullptr;

@@ -14,20 +14,9 @@ import tempfile
 
 sys.dont_write_bytecode = True
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
-import skips  # noqa: E402
-
-DEBIAN_PYTHON = "/usr/bin/python3"
-
-try:
-    import vtk
-    from vtk.util import numpy_support
-    import numpy as np
-except ImportError:
-    # Debian's VTK belongs to Debian's Python.
-    if os.path.exists(DEBIAN_PYTHON) and os.environ.get("ISOSCOPE_DEBIAN_PYTHON") is None:
-        os.environ["ISOSCOPE_DEBIAN_PYTHON"] = "1"
-        os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
-    skips.skip_program("vtk", "no VTK (Debian: python3-vtk9)")
+from debian_vtk import vtk  # noqa: E402
+import numpy as np  # noqa: E402
+from vtk.util import numpy_support  # noqa: E402
 
 # A share of the field's range. A vertex's coordinate is a float of at most 48, so it is off by up to 2^-19
 # of a cell; within a cell the field changes by less than half of its range.

@@ -15,19 +15,8 @@ import xml.etree.ElementTree
 
 sys.dont_write_bytecode = True
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
-import skips  # noqa: E402
+from debian_vtk import vtk  # noqa: E402
 from flow_formulas import fluid  # noqa: E402
-
-DEBIAN_PYTHON = "/usr/bin/python3"
-
-try:
-    import vtk
-except ImportError:
-    # Debian's VTK belongs to Debian's Python.
-    if os.path.exists(DEBIAN_PYTHON) and os.environ.get("ISOSCOPE_DEBIAN_PYTHON") is None:
-        os.environ["ISOSCOPE_DEBIAN_PYTHON"] = "1"
-        os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
-    skips.skip_program("vtk", "no VTK (Debian: python3-vtk9)")
 
 DIMS = (24, 17, 13)
 TIME_STEP = 0.7

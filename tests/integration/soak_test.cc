@@ -150,6 +150,7 @@ struct Volume {
   volume::ScalarType type = volume::ScalarType::kUint8;
   std::string samples;
   std::vector<double> isovalues;
+  std::vector<double> labels;  // of a segmentation; else empty
 };
 
 volume::GridGeometry RandomGeometry(Dice* dice, std::int64_t max_side) {
@@ -214,6 +215,67 @@ Volume RandomVolume(Dice* dice, std::int64_t max_side) {
   return volume;
 }
 
+// Regions of a few labels, with islands of single samples.
+std::string LabelSamples(const std::vector<double>& labels, const math::Index3& dims,
+                         volume::ScalarType type, Dice* dice) {
+  const auto last = static_cast<std::int64_t>(labels.size()) - 1;
+  const auto any_label = [&] { return labels[static_cast<std::size_t>(dice->Whole(0, last))]; };
+  struct Seed {
+    math::Vec3d position;
+    double label = 0;
+  };
+  std::vector<Seed> seeds;
+  for (std::int64_t i = dice->Whole(2, 12); i > 0; --i) {
+    const auto on = [&](std::int64_t side) { return static_cast<double>(side) * dice->Unit(); };
+    seeds.push_back({{on(dims.x), on(dims.y), on(dims.z)}, any_label()});
+  }
+  const std::int64_t island_share = dice->OneOf<std::int64_t, 4>({0, 40, 4, 1});
+  std::string samples;
+  volume::VisitScalarType(type, [&]<typename T>() {
+    for (std::int64_t z = 0; z < dims.z; ++z) {
+      for (std::int64_t y = 0; y < dims.y; ++y) {
+        for (std::int64_t x = 0; x < dims.x; ++x) {
+          const math::Vec3d at{static_cast<double>(x), static_cast<double>(y),
+                               static_cast<double>(z)};
+          const auto nearest =
+              std::min_element(seeds.begin(), seeds.end(), [&](const Seed& a, const Seed& b) {
+                return math::Length(a.position - at) < math::Length(b.position - at);
+              });
+          const bool is_island = island_share > 0 && dice->OneIn(island_share);
+          const auto sample = static_cast<T>(is_island ? any_label() : nearest->label);
+          samples.append(reinterpret_cast<const char*>(&sample), sizeof(T));
+        }
+      }
+    }
+  });
+  return samples;
+}
+
+// A segmentation, of any type.
+Volume RandomSegmentation(Dice* dice, std::int64_t max_side) {
+  Volume volume;
+  volume.geometry = RandomGeometry(dice, max_side);
+  volume.type = static_cast<volume::ScalarType>(dice->Whole(1, 8));
+  const bool is_float =
+      volume.type == volume::ScalarType::kFloat32 || volume.type == volume::ScalarType::kFloat64;
+  for (std::int64_t i = dice->Whole(2, 6); i > 0; --i) {
+    const double fraction = is_float && dice->OneIn(3) ? 0.5 : 0;
+    const double label = static_cast<double>(dice->Whole(0, 9)) + fraction;
+    if (std::find(volume.labels.begin(), volume.labels.end(), label) == volume.labels.end()) {
+      volume.labels.push_back(label);
+    }
+  }
+  volume.samples = LabelSamples(volume.labels, volume.geometry.sample_dims, volume.type, dice);
+  if (dice->OneIn(3) && volume.type == volume::ScalarType::kFloat32) {
+    Spoil<float>(dice, &volume.samples);
+  }
+  if (dice->OneIn(3) && volume.type == volume::ScalarType::kFloat64) {
+    Spoil<double>(dice, &volume.samples);
+  }
+  volume.isovalues = {volume.labels.front(), volume.labels.back() - 0.5};
+  return volume;
+}
+
 partition::PartitionOptions RandomCut(const math::Index3& block_cells, int shard_count, Dice* dice,
                                       const std::string& directory) {
   partition::PartitionOptions options;
@@ -236,6 +298,22 @@ absl::Status Cut(const Volume& volume, const math::Index3& block_cells, int shar
   return partition::Partition(*source, RandomCut(block_cells, shard_count, dice, directory),
                               base::Cancellation())
       .status();
+}
+
+constexpr char kColorField[] = "color";
+constexpr char kColorSuffix[] = "_color";
+
+// Makes a dataset of the volume, and one of the other that is cut alike.
+absl::Status CutBoth(const Volume& volume, const Volume& color, const math::Index3& block_cells,
+                     int shard_count, Dice* dice, const std::string& directory) {
+  partition::PartitionOptions options = RandomCut(block_cells, shard_count, dice, directory);
+  options.distribution = store::Distribution::kRandom;
+  for (const Volume* const of : {&volume, &color}) {
+    options.output_directory = of == &volume ? directory : directory + kColorSuffix;
+    const auto source = testing::MakeMemorySource(of->geometry, of->type, of->samples, "soak");
+    ISOSCOPE_RETURN_IF_ERROR(partition::Partition(*source, options, base::Cancellation()).status());
+  }
+  return absl::OkStatus();
 }
 
 // Fields over steps on one grid.
@@ -410,6 +488,44 @@ frame::FrameSpec RandomSmallFrame(const math::Box3d& bounds, const std::vector<d
   return spec;
 }
 
+// Gives a frame one to five surfaces, most of them of labels.
+void ShowRandomLabels(const std::vector<double>& labels, Dice* dice, frame::FrameSpec* spec) {
+  const auto last = static_cast<std::int64_t>(labels.size()) - 1;
+  spec->surfaces.resize(static_cast<std::size_t>(dice->Whole(1, 5)), spec->surfaces.front());
+  for (frame::Surface& surface : spec->surfaces) {
+    const auto channel = [&] { return static_cast<std::uint8_t>(dice->Whole(0, 255)); };
+    surface.appearance.base_color = {channel(), channel(), channel(), 255};
+    if (dice->OneIn(5)) {
+      continue;  // of the isovalue
+    }
+    std::vector<double> chosen;
+    for (std::int64_t i = dice->Whole(1, 3); i > 0; --i) {
+      chosen.push_back(labels[static_cast<std::size_t>(dice->Whole(0, last))]);
+    }
+    if (dice->OneIn(4)) {
+      chosen.push_back(-3.25);  // no sample
+    }
+    surface.rule = volume::InsideRule::OfLabels(chosen);
+    if (surface.shows_gradient()) {
+      surface.color_by->quantity = frame::ColorBy::Quantity::kPositionY;
+    }
+  }
+  spec->sends_map_steps = frame::ShowsValues(*spec);
+}
+
+// A frame of a segmentation; `color` is the field that it may show.
+frame::FrameSpec RandomLabelFrame(const Volume& volume, const std::string& color, Dice* dice) {
+  frame::FrameSpec spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, dice);
+  ShowRandomLabels(volume.labels, dice, &spec);
+  if (dice->OneIn(3)) {
+    testing::MakeRandomlyTranslucent(dice->Bits(), &spec);
+  }
+  if (dice->OneIn(4)) {
+    testing::ShowRandomFields(dice->Bits(), {color}, &spec);
+  }
+  return spec;
+}
+
 // A frame to compare.
 struct SmallFrame {
   frame::FrameSpec spec;
@@ -448,6 +564,7 @@ struct Tally {
   // References of series that show another field, and those of a magnitude.
   std::int64_t colored_by_field = 0;
   std::int64_t magnitudes = 0;
+  std::int64_t label_surfaces = 0;         // of all references
   std::map<int, std::int64_t> by_threads;  // frames
   // Frames by memory limit, from 2^(4 (i - 1)) bytes to below 2^(4 i); 0: none.
   std::map<int, std::int64_t> by_limit;
@@ -555,6 +672,28 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     }
   }
 
+  // Draws frames of a segmentation likewise; the samples of `color` may colour them.
+  void DrawLabelReferences(const Volume& volume, const volume::BlockLayout& layout,
+                           const std::string& directory, const std::string& color, Dice* dice,
+                           std::vector<SmallFrame>* frames) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                  LocalCluster::Open(directory, renderer_.get(), {}));
+    ISOSCOPE_ASSERT_OK(cluster->AddField(kColorField, color));
+    for (int i = 0; i < kSmallFrameCount; ++i) {
+      SmallFrame& frame = frames->emplace_back();
+      frame.spec = RandomLabelFrame(volume, kColorField, dice);
+      for (const frame::Surface& surface : frame.spec.surfaces) {
+        tally_.label_surfaces += surface.rule.has_labels() ? 1 : 0;
+      }
+      tally_.colored_by_field +=
+          std::any_of(frame.spec.surfaces.begin(), frame.spec.surfaces.end(),
+                      [](const frame::Surface& surface) { return surface.shows_field(); })
+              ? 1
+              : 0;
+      DrawReference(volume.geometry, layout, cluster.get(), dice, &frame);
+    }
+  }
+
   // Draws the frame as it is expected, and then chooses a part of it and its culling.
   void DrawReference(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                      LocalCluster* cluster, Dice* dice, SmallFrame* frame) {
@@ -637,6 +776,41 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       ISOSCOPE_ASSERT_OK(Cut(volume, cells, shard_count, &dice, directory));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                     LocalCluster::OpenAsleep(directory, renderer_.get()));
+      SCOPED_TRACE(::testing::Message()
+                   << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
+                   << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
+                   << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards");
+      CheckWithLimits(volume.geometry, layout, frames, kWakeCount, arena, &dice, cluster.get());
+    }
+  }
+
+  // One small segmentation and a field that colours it, cut several times, as RunSmallRound.
+  void RunLabelRound(std::uint64_t seed) {
+    Dice dice(seed);
+    const Volume volume = RandomSegmentation(&dice, 24);
+    Volume color = volume;
+    color.type = static_cast<volume::ScalarType>(dice.Whole(1, 8));
+    DrawSamples(&dice, &color);
+    const math::Index3& dims = volume.geometry.sample_dims;
+    const testing::TempDir temp;
+    const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
+    ISOSCOPE_ASSERT_OK(CutBoth(volume, color, first_cells, 1, &dice, temp.Sub("one")));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
+    std::vector<SmallFrame> frames;
+    DrawLabelReferences(volume, first, temp.Sub("one"), temp.Sub("one") + kColorSuffix, &dice,
+                        &frames);
+    const int thread_count = dice.OneOf(testing::kThreadCounts);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
+    for (int cut = 0; cut < kCutCount && !HasFailure(); ++cut) {
+      const bool has_first_cells = cut == 0 || GetParam() == render::RendererKind::kEgl;
+      const math::Index3 cells = has_first_cells ? first_cells : RandomBlockCells(&dice, 2, 10);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(dims, cells));
+      const auto shard_count = static_cast<int>(std::min(layout.block_count(), dice.Whole(1, 8)));
+      const std::string directory = temp.Sub(absl::StrFormat("cut%d", cut));
+      ISOSCOPE_ASSERT_OK(CutBoth(volume, color, cells, shard_count, &dice, directory));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                    LocalCluster::OpenAsleep(directory, renderer_.get()));
+      ISOSCOPE_ASSERT_OK(cluster->AddField(kColorField, directory + kColorSuffix));
       SCOPED_TRACE(::testing::Message()
                    << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
                    << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
@@ -832,6 +1006,18 @@ TEST_P(SoakTest, NeitherThreadsNorLimitsNorOptionsNorCutsShowInSmallFrames) {
   RunRounds(kBoundedFrameCount, [this](std::uint64_t seed) { RunSmallRound(seed); });
   if (tally_.frames >= kBoundedFrameCount) {
     EXPECT_EQ(tally_.by_threads.size(), testing::kThreadCounts.size());
+  }
+}
+
+// Labels have a rule of their own for blocks, keys, triangles and caps.
+TEST_P(SoakTest, NeitherThreadsNorLimitsNorOptionsNorCutsShowInFramesOfLabels) {
+  RunRounds(kBoundedFrameCount, [this](std::uint64_t seed) { RunLabelRound(seed); });
+  std::cout << absl::StrFormat(
+      "soak_test: the references have %d surfaces of labels; %d show another field\n",
+      tally_.label_surfaces, tally_.colored_by_field);
+  if (tally_.frames >= kBoundedFrameCount) {
+    EXPECT_GT(tally_.label_surfaces, tally_.references);
+    EXPECT_GT(tally_.colored_by_field, tally_.references / 10);
   }
 }
 

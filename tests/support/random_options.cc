@@ -54,11 +54,11 @@ view::Region RandomRegion(std::uint64_t seed, const view::Viewport& viewport) {
 
 std::vector<frame::Surface> ThreeSurfaces(double isovalue, double step) {
   std::vector<frame::Surface> surfaces(3);
-  surfaces[0].isovalue = isovalue + step;
+  surfaces[0].rule.isovalue = isovalue + step;
   surfaces[0].appearance.base_color = {200, 60, 60, 255};
-  surfaces[1].isovalue = isovalue;
+  surfaces[1].rule.isovalue = isovalue;
   surfaces[1].appearance.base_color = {60, 200, 60, 255};
-  surfaces[2].isovalue = isovalue;
+  surfaces[2].rule.isovalue = isovalue;
   surfaces[2].appearance.base_color = {60, 60, 200, 255};
   return surfaces;
 }

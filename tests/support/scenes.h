@@ -30,7 +30,7 @@ inline frame::FrameSpec RandomSpec(std::uint64_t seed, const math::Box3d& bounds
     }
   };
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+  spec.surfaces = {{.rule = {.isovalue = isovalue}, .appearance = {}}};
   view::Camera& camera = spec.camera.emplace();
   const double radius = bounds.Radius();
   camera.target = bounds.Center() + direction() * (0.5 * radius * unit());

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "clients/cpp/mesh_file/mesh_writer.h"
+#include "clients/cpp/request/label_flags.h"
 #include "core/base/status_macros.h"
 #include "core/io/atomic_file.h"
 #include "core/rpc/field_selection.h"
@@ -62,7 +63,10 @@ absl::StatusOr<MeshFileSummary> WriteMeshFile(const v1::ExportIsosurfaceRequest&
   if (request.surfaces_size() > 0) {
     options.surfaces.clear();
     for (const auto& surface : request.surfaces()) {
-      options.surfaces.push_back({.isovalue = surface.isovalue()});
+      options.surfaces.push_back(
+          {.isovalue = surface.isovalue(),
+           .name =
+               NameOfLabels({surface.labels().begin(), surface.labels().end()}, v1::Dataset())});
     }
   }
   ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(path));

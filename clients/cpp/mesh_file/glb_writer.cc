@@ -31,6 +31,7 @@
 #include "core/base/check.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/volume/label.h"
 
 namespace isoscope::client {
 namespace {
@@ -41,6 +42,8 @@ constexpr std::size_t kFileHeadBytes = 12;
 constexpr std::size_t kChunkHeadBytes = 8;
 // Bytes reserved for the common part, and for each surface.
 constexpr std::size_t kJsonBytes = 1024;
+// Of a part: a name whose every byte is escaped.
+constexpr std::size_t kNameBytes = 2 * volume::kMaxLabelNameBytes;
 // Three floats of a vertex, three indices of a triangle.
 constexpr std::int64_t kGlbVectorBytes = 3 * sizeof(float);
 constexpr std::int64_t kMaxFileBytes = std::numeric_limits<std::uint32_t>::max();
@@ -143,7 +146,7 @@ class GlbWriter : public MeshWriter {
         options_.field.has_value()
             ? Extras().dump(-1, ' ', false, Json::error_handler_t::replace).size() + 16
             : 0;
-    return kJsonBytes * (1 + parts_.size()) + extras_bytes / 4 * 4;
+    return kJsonBytes + (kJsonBytes + kNameBytes) * parts_.size() + extras_bytes / 4 * 4;
   }
   [[nodiscard]] std::size_t header_bytes() const {
     return kFileHeadBytes + 2 * kChunkHeadBytes + json_bytes();
@@ -245,9 +248,11 @@ class GlbWriter : public MeshWriter {
     const frame::Color color = options_.ColorOf(surface_index);
     Json material;
     if (parts_.size() > 1) {
+      const MeshSurface& surface = options_.surfaces[static_cast<std::size_t>(surface_index)];
       material["name"] =
-          absl::StrCat("surface ", surface_index, ", isovalue ",
-                       options_.surfaces[static_cast<std::size_t>(surface_index)].isovalue);
+          absl::StrCat("surface ", surface_index, ", ",
+                       surface.name.empty() ? absl::StrCat("isovalue ", surface.isovalue)
+                                            : volume::CleanLabelName(surface.name));
     }
     material["pbrMetallicRoughness"] = {
         {"baseColorFactor", {Linear(color.red), Linear(color.green), Linear(color.blue), 1.0}},

@@ -35,6 +35,7 @@ absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
 struct MeshSurface {
   double isovalue = 0;
   std::optional<frame::Color> color = std::nullopt;
+  std::string name = {};  // of a surface of labels, written up to 256 bytes; empty: its isovalue
 };
 
 struct MeshFileOptions {

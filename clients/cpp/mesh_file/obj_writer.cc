@@ -1,5 +1,6 @@
 #include "clients/cpp/mesh_file/obj_writer.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cstddef>
@@ -9,6 +10,7 @@
 
 #include "clients/cpp/mesh_file/sectioned_file.h"
 #include "core/base/status_macros.h"
+#include "core/volume/label.h"
 
 namespace isoscope::client {
 namespace {
@@ -30,6 +32,14 @@ void AppendVector(absl::string_view word, const float* v, absl::string_view rest
     AppendNumber(v[k], out);
   }
   out->append(rest.data(), rest.size());
+}
+
+// A name of an object ends at a space.
+std::string ObjectName(std::string name) {
+  std::replace_if(
+      name.begin(), name.end(),
+      [](unsigned char c) { return c <= ' ' || c == '#' || c == '\\' || c == 0x7f; }, '_');
+  return name;
 }
 
 class ObjWriter : public MeshWriter {
@@ -91,8 +101,14 @@ class ObjWriter : public MeshWriter {
     }
     line_end_ += "\n";
     if (options_.surfaces.size() > 1) {
-      absl::StrAppend(text, "o surface_", surface_index, "_isovalue_");
-      AppendNumber(options_.surfaces[static_cast<std::size_t>(surface_index)].isovalue, text);
+      const MeshSurface& surface = options_.surfaces[static_cast<std::size_t>(surface_index)];
+      absl::StrAppend(text, "o surface_", surface_index, "_");
+      if (surface.name.empty()) {
+        *text += "isovalue_";
+        AppendNumber(surface.isovalue, text);
+      } else {
+        *text += ObjectName(volume::CleanLabelName(surface.name));
+      }
       *text += "\n";
     }
   }

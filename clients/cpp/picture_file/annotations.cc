@@ -1,24 +1,13 @@
-// Each item is drawn on its own transparent surface of minimal size, and blended over the picture
-// pixel by pixel. So pixels without ink keep their bits, even in a translucent picture, which Cairo
-// would round.
-//
-// Lengths are multiples of the text's size, which is a fraction of the picture's shorter side. Text
-// and lines have an outline of the opposite lightness, so that they are visible on any surface.
-//
-// Pango shapes text: letters of any script, from the fonts of the machine, right to left if the
-// script requires it.
+// Lengths are multiples of the text's size, which is a fraction of the picture's shorter side. Each
+// item is drawn on a sheet of its own (annotation_sheet).
 
 #include "clients/cpp/picture_file/annotations.h"
-
-#include <cairo.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <limits>
-#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -26,11 +15,9 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
-#include <fontconfig/fontconfig.h>
-#include <pango/pangocairo.h>
 
+#include "clients/cpp/picture_file/annotation_sheet.h"
 #include "core/base/status_macros.h"
-#include "core/cli/flags.h"
 #include "core/picture/color_map.h"
 
 namespace isoscope::client {
@@ -38,185 +25,13 @@ namespace {
 
 constexpr double kTextShare = 0.022;  // of the shorter side
 constexpr double kMinTextPx = 11;
-constexpr char kFontFamily[] = "DejaVu Sans";  // others for letters that it lacks
-constexpr double kOutlineShare = 0.22;         // of the text's size
 constexpr double kLineSpacing = 1.3;
 constexpr int kMaxLegendTicks = 8;
-constexpr double kLeastArm = 0.35;         // least arm length for letters at both ends
-constexpr std::ptrdiff_t kPixelBytes = 4;  // of Cairo's ARGB32
-
-struct Ink {
-  double red = 1;
-  double green = 1;
-  double blue = 1;
-};
+constexpr double kLeastArm = 0.35;  // least arm length for letters at both ends
 
 // Red, green and blue, light enough for black and dark enough for white.
 constexpr std::array<Ink, 3> kAxisInks = {
     {{0.95, 0.30, 0.28}, {0.25, 0.75, 0.30}, {0.30, 0.50, 1.00}}};
-
-struct SurfaceDeleter {
-  void operator()(cairo_surface_t* surface) const { cairo_surface_destroy(surface); }
-};
-struct ContextDeleter {
-  void operator()(cairo_t* context) const { cairo_destroy(context); }
-};
-struct ObjectDeleter {
-  void operator()(gpointer object) const { g_object_unref(object); }
-};
-struct FontDeleter {
-  void operator()(PangoFontDescription* font) const { pango_font_description_free(font); }
-};
-
-// A transparent sheet whose top left corner lies on pixel (x, y) of the picture.
-class Sheet {
- public:
-  Sheet(int x, int y, int width, int height, double text_px, bool is_light)
-      : x_(x),
-        y_(y),
-        surface_(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, std::max(1, width),
-                                            std::max(1, height))),
-        context_(cairo_create(surface_.get())),
-        fonts_(pango_cairo_font_map_new()),
-        shaping_(pango_font_map_create_context(fonts_.get())),
-        layout_(pango_layout_new(shaping_.get())),
-        text_px_(text_px),
-        ink_(is_light ? Ink{0, 0, 0} : Ink{1, 1, 1}),
-        outline_(is_light ? Ink{1, 1, 1} : Ink{0, 0, 0}) {
-    SetTextPx(text_px);
-    cairo_font_options_t* const options = cairo_font_options_create();
-    cairo_font_options_set_antialias(options, CAIRO_ANTIALIAS_GRAY);
-    cairo_font_options_set_hint_style(options, CAIRO_HINT_STYLE_NONE);
-    cairo_font_options_set_hint_metrics(options, CAIRO_HINT_METRICS_OFF);
-    pango_cairo_context_set_font_options(shaping_.get(), options);
-    pango_context_set_round_glyph_positions(shaping_.get(), FALSE);
-    pango_layout_set_single_paragraph_mode(layout_.get(), TRUE);
-    cairo_font_options_destroy(options);
-    cairo_set_line_cap(cr(), CAIRO_LINE_CAP_ROUND);
-    cairo_set_line_join(cr(), CAIRO_LINE_JOIN_ROUND);
-  }
-
-  [[nodiscard]] cairo_t* cr() const { return context_.get(); }
-  [[nodiscard]] const Ink& ink() const { return ink_; }
-
-  void SetTextPx(double text_px) {
-    text_px_ = text_px;
-    const std::unique_ptr<PangoFontDescription, FontDeleter> font(pango_font_description_new());
-    pango_font_description_set_family_static(font.get(), kFontFamily);
-    pango_font_description_set_absolute_size(font.get(), text_px * PANGO_SCALE);
-    pango_layout_set_font_description(layout_.get(), font.get());
-  }
-
-  [[nodiscard]] double WidthOf(const std::string& text) const {
-    SetText(text);
-    PangoRectangle logical;
-    pango_layout_get_extents(layout_.get(), nullptr, &logical);
-    return static_cast<double>(logical.width) / PANGO_SCALE;
-  }
-
-  // Text whose baseline begins at (x, y).
-  void DrawText(double x, double y, const std::string& text, const Ink& ink) const {
-    SetText(text);
-    const double baseline = static_cast<double>(pango_layout_get_baseline(layout_.get()));
-    cairo_move_to(cr(), x, y - baseline / PANGO_SCALE);
-    pango_cairo_layout_path(cr(), layout_.get());
-    Outline(kOutlineShare * text_px_);
-    SetInk(ink, 1);
-    cairo_fill(cr());
-  }
-
-  // A line as thick as `width`.
-  void DrawLine(double x0, double y0, double x1, double y1, double width, const Ink& ink) const {
-    cairo_move_to(cr(), x0, y0);
-    cairo_line_to(cr(), x1, y1);
-    Outline(width + kOutlineShare * text_px_);
-    SetInk(ink, 1);
-    cairo_set_line_width(cr(), width);
-    cairo_stroke(cr());
-  }
-
-  // Fills the rectangles of the path as one shape. Its edges are exact, and may lie between pixels.
-  void FillPath() const {
-    Outline(kOutlineShare * text_px_);
-    SetInk(ink_, 1);
-    cairo_fill(cr());
-  }
-
-  // Blends the sheet over the picture and adds the box of the changed pixels.
-  absl::Status LayOver(image::RgbaImage* picture, std::vector<view::PixelRect>* boxes) const {
-    cairo_surface_flush(surface_.get());
-    if (const cairo_status_t status = cairo_status(cr()); status != CAIRO_STATUS_SUCCESS) {
-      return absl::InternalError(absl::StrCat("Cairo: ", cairo_status_to_string(status)));
-    }
-    const unsigned char* const data = cairo_image_surface_get_data(surface_.get());
-    const int stride = cairo_image_surface_get_stride(surface_.get());
-    view::PixelRect box{.begin_x = picture->width, .begin_y = picture->height};
-    for (int y = std::max(0, -y_); y < cairo_image_surface_get_height(surface_.get()); ++y) {
-      for (int x = std::max(0, -x_); x < cairo_image_surface_get_width(surface_.get()); ++x) {
-        std::uint32_t argb = 0;
-        std::memcpy(&argb, data + std::ptrdiff_t{y} * stride + std::ptrdiff_t{x} * kPixelBytes,
-                    sizeof(argb));
-        const int to_x = x_ + x;
-        const int to_y = y_ + y;
-        if (argb >> 24 == 0 || to_x >= picture->width || to_y >= picture->height) {
-          continue;
-        }
-        BlendOver(argb, &picture->pixels[static_cast<std::size_t>(to_y) *
-                                             static_cast<std::size_t>(picture->width) +
-                                         static_cast<std::size_t>(to_x)]);
-        box = {.begin_x = std::min(box.begin_x, to_x),
-               .begin_y = std::min(box.begin_y, to_y),
-               .end_x = std::max(box.end_x, to_x + 1),
-               .end_y = std::max(box.end_y, to_y + 1)};
-      }
-    }
-    if (!box.empty()) {
-      boxes->push_back(box);
-    }
-    return absl::OkStatus();
-  }
-
- private:
-  void SetText(const std::string& text) const {
-    pango_layout_set_text(layout_.get(), text.data(), static_cast<int>(text.size()));
-  }
-  void SetInk(const Ink& ink, double alpha) const {
-    cairo_set_source_rgba(cr(), ink.red, ink.green, ink.blue, alpha);
-  }
-
-  // Strokes the current path in the opposite lightness, and keeps it.
-  void Outline(double width) const {
-    SetInk(outline_, 0.7);
-    cairo_set_line_width(cr(), width);
-    cairo_stroke_preserve(cr());
-  }
-
-  // `argb`: premultiplied, in Cairo's format; the pixel has straight alpha.
-  static void BlendOver(std::uint32_t argb, image::Rgba8* pixel) {
-    const std::uint32_t over_alpha = argb >> 24;
-    const std::uint32_t under_weight = pixel->a * (255 - over_alpha);  // of 255 * 255
-    const std::uint32_t alpha = 255 * over_alpha + under_weight;
-    const auto channel = [&](std::uint32_t over, std::uint32_t under) {
-      return static_cast<std::uint8_t>(std::min<std::uint32_t>(
-          255, (over * 255 * 255 + under * under_weight + alpha / 2) / alpha));
-    };
-    pixel->r = channel(argb >> 16 & 0xff, pixel->r);
-    pixel->g = channel(argb >> 8 & 0xff, pixel->g);
-    pixel->b = channel(argb & 0xff, pixel->b);
-    pixel->a = static_cast<std::uint8_t>((alpha + 127) / 255);
-  }
-
-  const int x_;
-  const int y_;
-  const std::unique_ptr<cairo_surface_t, SurfaceDeleter> surface_;
-  const std::unique_ptr<cairo_t, ContextDeleter> context_;
-  const std::unique_ptr<PangoFontMap, ObjectDeleter> fonts_;
-  const std::unique_ptr<PangoContext, ObjectDeleter> shaping_;
-  const std::unique_ptr<PangoLayout, ObjectDeleter> layout_;
-  double text_px_;
-  const Ink ink_;
-  const Ink outline_;
-};
 
 double TextPx(const image::RgbaImage& picture) {
   return std::max(kMinTextPx, kTextShare * std::min(picture.width, picture.height));
@@ -288,10 +103,9 @@ absl::Status DrawScaleBar(const AnnotationScene& scene, Annotated* annotated) {
   const double thickness = std::max(2.0, std::round(0.16 * text));
   const double y = std::round(height - 1.2 * text);
   const double tick_height = 0.6 * text + thickness;
-  cairo_rectangle(sheet.cr(), left, y, bar.length_px, thickness);
-  cairo_rectangle(sheet.cr(), left, y - 0.3 * text, thickness, tick_height);
-  cairo_rectangle(sheet.cr(), right - thickness, y - 0.3 * text, thickness, tick_height);
-  sheet.FillPath();
+  sheet.FillRectangles({{left, y, bar.length_px, thickness},
+                        {left, y - 0.3 * text, thickness, tick_height},
+                        {right - thickness, y - 0.3 * text, thickness, tick_height}});
   sheet.DrawText(right - sheet.WidthOf(bar.label), y - 0.7 * text, bar.label, sheet.ink());
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
 }
@@ -301,6 +115,12 @@ struct LegendItem {
   frame::ColorBy color_by;
   std::string title;
 };
+
+std::string SurfaceText(const AnnotationScene& scene, std::size_t surface_index) {
+  return surface_index < scene.label_names.size() && !scene.label_names[surface_index].empty()
+             ? scene.label_names[surface_index]
+             : absl::StrFormat("%.9g", scene.isovalues[surface_index]);
+}
 
 // Surfaces with the same colouring share an item.
 std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
@@ -316,7 +136,7 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
       isovalues.emplace_back();
     }
     if (coloring.surface_index < scene.isovalues.size()) {
-      isovalues[i].push_back(absl::StrFormat("%.9g", scene.isovalues[coloring.surface_index]));
+      isovalues[i].push_back(SurfaceText(scene, coloring.surface_index));
     }
   }
   const std::array<const char*, 6> quantities = {
@@ -337,15 +157,15 @@ std::string TickLabel(double value, double step) {
 
 // Draws light and dark grey squares in rows [begin_row, end_row) of a bar that begins at (x, y),
 // two in a row: the background of translucent colours.
-void DrawSquares(cairo_t* cr, double x, int begin_row, int end_row, double y, double width) {
+void DrawSquares(const Sheet& sheet, double x, int begin_row, int end_row, double y, double width) {
   const double side = std::max(1.0, std::round(width / 2));
   for (int row = begin_row; row < end_row; ++row) {
     const bool is_odd = static_cast<std::int64_t>((row - y) / side) % 2 != 0;
     for (const bool is_right : {false, true}) {
       const double grey = is_odd == is_right ? 0.85 : 0.45;
-      cairo_set_source_rgb(cr, grey, grey, grey);
-      cairo_rectangle(cr, is_right ? x + side : x, row, is_right ? width - side : side, 1);
-      cairo_fill(cr);
+      sheet.Paint(
+          {is_right ? x + side : x, static_cast<double>(row), is_right ? width - side : side, 1},
+          {grey, grey, grey}, 1);
     }
   }
 }
@@ -354,20 +174,17 @@ void DrawSquares(cairo_t* cr, double x, int begin_row, int end_row, double y, do
 void DrawBar(const Sheet& sheet, double x, double y, double width, double height, double text,
              const frame::ColorBy& color_by) {
   const picture::ColorMapTable& table = picture::ColorMapTableOf(color_by.map);
-  cairo_t* const cr = sheet.cr();
-  cairo_rectangle(cr, x, y, width, height);
-  sheet.FillPath();
+  sheet.FillRectangles({{x, y, width, height}});
   for (std::size_t i = 0; i < table.size(); ++i) {
     const auto edge = [&](std::size_t step) {
       return std::round(y + height * (1 - static_cast<double>(step) / picture::kColorMapSteps));
     };
     const double opacity = static_cast<double>(picture::OpacityOf(color_by, i));
     if (opacity < 1) {
-      DrawSquares(cr, x, static_cast<int>(edge(i + 1)), static_cast<int>(edge(i)), y, width);
+      DrawSquares(sheet, x, static_cast<int>(edge(i + 1)), static_cast<int>(edge(i)), y, width);
     }
-    cairo_set_source_rgba(cr, table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0, opacity);
-    cairo_rectangle(cr, x, edge(i + 1), width, edge(i) - edge(i + 1));
-    cairo_fill(cr);
+    sheet.Paint({x, edge(i + 1), width, edge(i) - edge(i + 1)},
+                {table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0}, opacity);
   }
   const frame::ColorRange range = color_by.range.value_or(frame::ColorRange());
   const int max_count = std::clamp(static_cast<int>(height / (2 * text)), 2, kMaxLegendTicks);
@@ -432,16 +249,18 @@ absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
 }
 
 std::string IsovalueText(const AnnotationScene& scene) {
-  return absl::StrJoin(scene.isovalues, ", ", [](std::string* out, double isovalue) {
-    absl::StrAppend(out, absl::StrFormat("%.9g", isovalue));
-  });
+  std::vector<std::string> texts;
+  for (std::size_t i = 0; i < scene.isovalues.size(); ++i) {
+    texts.push_back(SurfaceText(scene, i));
+  }
+  return absl::StrJoin(texts, ", ");
 }
 
 // The top left corner; lines that are too long for the picture reduce the size of all.
 absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scene,
                          Annotated* annotated) {
   const image::RgbaImage& picture = annotated->picture;
-  if (g_utf8_validate(caption.data(), static_cast<gssize>(caption.size()), nullptr) == FALSE) {
+  if (!IsUtf8(caption)) {
     return absl::InvalidArgumentError("--caption: the text is not valid UTF-8");
   }
   const std::string replaced = absl::StrReplaceAll(
@@ -464,16 +283,6 @@ absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scen
                    lines[i], sheet.ink());
   }
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
-}
-
-// Without a font Pango draws boxes.
-absl::Status CheckFont() {
-  const FcFontSet* const fonts = FcConfigGetFonts(nullptr, FcSetSystem);
-  return fonts != nullptr && fonts->nfont > 0
-             ? absl::OkStatus()
-             : absl::FailedPreconditionError(
-                   "annotations need a font, and there is none: install one, as in apt-get install "
-                   "fonts-dejavu-core");
 }
 
 }  // namespace

@@ -14,7 +14,6 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-#include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"
@@ -28,8 +27,8 @@ struct Annotations {
   bool has_axes = false;
   bool has_scale_bar = false;
   bool has_legend = false;
-  // "{isovalue}" in it becomes the frame's, several with commas between; "{time}" its time with
-  // unit; "\n" (two letters) begins a new line.
+  // "{isovalue}" in it becomes the frame's, or the name of a label, several with commas between;
+  // "{time}" its time with unit; "\n" (two letters) begins a new line.
   std::optional<std::string> caption = std::nullopt;
 
   [[nodiscard]] bool any() const { return has_axes || has_scale_bar || has_legend || caption; }
@@ -45,8 +44,10 @@ struct SurfaceColoring {
 // The properties of a frame that annotations depend on.
 struct AnnotationScene {
   view::Camera camera;
-  int viewport_height_px = 0;        // spanned by the camera's angle or height
-  std::vector<double> isovalues;     // of the surfaces, in their order
+  int viewport_height_px = 0;     // spanned by the camera's angle or height
+  std::vector<double> isovalues;  // of the surfaces, in their order
+  // Names of the surfaces of labels, by surface; empty or missing: the isovalue is the name.
+  std::vector<std::string> label_names{};
   bool is_background_light = false;  // dark ink is needed
   std::array<std::string, 3> axis_names{"X", "Y", "Z"};
   // Names of the opposite ends; empty: these have no arm.

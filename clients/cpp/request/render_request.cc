@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "clients/cpp/request/label_flags.h"
 #include "clients/cpp/request/look_flags.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -30,6 +31,26 @@ absl::StatusOr<std::int64_t> ParseLayers(absl::string_view text) {
   return ParseInteger(text, 1, frame::kMaxLayers);
 }
 
+// Adds the surfaces of labels. A single isovalue becomes a surface before them.
+void AddLabels(bool has_isovalue, const LabelFlags& label,
+               isoscope::v1::RenderIsosurfaceRequest* request) {
+  if (label.surfaces.empty()) {
+    return;
+  }
+  if (has_isovalue) {
+    isoscope::v1::Surface* const first = request->add_surfaces();
+    first->set_isovalue(request->isovalue());
+    if (request->has_base_color()) {
+      *first->mutable_color() = request->base_color();
+    }
+  }
+  request->clear_isovalue();
+  request->clear_base_color();
+  for (const LabelSurface& surface : label.surfaces) {
+    AddTo(surface, request->add_surfaces());
+  }
+}
+
 }  // namespace
 
 isoscope::v1::Color ToProto(const frame::Color& color) {
@@ -46,7 +67,8 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
   cli::AddRepeatableFlag(
       set, "--surface", "V[:COLOR[:OPACITY]]", &flags->surfaces, ParseSurface,
       "a surface: its level, colour and opacity (below 1: translucent); instead of "
-      "--isovalue and --color, up to 16 times");
+      "--isovalue and --color, up to 128 times");
+  AddLabelFlags(set, &flags->label);
   cli::AddFlag(
       set, "--max-layers", "N", &flags->max_layers, ParseLayers,
       "translucent fragments that show in a pixel, the nearest ones, 1 to 16 (default: 8)");
@@ -76,7 +98,7 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
 }
 
 std::vector<double> RequestFlags::isovalues() const {
-  if (surfaces.empty()) {
+  if (surfaces.empty() && (isovalue || label.empty())) {
     return {isovalue.value_or(0)};
   }
   std::vector<double> values;
@@ -88,11 +110,16 @@ std::vector<double> RequestFlags::isovalues() const {
 
 absl::Status CheckSurfaces(const std::optional<double>& isovalue,
                            const std::vector<SurfaceValue>& surfaces,
-                           const std::optional<frame::Color>& color) {
-  if (!isovalue && surfaces.empty()) {
+                           const std::optional<frame::Color>& color, const LabelFlags& label) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(label));
+  if (!isovalue && surfaces.empty() && label.empty()) {
     return cli::UsageError(
         "--isovalue V is missing: the level of the surface, in field units; "
-        "`isoscope info INPUT --histogram` suggests some");
+        "`isoscope info INPUT --histogram` suggests some; of a segmentation --label SET");
+  }
+  if (!isovalue && surfaces.empty() && color) {
+    return cli::UsageError(
+        "--color is that of --isovalue: write --label SET:COLOR for a surface of labels");
   }
   if (!surfaces.empty() && (isovalue || color)) {
     return cli::UsageError(
@@ -103,11 +130,18 @@ absl::Status CheckSurfaces(const std::optional<double>& isovalue,
     return cli::UsageError(absl::StrCat("--surface is given ", surfaces.size(), " times: at most ",
                                         frame::kMaxSurfaces, " are allowed"));
   }
+  if (const std::size_t count = (isovalue ? 1 : 0) + surfaces.size() + label.surface_count();
+      count > frame::kMaxSurfaces) {
+    return cli::UsageError(absl::StrCat("there are ", count,
+                                        " surfaces of isovalues and labels together: at most ",
+                                        frame::kMaxSurfaces, " are allowed"));
+  }
   return absl::OkStatus();
 }
 
 absl::Status CheckUsage(const RequestFlags& flags) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckSurfaces(flags.isovalue, flags.surfaces, flags.base_color));
+  ISOSCOPE_RETURN_IF_ERROR(
+      CheckSurfaces(flags.isovalue, flags.surfaces, flags.base_color, flags.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.clip));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.selection));
   if (flags.region) {
@@ -135,6 +169,10 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
       *proto->mutable_color() = ToProto(*surface.color);
     }
   }
+  if (flags.base_color) {
+    *request.mutable_base_color() = ToProto(*flags.base_color);
+  }
+  AddLabels(flags.isovalue.has_value(), flags.label, &request);
   if (const auto selection = ToProto(flags.selection)) {
     *request.mutable_selection() = *selection;
   }
@@ -152,9 +190,6 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
     *request.mutable_region() = rpc::ToProto(*flags.region);
   }
   request.set_culling(rpc::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
-  if (flags.base_color) {
-    *request.mutable_base_color() = ToProto(*flags.base_color);
-  }
   if (flags.background_color) {
     *request.mutable_background_color() = ToProto(*flags.background_color);
   }
@@ -176,12 +211,20 @@ absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
 isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<double>& isovalue,
                                                         const std::vector<SurfaceValue>& surfaces,
                                                         const ClipFlags& clip,
-                                                        const std::string& dataset) {
+                                                        const std::string& dataset,
+                                                        const LabelFlags& label) {
   isoscope::v1::ExportIsosurfaceRequest request;
   request.set_dataset(dataset);
   request.set_isovalue(isovalue.value_or(0));
   for (const SurfaceValue& surface : surfaces) {
     request.add_surfaces()->set_isovalue(surface.isovalue);
+  }
+  if (!label.surfaces.empty() && isovalue) {
+    request.add_surfaces()->set_isovalue(*isovalue);
+    request.clear_isovalue();
+  }
+  for (const LabelSurface& surface : label.surfaces) {
+    AddTo(surface, request.add_surfaces());
   }
   if (!clip.empty()) {
     *request.mutable_clip() = ToProto(clip);

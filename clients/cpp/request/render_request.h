@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_RENDER_REQUEST_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_RENDER_REQUEST_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -14,6 +15,7 @@
 
 #include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/label_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/selection_flags.h"
 #include "core/cli/flag_set.h"
@@ -34,13 +36,17 @@ struct RequestFlags {
   std::optional<frame::Color> base_color = std::nullopt;
   std::optional<frame::Color> background_color = std::nullopt;
   std::vector<SurfaceValue> surfaces = {};
+  LabelFlags label = {};  // their surfaces follow those of isovalues
   std::optional<std::int64_t> max_layers = std::nullopt;
   ClipFlags clip = {};
   std::optional<frame::ClipCaps> caps = std::nullopt;
   SelectionFlags selection = {};
 
-  // The levels of all surfaces.
+  // The levels of all surfaces that have one, in their order.
   [[nodiscard]] std::vector<double> isovalues() const;
+  [[nodiscard]] std::size_t surface_count() const {
+    return isovalues().size() + label.surface_count();
+  }
 
   [[nodiscard]] view::Viewport viewport() const {
     return {.width_px = static_cast<int>(width.value_or(view::kCommonViewport.width_px)),
@@ -55,13 +61,13 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags);
 
 // UsageError.
 absl::Status CheckUsage(const RequestFlags& flags);
-// UsageError unless --isovalue is given, or --surface up to 16 times without --isovalue and
-// --color.
+// UsageError unless --isovalue is given, or --surface without --isovalue and --color, or labels
+// beside either or alone, and no more surfaces than a frame has.
 absl::Status CheckSurfaces(const std::optional<double>& isovalue,
                            const std::vector<SurfaceValue>& surfaces,
-                           const std::optional<frame::Color>& color);
+                           const std::optional<frame::Color>& color, const LabelFlags& label = {});
 
-// REQUIRES: CheckUsage(flags) is OK.
+// REQUIRES: CheckUsage(flags) is OK, and flags.label is resolved.
 isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
@@ -70,11 +76,12 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
 absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
     const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera,
     const std::optional<isoscope::v1::CameraFit>& fit = std::nullopt);
-// Returns the request of a mesh. REQUIRES: CheckSurfaces is OK.
+// Returns the request of a mesh. REQUIRES: CheckSurfaces is OK, and `label` is resolved.
 isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<double>& isovalue,
                                                         const std::vector<SurfaceValue>& surfaces,
                                                         const ClipFlags& clip,
-                                                        const std::string& dataset);
+                                                        const std::string& dataset,
+                                                        const LabelFlags& label = {});
 
 isoscope::v1::Color ToProto(const frame::Color& color);
 

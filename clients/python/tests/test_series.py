@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import isoscope
-from isoscope import ColorBy, Surface, _answer, _core, _request, _series_files
+from isoscope import ColorBy, Surface, _answer, _core, _messages, _request, _series_files
 from isoscope._proto import dataset_pb2, isosurface_service_pb2 as pb
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope.errors import InvalidArgumentError
@@ -159,14 +159,14 @@ def test_wrong_words_of_color_by_are_shown(like):
 
 
 def test_color_by_a_field_is_in_the_request_and_comes_back():
-    surface = _request.surface_message(Surface(1, color_by="velocity:x:magma:0,2"))
+    surface = _messages.surface_message(Surface(1, color_by="velocity:x:magma:0,2"))
     assert (surface.color_by.quantity, surface.color_by.field, surface.color_by.component) == (6, "velocity", "x")
     answer = pb.SurfaceColoring(surface_index=0, color_by=surface.color_by)
     assert _answer._coloring(answer).color_by == ColorBy("field", "magma", (0, 2), field="velocity", component="x")
-    assert not _request.surface_message(Surface(1, color_by="none")).HasField("color_by")
-    assert _request.surface_message(Surface(1, color_by=ColorBy(field="velocity:2"))).color_by.component == "2"
+    assert not _messages.surface_message(Surface(1, color_by="none")).HasField("color_by")
+    assert _messages.surface_message(Surface(1, color_by=ColorBy(field="velocity:2"))).color_by.component == "2"
     request = _request.frame(series(), surfaces=[1, Surface(2, color_by="none"), Surface(3, color_by="z")], isovalue=None)
-    _request._set_color_by(request, _request._color_by("pressure"))
+    _request._set_color_by(request, _messages.color_by_message("pressure"))
     assert [one.color_by.field for one in request.surfaces] == ["pressure", "pressure", ""]
     for wrong, words in (
         (ColorBy(), "ColorBy\\(field='temperature'\\)"), (ColorBy("x", field="pressure"), "either a quantity"),
@@ -174,7 +174,7 @@ def test_color_by_a_field_is_in_the_request_and_comes_back():
         (ColorBy(field="velocity:x", component="y"), "names a component"),
     ):  # fmt: skip
         with pytest.raises(InvalidArgumentError, match=words):
-            _request.surface_message(Surface(1, color_by=wrong))
+            _messages.surface_message(Surface(1, color_by=wrong))
 
 
 def frame_of(response):

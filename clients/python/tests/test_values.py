@@ -12,7 +12,7 @@ import pytest
 from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
-from isoscope import _answer, _core, _png, _request
+from isoscope import _answer, _call, _core, _messages, _png, _request
 from isoscope._retry import told_delay
 from isoscope.camera import _NAMED_VIEWS
 from isoscope.errors import DataLossError, InvalidArgumentError, explain
@@ -92,7 +92,7 @@ def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_pa
     ):
         camera.save(tmp_path / "c.json")
         assert isoscope.Camera.load(tmp_path / "c.json") == camera
-        assert _answer.camera(_request.camera_message(camera)) == camera
+        assert _answer.camera(_messages.camera_message(camera)) == camera
     for wrong in ({}, {"eye": [1, 2], "target": [0, 0, 0], "perspective": {"fov_y_degrees": 3}}, {"eyes": 1}):
         with pytest.raises(InvalidArgumentError, match="camera"):
             isoscope.Camera.from_dict(wrong)
@@ -172,16 +172,16 @@ def test_plane_through_a_point_keeps_the_side_of_its_normal():
 
 def test_clip_is_a_plane_a_box_or_both():
     assert as_clip((0, 1, 2, 3, 4, 5)).box == (0, 1, 2, 3, 4, 5)
-    region, caps = _request.clip_messages(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
+    region, caps = _messages.clip_messages(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
     assert region.half_spaces[0].offset == 5 and region.box.max.z == 6 and caps is not None
     with pytest.raises(InvalidArgumentError, match="x_min, x_max"):
-        _request.clip_messages((1, 2, 3))
+        _messages.clip_messages((1, 2, 3))
 
 
 @pytest.mark.parametrize(
     "look, words",
     [
-        ({}, "isovalue=..."), ({"isovalue": 1, "surfaces": [1]}, "not both"), ({"surfaces": []}, "1 to 16"),
+        ({}, "isovalue=..."), ({"isovalue": 1, "surfaces": [1]}, "not both"), ({"surfaces": []}, "1 to 128"),
         ({"isovalue": "x"}, "isovalue 'x'"), ({"isovalue": 1, "size": (1.5, 2)}, "size"),
         ({"isovalue": 1, "size": 2**40}, "size"), ({"isovalue": 1, "region": (1, 2)}, "region"),
         ({"isovalue": 1, "max_layers": "a"}, "max_layers 'a'"), ({"isovalue": 1, "fit": "all"}, "fit 'all'"),
@@ -413,8 +413,8 @@ BUSY = retry_info(seconds=1)
     ],
 )  # fmt: skip
 def test_a_call_is_tried_again_where_the_server_tells_when_and_nothing_has_come(code, info, has_taken, timeout, expected):
-    connection = _core.Connection(target("localhost:1"), None)
-    call = _core.Call(None, _core.One(lambda message: message), timeout)
+    connection = _call.Connection(target("localhost:1"), None)
+    call = _call.Call(None, _call.One(lambda message: message), timeout)
     if has_taken:
         call.add("a part")
     error = Failed(grpc.StatusCode[code], "a sentence", Refusal(info).trailing_metadata() if info else ())
@@ -429,4 +429,4 @@ def test_an_answer_without_a_message_is_an_error_and_a_timeout_is_above_0():
     with pytest.raises(isoscope.InternalError, match="without a message"):
         _core.capabilities(None).result(None)
     with pytest.raises(InvalidArgumentError, match="timeout 0"):
-        _core.Connection(target("localhost:1"), None)._retries(_core.capabilities(0))
+        _call.Connection(target("localhost:1"), None)._retries(_core.capabilities(0))

@@ -16,12 +16,13 @@ import types
 import pytest
 
 import isoscope
-from isoscope import viewer
+from isoscope import _viewer_module, viewer
 from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import interact_service_pb2 as interact_pb
 from isoscope.errors import InvalidArgumentError
 from proxy import Proxy
 
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 GATEWAY = "http://localhost:8080/"
 
 
@@ -33,12 +34,29 @@ def fresh_widget_class():
 
 
 @pytest.fixture
-def module(tmp_path, monkeypatch):
+def module(monkeypatch):
     """A stand-in for isoscope-view.js with what must be escaped in a page."""
-    path = tmp_path / "isoscope-view.js"
-    path.write_text("// </script> <!-- \u2028\nexport function mount(element, options) {}\nexport default {};\n")
-    monkeypatch.setattr(viewer, "module_path", lambda: path)
-    return path
+    text = "// </script> <!-- \u2028\nexport function mount(element, options) {}\nexport default {};\n"
+    monkeypatch.setattr(_viewer_module, "text", lambda: text)
+    return text
+
+
+def test_the_module_of_a_cell_is_one_and_has_the_exports_of_the_parts(tmp_path):
+    parts = ROOT / "clients" / "web" / _viewer_module.NAME
+    text = _viewer_module.text()
+    assert text == _viewer_module.assemble(parts) and not re.search(r"^import |^export .* from ", text, re.MULTILINE)
+    if shutil.which("node"):
+        whole = tmp_path / "whole.mjs"
+        whole.write_text(text)
+        # A name that two parts have at their top is a SyntaxError here.
+        script = f"for (const path of {json.dumps([str(parts), str(whole)])})" + (
+            "{ const all = await import(path); console.log(Object.keys(all).join(), typeof all.default.render); }"
+        )
+        done = subprocess.run(
+            ["node", "--input-type=module", "-"], input=script, text=True, capture_output=True, check=True
+        )
+        first, second = done.stdout.splitlines()
+        assert first == second and "mount" in first and first.endswith(" function")
 
 
 def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(dataset, module, monkeypatch):
@@ -81,14 +99,14 @@ def test_the_inlined_viewer_gets_the_state_and_ends_no_script_early(dataset, mod
     assert options["state"]["dataset"] == "shells" and options["state"]["isovalue"] == 127.5
     assert "eye" in options["state"]["camera"] and "viewport" not in options["state"]
     text = json.loads(re.search(r"const text = (\".*\");", script).group(1))
-    assert text == module.read_text()
+    assert text == module
     assert base64.b64encode(dataset.render(127.5, view="top", size=(120, 90)).png).decode() in html
     if shutil.which("node"):
         subprocess.run(["node", "--check", "-"], input=script, text=True, check=True)
 
 
 def test_a_wheel_without_the_viewer_says_so(dataset, monkeypatch):
-    monkeypatch.setattr(viewer, "module_path", lambda: None)
+    monkeypatch.setattr(_viewer_module, "text", lambda: None)
     view = dataset.view(127.5, size=(32, 32), gateway=GATEWAY)
     assert "without isoscope-view.js" in view._repr_mimebundle_()["text/html"] and "without" in repr(view)
 

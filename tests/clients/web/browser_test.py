@@ -135,7 +135,7 @@ class PageTest(unittest.TestCase):
 
     def open_and_wait(self, *args, **kwargs):
         self.open(*args, **kwargs)
-        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.until('isoscope.view.isExact')
 
     def js(self, script, *args):
         return self.browser.execute_script(script, *args)
@@ -157,16 +157,16 @@ class PageTest(unittest.TestCase):
 
     def picture(self):
         """Returns the view's present picture, without the overlay, in the browser's own pixels."""
-        url = self.js('''const view = isoscope.view; const out = document.createElement('canvas');
-            out.width = view.width; out.height = view.height; view.screen.draw(view.camera);
-            const context = out.getContext('2d'); context.drawImage(view.screen.canvas, 0, 0, out.width, out.height);
+        url = self.js('''const { picture } = isoscope.view.loop; const out = document.createElement('canvas');
+            out.width = picture.width; out.height = picture.height; picture.screen.draw(isoscope.view.camera);
+            const context = out.getContext('2d'); context.drawImage(picture.screen.canvas, 0, 0, out.width, out.height);
             return out.toDataURL('image/png');''')
         return decode_png(base64.b64decode(url.split(',')[1]))
 
     def reference(self):
         """The server's own picture of the state that the view is in."""
-        state = self.js('return {...isoscope.view.getState(), viewport: {widthPx: isoscope.view.width, '
-                        'heightPx: isoscope.view.height}}')
+        state = self.js('return {...isoscope.view.getState(), viewport: {widthPx: isoscope.view.loop.picture.width, '
+                        'heightPx: isoscope.view.loop.picture.height}}')
         return decode_png(self.gateway.post(f'v1/datasets/{state["dataset"]}/render', state))
 
     @staticmethod
@@ -260,7 +260,7 @@ class PictureTest(PageTest):
         self.until_exact()
         near = self.js(f'return {distance}')
         self.assertTrue(0.4 < near / far < 0.75, f'{near} of {far}')
-        self.assertEqual([], self.js('return isoscope.view.pins'), 'fingers that move pick nothing')
+        self.assertEqual([], self.js('return isoscope.view.loop.overlay.pins'), 'fingers that move pick nothing')
         self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
 
     def test_a_named_view_fits_the_surface_and_those_of_a_patient_come_with_its_frame(self):
@@ -295,7 +295,7 @@ class PictureTest(PageTest):
 
 class ControlTest(PageTest):
     # A pixel of what lies over the picture, from the view's middle.
-    PIXEL = '((dx, dy) => { const c = isoscope.view.overlay; return c.width === 0 ? [0, 0, 0, 0] : ' \
+    PIXEL = '((dx, dy) => { const c = isoscope.view.loop.overlay.scene; return c.width === 0 ? [0, 0, 0, 0] : ' \
         '[...c.getContext("2d").getImageData(c.width / 2 + dx, c.height / 2 + dy, 1, 1).data]; })'
 
     def test_a_drag_leaves_the_controls_alone_and_a_change_of_theirs_draws_them(self):
@@ -314,15 +314,15 @@ class ControlTest(PageTest):
 
     def test_axes_and_scale_bar_are_small_and_turn_with_the_picture(self):
         self.open_and_wait()
-        image = 'isoscope.view.axes.toDataURL()'
-        before, size = self.js(f'return {image}'), self.js('return [isoscope.view.axes, isoscope.view.scaleBar].map((c) => [c.width, c.height])')
+        image = 'isoscope.view.loop.overlay.axes.toDataURL()'
+        before, size = self.js(f'return {image}'), self.js('return [isoscope.view.loop.overlay.axes, isoscope.view.loop.overlay.scaleBar].map((c) => [c.width, c.height])')
         self.assertLess(max(side for pair in size for side in pair), 200)
-        self.assertTrue(self.js('return isoscope.view.overlay.hidden'))
+        self.assertTrue(self.js('return isoscope.view.loop.overlay.scene.hidden'))
         self.drag(90, 30)
         self.until_exact()
         self.assertNotEqual(before, self.js(f'return {image}'))
         self.js('isoscope.view.decorate({ axes: false, box: true })')
-        self.until('isoscope.view.axes.hidden && !isoscope.view.overlay.hidden')
+        self.until('isoscope.view.loop.overlay.axes.hidden && !isoscope.view.loop.overlay.scene.hidden')
 
     def test_dragging_the_line_of_the_histogram_changes_the_surface(self):
         self.open_and_wait()
@@ -387,10 +387,10 @@ class ControlTest(PageTest):
         self.open_and_wait()
         view = self.browser.find_element(By.ID, 'view')
         ActionChains(self.browser).move_to_element_with_offset(view, 10, 10).click().perform()
-        self.until('isoscope.view.pins.length === 1')
+        self.until('isoscope.view.loop.overlay.pins.length === 1')
         ActionChains(self.browser).move_to_element_with_offset(view, -40, 20).click().perform()
-        self.until('isoscope.view.pins.length === 2')
-        a, b = (pin['position'] for pin in self.js('return isoscope.view.pins'))
+        self.until('isoscope.view.loop.overlay.pins.length === 2')
+        a, b = (pin['position'] for pin in self.js('return isoscope.view.loop.overlay.pins'))
         # On the ball of the isovalue 40.
         for point in (a, b):
             self.assertAlmostEqual(28 * 1.2, math.dist(point, (50, 50, 50)), places=6)
@@ -404,7 +404,7 @@ class ControlTest(PageTest):
         self.assertEqual(0, self.js(f'return {self.PIXEL}(60, -60)')[3])
         self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
         ActionChains(self.browser).move_to_element_with_offset(view, -view.size['width'] // 2 + 8, 0).click().perform()
-        self.until('isoscope.view.pins.length === 0 && isoscope.view.overlay.hidden')
+        self.until('isoscope.view.loop.overlay.pins.length === 0 && isoscope.view.loop.overlay.scene.hidden')
 
     def test_colour_by_sends_quantity_and_map_and_shows_the_legend(self):
         self.open_and_wait()
@@ -579,7 +579,7 @@ class SeriesTest(PageTest):
             self.open_and_wait(f'#dataset=flow&surface=40&step={step}')
             self.js('isoscope.view.root.focus()')
             ActionChains(self.browser).send_keys(Keys.ENTER).perform()
-            self.until('isoscope.view.pins.length === 1')
+            self.until('isoscope.view.loop.overlay.pins.length === 1')
             rows = self.js('return [...document.querySelectorAll("#points dt.field")].map((e) => [e.textContent, e.nextSibling.textContent])')
             self.assertEqual([['pressure', '40 Pa'], ['velocity x', '0 m/s'], ['velocity y', '0.5 m/s'], ['velocity z', '1 m/s'],
                               ['velocity magnitude', '1.5 m/s']] if has_values else [], rows)
@@ -645,12 +645,12 @@ class ScreenReaderTest(PageTest):
     def test_enter_picks_the_point_at_the_cross_and_it_is_said(self):
         self.open_and_wait()
         self.js(self.LISTEN)
-        self.assertEqual('none', self.js('return getComputedStyle(isoscope.view.cross).display'))
+        self.assertEqual('none', self.js('return getComputedStyle(isoscope.view.loop.elements.cross).display'))
         self.js('isoscope.view.root.focus()')
-        self.assertEqual('block', self.js('return getComputedStyle(isoscope.view.cross).display'))
+        self.assertEqual('block', self.js('return getComputedStyle(isoscope.view.loop.elements.cross).display'))
         ActionChains(self.browser).send_keys(Keys.ENTER).perform()
-        self.until('isoscope.view.pins.length === 1 && said.length === 1')
-        position = self.js('return isoscope.view.pins[0].position')
+        self.until('isoscope.view.loop.overlay.pins.length === 1 && said.length === 1')
+        position = self.js('return isoscope.view.loop.overlay.pins[0].position')
         ray = self.js('const c = isoscope.view.camera; return [c.eye, c.target]')
         # On the ball, on the line from the eye to the target, up to half a pixel.
         self.assertAlmostEqual(28 * 1.2, math.dist(position, (50, 50, 50)), places=6)
@@ -672,13 +672,13 @@ class ScreenReaderTest(PageTest):
         self.open_and_wait()
         self.js(self.LISTEN)
         self.gateway.control(refuse=True, drop=[1011, 'the coordinator is away'])
-        self.until('isoscope.view.attempt >= 3')
+        self.until('isoscope.view.loop.connection.attempt >= 3')
         self.gateway.control(refuse=False)
         self.until('isoscope.view.isExact && isoscope.view.stats().reconnects === 1 && said.length > 1')
         self.assertEqual(['The connection ended: the coordinator is away.', 'Connected again.'], self.js('return said'))
 
     def test_nothing_moves_by_itself_where_people_want_no_motion(self):
-        spinning = 'isoscope.view.noticeElement.getAnimations({ subtree: true }).length'
+        spinning = 'isoscope.view.loop.elements.notice.getAnimations({ subtree: true }).length'
         try:
             for wish, count in (('no-preference', 1), ('reduce', 0)):
                 self.browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [{'name': 'prefers-reduced-motion', 'value': wish}]})
@@ -733,14 +733,14 @@ class HiddenTabTest(PageTest):
         self.check_silence()
         self.js('hideTab(false)')
         self.until_asked('/v1/status')
-        self.until('isoscope.view.isExact && isoscope.view.frame.camera.fovYDegrees === 20')
+        self.until('isoscope.view.isExact && isoscope.view.loop.picture.frame.camera.fovYDegrees === 20')
         self.assertEqual(3, self.gateway.control()['last']['frame']['maxLayers'])
 
     def test_a_connection_that_ends_behind_a_hidden_tab_comes_back_when_it_is_shown(self):
         self.open_and_wait()
         self.hide()
         self.gateway.control(drop=[1011, 'the coordinator is away'])
-        self.until('!isoscope.view.isOpen')
+        self.until('!isoscope.view.loop.connection.isOpen')
         self.check_silence()
         self.js('hideTab(false)')
         self.until('isoscope.view.isExact && isoscope.view.stats().reconnects === 1')
@@ -764,7 +764,7 @@ class HiddenTabTest(PageTest):
             self.until('isoscope.view')
             self.check_silence()
             self.js('hideTab(false)')
-            self.until('isoscope.view.isExact && isoscope.view.frame')
+            self.until('isoscope.view.isExact')
         finally:
             self.browser.execute_cdp_cmd('Page.removeScriptToEvaluateOnNewDocument', hidden)
 
@@ -777,12 +777,12 @@ class LatencyTest(PageTest):
         window.turn = () => {
           const { camera } = isoscope.view;
           isoscope.view.setCamera({ ...camera, fovYDegrees: camera.fovYDegrees - 1 });
-          return isoscope.view.sequence;
+          return isoscope.view.loop.stream.sequence;
         };'''
 
     def check_shown(self, sequence, text):
         self.gateway.control(answer=sequence)
-        self.until(f'isoscope.view.shownSequence === {sequence}')
+        self.until(f'isoscope.view.loop.frames.shownSequence === {sequence}')
         self.until(f'/· {text} ms/.test(document.getElementById("state").textContent)')
 
     def test_the_latency_is_that_of_the_frame_on_the_screen_and_of_no_other_one(self):
@@ -804,7 +804,7 @@ class LatencyTest(PageTest):
         first = self.js('pass(1000); const first = turn(); pass(4000); return first;')
         self.check_shown(first, '4,000')
         self.js('isoscope.view.update({ surfaces: [{ isovalue: 60 }] }, { isMoving: true });')
-        self.until(f'isoscope.view.sequence === {first + 1}')
+        self.until(f'isoscope.view.loop.stream.sequence === {first + 1}')
         self.js('pass(700)')
         self.check_shown(first + 1, '700')
 
@@ -818,7 +818,7 @@ class LinkTest(PageTest):
         url, state, picture = self.browser.current_url, self.js('return isoscope.view.getState()'), self.picture()
         self.browser.get('about:blank')
         self.browser.get(url)
-        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.until('isoscope.view.isExact')
         self.assertEqual(state, self.js('return isoscope.view.getState()'))
         self.assertEqual(1, self.share_of_equal(self.picture(), picture))
 
@@ -890,7 +890,7 @@ class TokenTest(PageTest):
     def test_a_reload_needs_no_second_look_at_what_was_printed(self):
         self.open_and_wait()
         self.browser.refresh()
-        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.until('isoscope.view.isExact')
         self.assertNotIn('token', self.browser.current_url)
 
     def test_without_the_token_the_page_says_so(self):
@@ -911,7 +911,7 @@ class TokenTest(PageTest):
         # As a notebook's: the page has a token in its address that is its own affair.
         self.gateway.control(token=None)
         self.open('', '?theme=dark')
-        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.until('isoscope.view.isExact')
         self.gateway.control(reset=True)
         shown = self.js('''const url = new URL(location.href); url.searchParams.set('token', 'of-the-notebook');
             history.replaceState(null, '', url);
@@ -1006,7 +1006,7 @@ class FailureTest(PageTest):
     def test_a_server_that_is_gone_is_said_where_one_looks(self):
         other = Gateway()
         self.browser.get(other.url + self.QUERY)
-        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.until('isoscope.view.isExact')
         other.stop()
         self.until('/was lost. Trying again in/.test(isoscope.view.stats().notice)')
         self.js('document.getElementById("save").click(); document.getElementById("save-png").click();')
@@ -1060,14 +1060,14 @@ class RealTest(PageTest):
     def test_the_address_of_isoscope_view_opens_what_was_asked_for(self):
         self.browser.get('about:blank')
         self.browser.get(f'{self.page}&max-side=420')
-        self.until('isoscope.view.isExact && isoscope.view.frame && location.hash')
+        self.until('isoscope.view.isExact && location.hash')
         self.assertIn('isovalue=100', self.page)
         self.assertEqual(100, self.js('return isoscope.view.state.surfaces[0].isovalue'))
         # A later change is in the link, and takes precedence.
         self.js('isoscope.view.update({ surfaces: [{ isovalue: 90 }] })')
         self.until('isoscope.view.isExact && /surface=90/.test(location.hash)')
         self.browser.refresh()
-        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.until('isoscope.view.isExact')
         self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
 
     def test_without_a_link_it_begins_as_the_command_line_does(self):
@@ -1082,7 +1082,7 @@ class RealTest(PageTest):
         token = urllib.parse.parse_qs(address.query).get('token', [''])[0]
         self.browser.get('about:blank')
         self.browser.get(f'{address.scheme}://{address.netloc}/?max-side=420&token={urllib.parse.quote(token)}')
-        self.until('isoscope.view.isExact && isoscope.view.frame && isoscope.view.state.backgroundColor')
+        self.until('isoscope.view.isExact && isoscope.view.state.backgroundColor')
         state = self.js('return isoscope.view.getState()')
         self.assertEqual([isovalue], [surface['isovalue'] for surface in state['surfaces']])
         for name in ('eye', 'target', 'up'):
@@ -1119,7 +1119,7 @@ class RealTest(PageTest):
                         if (image.complete) tell(); else image.onload = image.onerror = tell;''')
                     self.assertEqual(0, size, f'a page of {host} shows the picture')
                 self.browser.find_element(By.TAG_NAME, 'a').click()
-                self.until('isoscope.view.isExact && isoscope.view.frame')
+                self.until('isoscope.view.isExact')
                 self.assertNotIn('token', self.browser.current_url)
             finally:
                 server.shutdown()
@@ -1149,7 +1149,7 @@ class RealTest(PageTest):
     def test_each_control_leaves_a_command_that_draws_the_picture_on_the_page(self):
         self.browser.get('about:blank')
         self.browser.get(f'{self.page}&max-side=128')
-        self.until('isoscope.view.isExact && isoscope.view.frame && document.querySelector("#clip [aria-valuetext]")')
+        self.until('isoscope.view.isExact && document.querySelector("#clip [aria-valuetext]")')
         self.js('''window.choose = (id, value, type = 'change') => {
               const element = document.getElementById(id); element.value = value; element.dispatchEvent(new Event(type)); };
             window.press = (selector, key) => document.querySelector(selector).dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));''')
@@ -1163,7 +1163,7 @@ class RealTest(PageTest):
     def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
         self.browser.get('about:blank')
         self.browser.get(f'{self.page}&max-side=420')
-        self.until('isoscope.view.isExact && isoscope.view.frame && document.getElementById("histogram").querySelector("circle")')
+        self.until('isoscope.view.isExact && document.getElementById("histogram").querySelector("circle")')
         self.drag(110, 50, steps=10)
         self.until_exact()
         self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
@@ -1190,7 +1190,7 @@ class WarpTest(PageTest):
     def test_the_last_frame_is_warped_to_the_pointer_s_camera_until_the_next_one_comes(self):
         self.open_and_wait()
         for layers in range(1, 8):
-            if self.js('return Boolean(isoscope.view.frame.grid)'):
+            if self.js('return Boolean(isoscope.view.loop.picture.frame.grid)'):
                 break
             # The quick frame, which has the depths, came too late to be taken.
             self.js('isoscope.view.update({maxLayers: arguments[0]})', layers)
@@ -1219,7 +1219,7 @@ class WarpTest(PageTest):
 
     def test_a_lost_graphics_context_falls_back_and_shows_the_picture_again(self):
         self.open_and_wait()
-        self.js('isoscope.view.screen.canvas.getContext("webgl2").getExtension("WEBGL_lose_context").loseContext()')
+        self.js('isoscope.view.loop.picture.screen.canvas.getContext("webgl2").getExtension("WEBGL_lose_context").loseContext()')
         self.until('isoscope.view.stats().renderer === "bitmaprenderer" && isoscope.view.isExact')
         self.until('isoscope.view.stats().framesShown >= 2')
         self.until_exact()

@@ -1,9 +1,10 @@
 // The view module without a browser: cameras, moves, the warp, and messages.
 import assert from 'node:assert/strict';
-import { readFileSync } from 'node:fs';
+import { readFileSync, readdirSync } from 'node:fs';
 import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
+import { workerSource } from '../../../clients/web/view/worker.js';
 import { draw, gridOf } from './mock_gateway.mjs';
 import { cornerDepth, warpByGrid, warpPoint } from './warp.mjs';
 
@@ -250,6 +251,12 @@ test('lengths of scale bars are 1, 2 or 5 times a power of ten', () => {
   }
 });
 
+test('the page asks for all parts of the view at once', () => {
+  const web = new URL('../../../clients/web/', import.meta.url);
+  const asked = [...readFileSync(new URL('index.html', web), 'utf8').matchAll(/<link rel="modulepreload" href="view\/(.+)">/g)].map((match) => match[1]);
+  assert.deepEqual(asked, readdirSync(new URL('view', web)).filter((name) => name !== 'types.js').sort());
+});
+
 // ---- messages ----
 
 function message(header, image = new Uint8Array(0), depths = new Uint8Array(0)) {
@@ -322,7 +329,7 @@ test('any cut and any changed byte of a message gives a frame or a sentence', ()
 test('the worker is made of source that stands alone', () => {
   // As startWorker does it: nothing of the module may be in reach.
   const scope = { postMessage() {}, onmessage: null };
-  new Function('self', `const parse = ${view.parseMessage};\n(${view.workerMain})(self, parse);`)(scope);
+  new Function('self', workerSource())(scope);
   assert.equal(typeof scope.onmessage, 'function');
 });
 

@@ -265,7 +265,12 @@ std::vector<std::string> Seeds() {
   values.add_block_ids(0);
   values.mutable_values()->add_dataset_ids("other");
   values.mutable_values()->add_isovalues(testing::SmallDataset::kIsovalue);
-  values.mutable_values()->add_on_caps(false);
+  values.add_on_caps(false);
+  v1::GetGradientsRequest labels = gradients;
+  labels.add_block_ids(0);
+  labels.add_on_caps(false);
+  labels.add_label_sets()->add_labels(testing::SmallDataset::kIsovalue);
+  labels.add_label_set_indices(0);
   const std::string first = MakePiece(occluders.SerializeAsString());
   const std::string second = MakePiece(visible.SerializeAsString());
   return {head(4) + MakePiece(begin) + first + second,
@@ -277,7 +282,8 @@ std::vector<std::string> Seeds() {
           head(1) + MakePiece(histogram.SerializeAsString()),
           head(2) + MakePiece(box.SerializeAsString()),
           head(3) + MakePiece(gradients.SerializeAsString()),
-          head(3) + MakePiece(values.SerializeAsString())};
+          head(3) + MakePiece(values.SerializeAsString()),
+          head(3) + MakePiece(labels.SerializeAsString())};
 }
 
 }  // namespace isoscope::fuzz

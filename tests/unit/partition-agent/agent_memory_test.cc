@@ -73,7 +73,7 @@ TEST(AgentMemoryTest, CacheKeepsNothingBeforeSettleAndWithinTheLimitAfterIt) {
   EXPECT_EQ(*cache->FindSamples(shard, 0), samples);
   // Meshes up to the brim: caches, frames and images together stay below the limit.
   const std::uint64_t round = cache->BeginRound(1);
-  const auto table = cache->meshes()->TableOf(shard.number, 1, 100'000);
+  const auto table = cache->meshes()->TableOf(shard.number, {.isovalue = 1}, 100'000);
   mesh::BlockMesh mesh;
   mesh.positions.resize(20'000);
   mesh.normals.resize(20'000);

@@ -1,29 +1,13 @@
 #include "partition-agent/agent_metrics.h"
 
-#include <map>
-#include <set>
-#include <string>
-
-#include "absl/strings/match.h"
-#include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
+
+#include "tests/support/metric_values.h"
 
 namespace isoscope::agent {
 namespace {
 
-std::map<std::string, double> ValuesOf(const std::vector<base::MetricFamily>& families) {
-  std::map<std::string, double> values;
-  for (const base::MetricFamily& family : families) {
-    for (const base::MetricSample& sample : family.samples) {
-      std::string key = family.name;
-      for (const auto& [name, value] : sample.labels) {
-        absl::StrAppend(&key, " ", name, "=", value);
-      }
-      values[key] = sample.value;
-    }
-  }
-  return values;
-}
+using testing::ValuesOf;
 
 TEST(AgentMetricsTest, OnlyFramesThatEndedWellCountAsBusy) {
   AgentMetrics metrics;
@@ -59,15 +43,7 @@ TEST(AgentMetricsTest, EachCacheHasItsHitsMissesAndBytes) {
 TEST(AgentMetricsTest, NamesFollowTheConvention) {
   AgentMetrics metrics;
   metrics.CountRequest(AgentMethod::kGetGradients, absl::OkStatus(), absl::Seconds(1));
-  std::set<std::string> names;
-  for (const base::MetricFamily& family : metrics.Collect({})) {
-    EXPECT_TRUE(names.insert(family.name).second) << family.name << " comes twice";
-    EXPECT_TRUE(absl::EndsWith(family.help, ".")) << family.name;
-    EXPECT_FALSE(family.samples.empty()) << family.name;
-    EXPECT_EQ(absl::EndsWith(family.name, "_total"),
-              family.type == base::MetricFamily::Type::kCounter)
-        << family.name;
-  }
+  testing::ExpectNamesFollowTheConvention(metrics.Collect({}));
   EXPECT_EQ(ValuesOf(metrics.Collect({}))["isoscope_requests_total method=GetGradients code=OK"],
             1);
 }

@@ -298,9 +298,13 @@ TEST_F(ColorVolumesTest, MeshesHaveTheValuesOfTheirFieldWhateverWasKept) {
     }
     return copy;
   };
+  std::vector<volume::InsideRule> rules;
+  for (const double isovalue : isovalues) {
+    rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
+  }
   IndexCost cost;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SurfaceBlocks blocks,
-                                SurfaceBlocks::Find(shards_, isovalues, nullptr, never_, &cost));
+                                SurfaceBlocks::Find(shards_, rules, nullptr, never_, &cost));
   std::int64_t frame_number = 0;
   for (const std::size_t cache_bytes : {std::size_t{0}, std::size_t{3} << 20, kAmple}) {
     BlockCache cache(cache_bytes);

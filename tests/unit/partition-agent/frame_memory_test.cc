@@ -123,12 +123,12 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
     task_.spec.viewport = {100, 76};
     task_.spec.culling = case_.culling;
     if (case_.has_layers) {
-      task_.spec.surfaces.push_back({.isovalue = 118, .opacity = 0.4F});
-      task_.spec.surfaces.push_back({.isovalue = 136, .opacity = 0.6F});
+      task_.spec.surfaces.push_back({.rule = {.isovalue = 118}, .opacity = 0.4F});
+      task_.spec.surfaces.push_back({.rule = {.isovalue = 136}, .opacity = 0.6F});
       task_.spec.max_layers = 3;
     }
     if (case_.has_ties) {
-      task_.spec.surfaces.push_back({.isovalue = testing::SmallDataset::kIsovalue});
+      task_.spec.surfaces.push_back({.rule = {.isovalue = testing::SmallDataset::kIsovalue}});
     }
     if (case_.has_caps) {
       const math::Box3d bounds = dataset_.geometry().Bounds();
@@ -276,7 +276,7 @@ TEST(LayerPassMemoryTest, MemoryThatRunsOutLeavesNoRowLocked) {
   geometry.sample_dims = {9, 9, 9};
   const volume::BlockLayout layout = *volume::BlockLayout::Make({9, 9, 9}, {8, 8, 8});
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = 0, .opacity = 0.5F}};
+  spec.surfaces = {{.rule = {.isovalue = 0}, .opacity = 0.5F}};
   spec.camera = view::MakeDefaultCamera(geometry.Bounds());
   spec.viewport = {64, 64};
   const view::View view = *view::View::Make(*spec.camera, spec.viewport, geometry);

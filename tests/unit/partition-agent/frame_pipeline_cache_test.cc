@@ -21,7 +21,7 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   FrameTask turned = task_;
   view::Azimuth(2.0, &*turned.spec.camera);
   FrameTask other = task_;
-  other.spec.surfaces[0].isovalue = SmallDataset::kIsovalue + 10;
+  other.spec.surfaces[0].rule.isovalue = SmallDataset::kIsovalue + 10;
   Frame cold;
   RunAlone(task_, &cold);
   EXPECT_GT(cold.statistics.read_bytes, 0);
@@ -60,7 +60,7 @@ TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
   const double isovalues[] = {128.25, 128.5, 128.75};
   std::vector<std::int64_t> block_bytes;
   for (const double isovalue : isovalues) {
-    task_.spec.surfaces[0].isovalue = isovalue;
+    task_.spec.surfaces[0].rule.isovalue = isovalue;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
     const std::int64_t index_bytes = pipeline->statistics().read_bytes;
@@ -84,7 +84,7 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   constexpr int kIsovalueCount = 60;
   constexpr std::size_t kSmallCacheBytes = std::size_t{4} << 20;
   const auto request_of = [this](int i) {
-    task_.spec.surfaces[0].isovalue = 100.5 + i;
+    task_.spec.surfaces[0].rule.isovalue = 100.5 + i;
     return task_;
   };
   std::vector<image::FrameImage> expected;
@@ -113,7 +113,7 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
 TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   Open(2);
   std::vector<FrameTask> requests(3, dataset_->Request());
-  requests[1].spec.surfaces[0].isovalue += 10;
+  requests[1].spec.surfaces[0].rule.isovalue += 10;
   view::Azimuth(0.5, &*requests[2].spec.camera);
   std::vector<Frame> expected(requests.size());
   cache_ = std::make_unique<BlockCache>(0);
@@ -144,9 +144,9 @@ TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
 TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   Open(2);
   std::vector<FrameTask> requests(4, dataset_->Request());
-  requests[1].spec.surfaces[0].isovalue += 10;
+  requests[1].spec.surfaces[0].rule.isovalue += 10;
   view::Azimuth(0.5, &*requests[2].spec.camera);
-  requests[3].spec.surfaces[0].isovalue += 10;
+  requests[3].spec.surfaces[0].rule.isovalue += 10;
   std::vector<image::FrameImage> expected;
   expected.reserve(requests.size());
   for (const FrameTask& request : requests) {

@@ -56,7 +56,8 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
   // Counted again from the definitions.
   const view::View view = dataset_->ViewOf(task_);
   const store::ShardReader& reader = *shards_.front()->reader;
-  const volume::BlockSet active = reader.ranges().ActiveBlocks(task_.spec.surfaces[0].isovalue);
+  const volume::BlockSet active =
+      reader.ranges().ActiveBlocks(task_.spec.surfaces[0].rule.isovalue);
   EXPECT_EQ(frame.selection.active, active.Ids());
   const auto drawn = static_cast<std::int64_t>(frame.visible_blocks.size()) +
                      static_cast<std::int64_t>(frame.occluding_blocks.size());
@@ -136,7 +137,7 @@ TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
 
 TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
   Open(2);
-  task_.spec.surfaces[0].isovalue = 230;  // near the largest: not all blocks are active
+  task_.spec.surfaces[0].rule.isovalue = 230;  // near the largest: not all blocks are active
   const volume::BlockId block_count =
       static_cast<volume::BlockId>(dataset_->layout().block_count());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, Make({shards_[0]}, task_));
@@ -144,7 +145,7 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards_[1]}, task_));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection other_selection, others->SelectOccluders());
   const volume::BlockSet active =
-      shards_[0]->reader->ranges().ActiveBlocks(task_.spec.surfaces[0].isovalue);
+      shards_[0]->reader->ranges().ActiveBlocks(task_.spec.surfaces[0].rule.isovalue);
   volume::BlockId inactive = 0;
   while (inactive < block_count && active.Contains(inactive)) {
     ++inactive;
@@ -476,7 +477,7 @@ TEST_F(FramePipelineTest, BadRequestIsRefused) {
 
 TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
   Open(2);
-  task_.spec.surfaces[0].isovalue = 1000;
+  task_.spec.surfaces[0].rule.isovalue = 1000;
   Frame frame;
   RunAlone(task_, &frame);
   EXPECT_TRUE(frame.selection.hits.empty());
@@ -497,7 +498,7 @@ TEST_F(FramePipelineTest, SeveralSurfacesAreTheCompositeOfEach) {
   std::set<volume::BlockId> active;
   for (std::uint32_t i = 0; i < isovalues.size(); ++i) {
     FrameTask alone = dataset_->Request();
-    alone.spec.surfaces[0].isovalue = isovalues[i];
+    alone.spec.surfaces[0].rule.isovalue = isovalues[i];
     alone.spec.surfaces[0].appearance.base_color = {static_cast<std::uint8_t>(80 + 60 * i), 90, 70,
                                                     255};
     task_.spec.surfaces.push_back(alone.spec.surfaces[0]);

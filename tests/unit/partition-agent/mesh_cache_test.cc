@@ -74,7 +74,7 @@ class MeshCacheTest : public ::testing::Test {
     return round;
   }
   std::shared_ptr<MeshTable> Table(double isovalue = 1) {
-    return cache_->TableOf(0, isovalue, kPlaceCount);
+    return cache_->TableOf(0, {.isovalue = isovalue}, kPlaceCount);
   }
   // Stores quarter meshes at [begin, end), ids as places, one writer.
   void Fill(MeshTable* table, std::size_t begin, std::size_t end, std::uint64_t round) {
@@ -130,21 +130,26 @@ TEST_F(MeshCacheTest, FindsWhatWasStoredAtItsPlaceAndNothingElse) {
 TEST_F(MeshCacheTest, TablesAreThoseOfAShardAndAnIsovalue) {
   SetMaxChunks(4);
   const std::uint64_t round = NextRound();
-  const auto table = cache_->TableOf(3, 0.0, kPlaceCount);
+  const auto table = cache_->TableOf(3, {.isovalue = 0.0}, kPlaceCount);
   Fill(table.get(), 0, 1, round);
-  EXPECT_EQ(cache_->TableOf(3, 0.0, kPlaceCount), table);
-  EXPECT_EQ(cache_->TableOf(3, -0.0, kPlaceCount), table) << "-0 is the isovalue 0";
+  EXPECT_EQ(cache_->TableOf(3, {.isovalue = 0.0}, kPlaceCount), table);
+  EXPECT_EQ(cache_->TableOf(3, {.isovalue = -0.0}, kPlaceCount), table) << "-0 is the isovalue 0";
+  using volume::InsideRule;
   for (const auto& other :
-       {cache_->TableOf(4, 0.0, kPlaceCount), cache_->TableOf(3, 1e-300, kPlaceCount),
-        cache_->TableOf(3, 0.0, kPlaceCount, {.of = MeshValues::Of::kGradientMagnitude}),
-        cache_->TableOf(3, 0.0, kPlaceCount,
+       {cache_->TableOf(3, InsideRule::OfLabels({0}), kPlaceCount),
+        cache_->TableOf(3, InsideRule::OfLabels({0, 1}), kPlaceCount),
+        cache_->TableOf(4, {.isovalue = 0.0}, kPlaceCount),
+        cache_->TableOf(3, {.isovalue = 1e-300}, kPlaceCount),
+        cache_->TableOf(3, {.isovalue = 0.0}, kPlaceCount,
+                        {.of = MeshValues::Of::kGradientMagnitude}),
+        cache_->TableOf(3, {.isovalue = 0.0}, kPlaceCount,
                         {.of = MeshValues::Of::kField, .field_shard_number = 3}),
-        cache_->TableOf(3, 0.0, kPlaceCount,
+        cache_->TableOf(3, {.isovalue = 0.0}, kPlaceCount,
                         {.of = MeshValues::Of::kField, .field_shard_number = 4})}) {
     ASSERT_NE(other, table);
     EXPECT_EQ(other->Find(0, round), nullptr);
   }
-  EXPECT_NE(cache_->TableOf(3, 0.0, kPlaceCount)->Find(0, round), nullptr);
+  EXPECT_NE(cache_->TableOf(3, {.isovalue = 0.0}, kPlaceCount)->Find(0, round), nullptr);
 }
 
 TEST_F(MeshCacheTest, RoundsCountFramesNotAgents) {
@@ -425,7 +430,7 @@ TEST_F(MeshCacheTest, TablesAreBoundedAndTheLeastRecentlyUsedForgotten) {
 TEST_F(MeshCacheTest, TableTooLargeForTheLimitIsMadeButNotKept) {
   const std::size_t table_bytes = MeshTable(100'000).size_bytes();
   cache_->SetMaxBytes(8 * table_bytes - 8);
-  const auto table = cache_->TableOf(0, 1, 100'000);
+  const auto table = cache_->TableOf(0, {.isovalue = 1}, 100'000);
   ASSERT_NE(table, nullptr);
   EXPECT_LE(cache_->size_bytes(), table_bytes - 1);
   const std::uint64_t round = NextRound();
@@ -520,7 +525,7 @@ TEST_F(MeshCacheTest, RandomUseFollowsTheRules) {
     Model model(max_bytes);
     // A place is stored once only: overwritten places would leave segments without a witness.
     constexpr std::size_t kPlaces = 4000;
-    const auto table = cache_->TableOf(0, 1, kPlaces);
+    const auto table = cache_->TableOf(0, {.isovalue = 1}, kPlaces);
     const std::size_t table_bytes = table->size_bytes();
     ASSERT_EQ(cache_->size_bytes(), table_bytes);
     std::uint64_t round = NextRound();
@@ -598,7 +603,7 @@ TEST_F(MeshCacheTest, ThreadsFindOnlyWhatBelongsToTheirPlace) {
     for (std::int64_t frame = 0; frame < 20; ++frame) {
       const double isovalue = static_cast<double>(frame / 3 % 4);
       const std::uint64_t round = cache_->BeginRound(frame);
-      const auto table = cache_->TableOf(0, isovalue, kPlaces);
+      const auto table = cache_->TableOf(0, {.isovalue = isovalue}, kPlaces);
       std::vector<MeshCache::Writer> writers;
       writers.emplace_back(cache_.get(), round);
       writers.emplace_back(cache_.get(), round);

@@ -83,7 +83,8 @@ class MeshSupplyTest : public ::testing::Test {
   // Blocks of the dataset for two surfaces.
   SurfaceBlocks FindBlocks() {
     IndexCost cost;
-    auto blocks = SurfaceBlocks::Find(dataset_.OpenShards(), {SmallDataset::kIsovalue, 140.0},
+    auto blocks = SurfaceBlocks::Find(dataset_.OpenShards(),
+                                      {{.isovalue = SmallDataset::kIsovalue}, {.isovalue = 140.0}},
                                       nullptr, never_, &cost);
     ISOSCOPE_CHECK(blocks.ok());
     return *std::move(blocks);

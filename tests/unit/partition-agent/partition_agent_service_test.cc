@@ -152,7 +152,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
     begin->add_shard_indices(0);
     begin->add_shard_indices(1);
     isoscope::v1::RenderIsosurfaceRequest* asked = begin->mutable_request();
-    asked->set_isovalue(request.spec.surfaces[0].isovalue);
+    asked->set_isovalue(request.spec.surfaces[0].rule.isovalue);
     *asked->mutable_camera() = rpc::ToProto(*request.spec.camera);
     *asked->mutable_viewport() = rpc::ToProto(request.spec.viewport);
     asked->set_culling(rpc::ToProto(culling));
@@ -809,7 +809,7 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
   with_values.mutable_values()->add_dataset_ids(request.dataset_id());
   for (int i = 0; i < request.points_size(); ++i) {
     with_values.mutable_values()->add_isovalues(SmallDataset::kIsovalue);
-    with_values.mutable_values()->add_on_caps(false);
+    with_values.add_on_caps(false);
   }
   v1::GetGradientsResponse values;
   EXPECT_EQ(ask(with_values, &values), "OK");

@@ -85,7 +85,7 @@ class PlayAheadTest : public ::testing::Test {
     const FramesInWork::Frame in_work(memory_->frames());
     FrameTask task;
     task.frame_number = ++frame_number_;
-    task.spec.surfaces = {{.isovalue = kIsovalue, .appearance = {}}};
+    task.spec.surfaces = {{.rule = {.isovalue = kIsovalue}, .appearance = {}}};
     task.spec.viewport = {90, 70};
     google::protobuf::RepeatedField<std::int32_t> indices;
     indices.Add(0);

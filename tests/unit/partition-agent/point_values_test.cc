@@ -94,7 +94,7 @@ std::vector<Expected> MakePoints(const Fields& fields) {
         extractor.ExtractWithField({id, ScalarType::kUint8, drawn.data()}, isovalue,
                                    {id, ScalarType::kFloat32, random.data()});
     for (std::size_t i = 0; i + 3 <= mesh.indices.size(); i += 3 * 29) {
-      Expected expected{.point = {.block_id = id, .isovalue = isovalue}};
+      Expected expected{.point = {.block_id = id, .rule = {.isovalue = isovalue}}};
       for (std::size_t k = 0; k < 3; ++k) {
         const math::Vec3f& p = mesh.positions[mesh.indices[i + k]];
         expected.point.position = expected.point.position +
@@ -130,7 +130,7 @@ TEST(PointValuesTest, ValuesAreThoseOfTheTrianglesForAnyNumberOfShards) {
       ASSERT_EQ(together[i].values.size(), 3U);
       EXPECT_NEAR(together[i].values[0], Linear(points[i].position), 1e-5);
       EXPECT_NEAR(together[i].values[1], expected[i].random_value, 1e-6);
-      EXPECT_NEAR(together[i].values[2], points[i].isovalue, 1e-4) << "the drawn field";
+      EXPECT_NEAR(together[i].values[2], points[i].rule.isovalue, 1e-4) << "the drawn field";
     }
     std::map<std::size_t, PointValues> apart;
     for (std::size_t shard = 0; shard < fields.shards.size(); ++shard) {
@@ -162,11 +162,58 @@ TEST(PointValuesTest, CapsHaveTheValuesOfTheirCells) {
     const volume::BlockId id = volume::BlockOfCell(layout, volume::CellAt(layout, position));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const std::vector<PointValues> values,
-        ValuesAt(fields.shards, fields.volumes,
-                 {{.position = position, .block_id = id, .isovalue = 1, .is_on_cap = true}},
-                 fields.never));
+        ValuesAt(
+            fields.shards, fields.volumes,
+            {{.position = position, .block_id = id, .rule = {.isovalue = 1}, .is_on_cap = true}},
+            fields.never));
     ASSERT_EQ(values.size(), 1U);
     EXPECT_DOUBLE_EQ(values[0].values[0], Linear(position));
+  }
+}
+
+// At a vertex the label is the sample at the inside end of its grid edge.
+TEST(PointValuesTest, LabelsAreThoseOfTheNearestEdgesForAnyNumberOfShards) {
+  const auto rule = volume::InsideRule::OfLabels({118, 121, 122, 130, 131});
+  std::vector<PointValues> of_one;
+  for (const int shard_count : {1, 3}) {
+    Fields fields(shard_count);
+    const volume::BlockLayout layout = fields.drawn.layout();
+    const math::Index3& dims = layout.sample_dims();
+    const auto sample_at = [&](std::int64_t index) {
+      return static_cast<double>(
+          static_cast<std::uint8_t>(fields.drawn.samples()[static_cast<std::size_t>(index)]));
+    };
+    extract::BlockExtractor extractor(fields.drawn.geometry(), layout);
+    std::vector<SurfacePoint> points;
+    std::vector<double> expected;
+    for (volume::BlockId id = 0; id < layout.block_count(); id += 5) {
+      const std::string drawn =
+          testing::CutBlock(layout, ScalarType::kUint8, fields.drawn.samples(), id);
+      mesh::BlockMesh mesh;
+      extractor.ExtractWithEdgeKeys({id, ScalarType::kUint8, drawn.data()}, rule, &mesh);
+      for (std::size_t i = 0; i < mesh.indices.size(); i += 31) {
+        const std::size_t vertex = mesh.indices[i];
+        const math::Vec3f& p = mesh.positions[vertex];
+        points.push_back(
+            {.position = {double{p.x}, double{p.y}, double{p.z}}, .block_id = id, .rule = rule});
+        const std::array<std::int64_t, 3> steps = {1, dims.x, dims.x * dims.y};
+        const std::int64_t lower = mesh.edge_keys[vertex] / 3;
+        const std::int64_t upper =
+            lower + steps[static_cast<std::size_t>(mesh.edge_keys[vertex] % 3)];
+        ASSERT_NE(rule.IsInside(sample_at(lower)), rule.IsInside(sample_at(upper)));
+        expected.push_back(sample_at(rule.IsInside(sample_at(lower)) ? lower : upper));
+      }
+    }
+    ASSERT_GT(points.size(), 50U);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<PointValues> values,
+                                  ValuesAt(fields.shards, {}, points, fields.never));
+    ASSERT_EQ(values.size(), points.size());
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      EXPECT_EQ(values[i].label, expected[i]) << i;
+      EXPECT_TRUE(values[i].values.empty());
+    }
+    of_one = of_one.empty() ? values : of_one;
+    EXPECT_EQ(values, of_one);
   }
 }
 
@@ -179,7 +226,7 @@ TEST(PointValuesTest, APointFarFromItsBlockIsAnsweredWithoutACrash) {
                                     ValuesAt(fields.shards, fields.volumes,
                                              {{.position = {1e9, -1e9, 40},
                                                .block_id = 0,
-                                               .isovalue = isovalue,
+                                               .rule = {.isovalue = isovalue},
                                                .is_on_cap = is_on_cap},
                                               {.position = {1, 1, 1}, .block_id = std::nullopt}},
                                              fields.never));
@@ -192,7 +239,7 @@ TEST(PointValuesTest, APointFarFromItsBlockIsAnsweredWithoutACrash) {
 TEST(PointValuesTest, AVolumeThatIsCutInAnotherWayAndACancellationAreErrors) {
   Fields fields(1);
   const std::vector<SurfacePoint> points = {
-      {.position = {1, 1, 1}, .block_id = 0, .isovalue = SmallDataset::kIsovalue}};
+      {.position = {1, 1, 1}, .block_id = 0, .rule = {.isovalue = SmallDataset::kIsovalue}}};
   const Shards other = fields.Open(ScalarType::kFloat64, fields.linear, 1, {8, 9, 8});
   EXPECT_THAT(ValuesAt(fields.shards, {other}, points, fields.never).status(),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("must be cut alike")));

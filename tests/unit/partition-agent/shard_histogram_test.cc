@@ -130,7 +130,11 @@ TEST(ActiveBoxTest, IsTheUnionOfTheActiveBlocksOfAllIsovalues) {
       }
     }
     for (const auto& shard : shards) {
-      const ActiveBox box = ActiveBoxOf(layout, shard->reader->ranges(), isovalues);
+      std::vector<volume::InsideRule> rules;
+      for (const double isovalue : isovalues) {
+        rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
+      }
+      const ActiveBox box = ActiveBoxOf(layout, shard->reader->ranges(), rules);
       EXPECT_EQ(box.block_count, count);
       if (count > 0) {
         EXPECT_EQ(box.cells, expected);
@@ -143,9 +147,10 @@ TEST(ActiveBoxTest, BlocksOutsideOfTheClipRegionAreLeftOut) {
   const SmallDataset dataset(1);
   const auto shards = dataset.OpenShards();
   const volume::RangeTable& ranges = shards.front()->reader->ranges();
-  const ActiveBox all = ActiveBoxOf(dataset.layout(), ranges, {128});
+  const ActiveBox all = ActiveBoxOf(dataset.layout(), ranges, {{.isovalue = 128}});
   const auto box_of = [&](const view::ClipRegion& clip) {
-    return ActiveBoxOf(dataset.layout(), ranges, {128}, view::Clipper(clip, dataset.geometry()));
+    return ActiveBoxOf(dataset.layout(), ranges, {{.isovalue = 128}},
+                       view::Clipper(clip, dataset.geometry()));
   };
   // Blocks of 8 cells: those that reach x = 20 and z = 15.
   const ActiveBox some =

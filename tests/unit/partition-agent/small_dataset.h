@@ -73,7 +73,7 @@ class SmallDataset {
   // From a corner, close enough that some blocks are beside the picture.
   [[nodiscard]] agent::FrameTask Request() const {
     agent::FrameTask request;
-    request.spec.surfaces = {{.isovalue = kIsovalue, .appearance = {}}};
+    request.spec.surfaces = {{.rule = {.isovalue = kIsovalue}, .appearance = {}}};
     request.spec.camera = view::MakeDefaultCamera(geometry_.Bounds());
     view::Azimuth(0.6, &*request.spec.camera);
     view::Elevation(0.4, &*request.spec.camera);

@@ -169,7 +169,7 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   v1::GetCapabilitiesResponse capabilities;
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
   EXPECT_THAT(capabilities.features(),
-              ElementsAre("dataset_id", "draining_agents", "error_info", "pages"));
+              ElementsAre("dataset_id", "draining_agents", "error_info", "labels", "pages"));
 }
 
 TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {

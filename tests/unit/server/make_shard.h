@@ -1,14 +1,20 @@
-// Descriptions of shards, as agents send them, without shards.
+// Descriptions of shards, as agents send them, without shards; and the sets that datasets make of
+// them.
 
 #ifndef ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_
 #define ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_
 
 #include <cstddef>
 #include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 #include "core/rpc/proto_convert.h"
 #include "core/store/manifest.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "server/cluster/dataset_catalog.h"
 
 namespace isoscope::testing {
 
@@ -32,6 +38,19 @@ inline isoscope::internal::v1::ShardDescription MakeShard(const std::string& nam
   shard.set_shard_index(shard_index);
   shard.set_block_count(8 / shard_count);
   return shard;
+}
+
+// "0,2: a:1 b:1" for each set.
+inline std::vector<std::string> SetsOf(const server::DatasetState& dataset) {
+  std::vector<std::string> sets;
+  for (const server::ReplicaSet& set : dataset.replica_sets) {
+    sets.push_back(absl::StrCat(
+        absl::StrJoin(set.shard_indices, ","), ": ",
+        absl::StrJoin(set.agents, " ", [](std::string* out, const server::ServingAgent& agent) {
+          absl::StrAppend(out, agent.address);
+        })));
+  }
+  return sets;
 }
 
 }  // namespace isoscope::testing

@@ -162,7 +162,7 @@ class PictureMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>>
   PictureMemoryTest() : arena_(std::get<1>(GetParam())) {
     const Case& of = std::get<0>(GetParam());
     geometry_.sample_dims = kDims;
-    spec_.surfaces = {{.isovalue = 1}, {.isovalue = 2, .opacity = 0.5F}};
+    spec_.surfaces = {{.rule = {.isovalue = 1}}, {.rule = {.isovalue = 2}, .opacity = 0.5F}};
     spec_.camera = view::MakeDefaultCamera(geometry_.Bounds());
     spec_.viewport = {kWidth, kHeight};
     spec_.max_layers = 2;

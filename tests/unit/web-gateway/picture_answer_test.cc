@@ -1,5 +1,5 @@
-// How a picture may be cached is tested through the Api; here are the requests that can be answered
-// and the answers.
+// The requests that can be answered, the answers, and how long they may be cached. Fields and steps
+// that change what may be cached are tested through the Api.
 
 #include "web-gateway/picture_answer.h"
 
@@ -17,6 +17,7 @@ namespace {
 
 namespace v1 = isoscope::v1;
 using ::isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
 template <typename Message>
@@ -84,6 +85,52 @@ TEST(PictureAnswerTest, TheAnswerHasTheOutputThatWasAskedFor) {
     EXPECT_EQ(response.headers[0].second, "x");
     EXPECT_EQ(response.headers[1].second, "7x5");
   }
+}
+
+TEST(PictureAnswerTest, TheAnswerSaysItsFieldsAndItsTime) {
+  const auto rendered = Parse<v1::RenderIsosurfaceResponse>(
+      R"(png: "a" selection { field: "T" time_step: 3 } time: 1.5)");
+  const HttpResponse response = PictureResponse({}, {}, rendered);
+  ASSERT_EQ(response.headers.size(), 4U);
+  EXPECT_EQ(response.headers[2].first, "X-Isoscope-Selection");
+  EXPECT_THAT(response.headers[2].second, HasSubstr(R"("T")"));
+  EXPECT_EQ(response.headers[3].first, "X-Isoscope-Time");
+  EXPECT_THAT(response.headers[3].second, HasSubstr("1.5"));
+}
+
+TEST(PictureAnswerTest, WhoMayKeepAPictureAndForHowLong) {
+  struct Case {
+    bool is_by_id;
+    bool is_private;
+    const char* cache_control;
+  };
+  for (const Case& c :
+       {Case{false, false, "public, no-cache"}, Case{false, true, "private, no-cache"},
+        Case{true, false, "public, max-age=31536000, immutable"},
+        Case{true, true, "private, max-age=31536000, immutable"}}) {
+    v1::RenderIsosurfaceRequest request;
+    const PictureCaching caching =
+        CachingOf(v1::Dataset(), "cpu 1", c.is_by_id, c.is_private, &request);
+    ASSERT_EQ(caching.headers.size(), 2U);
+    EXPECT_EQ(caching.headers[0].first, "ETag");
+    EXPECT_EQ(caching.headers[0].second, caching.etag);
+    EXPECT_EQ(caching.headers[1].first, "Cache-Control");
+    EXPECT_EQ(caching.headers[1].second, c.cache_control);
+  }
+}
+
+TEST(PictureAnswerTest, PicturesThatMayDifferHaveTagsThatDiffer) {
+  const auto tag_of = [](const char* id, const char* revision, const char* request_text) {
+    auto request = Parse<v1::RenderIsosurfaceRequest>(request_text);
+    v1::Dataset dataset;
+    dataset.set_dataset_id(id);
+    return CachingOf(dataset, revision, true, false, &request).etag;
+  };
+  const std::string tag = tag_of("a", "cpu 1", "isovalue: 1");
+  EXPECT_EQ(tag_of("a", "cpu 1", "isovalue: 1"), tag);
+  EXPECT_NE(tag_of("b", "cpu 1", "isovalue: 1"), tag);
+  EXPECT_NE(tag_of("a", "cpu 2", "isovalue: 1"), tag);
+  EXPECT_NE(tag_of("a", "cpu 1", "isovalue: 2"), tag);
 }
 
 TEST(PictureAnswerTest, AnApproximatePictureIsNotCached) {

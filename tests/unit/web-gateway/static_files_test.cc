@@ -1,7 +1,10 @@
 #include "web-gateway/static_files.h"
 
+#include <regex>
 #include <string>
+#include <vector>
 
+#include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -23,6 +26,33 @@ TEST(StaticFilesTest, TheRootIsThePage) {
   EXPECT_EQ(page.content_type, "text/html; charset=utf-8");
   EXPECT_THAT(page.body, HasSubstr("<title>"));
   EXPECT_EQ(page.body, Get({"index.html"}).body);
+}
+
+TEST(StaticFilesTest, TheModulesOfTheViewLieInAFolder) {
+  const HttpResponse module = Get({"view", "camera.js"});
+  EXPECT_EQ(module.status, 200);
+  EXPECT_EQ(module.content_type, "text/javascript; charset=utf-8");
+  EXPECT_EQ(Get({"view"}).status, 404);
+  EXPECT_EQ(Get({"camera.js"}).status, 404);
+}
+
+// Each import of each file is served: a module that the build forgets leaves the page empty.
+TEST(StaticFilesTest, EveryImportIsServed) {
+  size_t imports = 0;
+  for (const StaticFile& file : StaticFiles()) {
+    const std::vector<std::string> folder = absl::StrSplit(file.name, '/');
+    std::string text(file.content);
+    static const std::regex import("from '\\./([^']+)'");
+    for (std::sregex_iterator it(text.begin(), text.end(), import), end; it != end; ++it) {
+      std::vector<std::string> path(folder.begin(), folder.end() - 1);
+      for (absl::string_view segment : absl::StrSplit((*it)[1].str(), '/')) {
+        path.emplace_back(segment);
+      }
+      EXPECT_EQ(Get(path).status, 200) << file.name << " imports " << (*it)[1];
+      ++imports;
+    }
+  }
+  EXPECT_GT(imports, 50);
 }
 
 TEST(StaticFilesTest, NothingInlineMayRun) {

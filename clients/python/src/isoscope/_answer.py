@@ -18,7 +18,8 @@ from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_pb2, frame_pb2, geometry_pb2
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
-from isoscope._request import MAPS, PLANES, QUANTITIES
+from isoscope._messages import MAPS, QUANTITIES
+from isoscope._request import PLANES
 from isoscope.camera import Camera
 from isoscope.data import (
     AgentState,
@@ -38,6 +39,7 @@ from isoscope.data import (
 )
 from isoscope.errors import InternalError
 from isoscope.frame import Frame, Planes
+from isoscope.labels import Label
 from isoscope.look import ColorBy
 
 _BYTES_FIELDS = ("png", "jpeg", "rgba8", *PLANES)
@@ -88,6 +90,14 @@ def _field(proto: dataset_pb2.Field, numbers: Sequence[int]) -> Field:
     )
 
 
+def _label(proto: dataset_pb2.Label) -> Label:
+    color = None
+    if proto.HasField("color"):
+        bytes_ = (int(255 * channel + 0.5) for channel in (proto.color.red, proto.color.green, proto.color.blue))
+        color = "#" + "".join(f"{min(max(byte, 0), 255):02x}" for byte in bytes_)
+    return Label(proto.value, proto.name or None, color)
+
+
 def selection(proto: dataset_pb2.FieldSelection | None) -> dict[str, Any]:
     """Returns field, component and step of an answer; None where the dataset has none."""
     if proto is None or not proto.field:
@@ -115,6 +125,7 @@ def dataset_fields(proto: dataset_pb2.Dataset) -> dict[str, Any]:
         "missing_shards": tuple(proto.missing_shards),
         "samples_digest": proto.samples_digest or None,
         "patient_frame": proto.patient_frame or None,
+        "labels": tuple(_label(one) for one in proto.labels),
         "max_gradient": _optional(proto, "max_gradient_magnitude"),
         "fields": tuple(_field(one, [step.number for step in steps]) for one in proto.fields),
         "time_steps": steps,
@@ -287,7 +298,9 @@ class MeshParts:
     """Puts the chunks of ExportIsosurface together."""
 
     def __init__(self, request: pb.ExportIsosurfaceRequest) -> None:
-        self._isovalues = tuple(one.isovalue for one in request.surfaces) or (request.isovalue,)
+        self._isovalues = tuple(math.nan if one.labels else one.isovalue for one in request.surfaces) or (
+            request.isovalue,
+        )
         self._parts: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
         self._surfaces: list[int] = []
 
@@ -319,6 +332,8 @@ def picked(
             normal=_tuple3(point.normal) if point.HasField("normal") else None,
             gradient=_tuple3(point.gradient) if point.HasField("gradient") else None,
             shard_index=_optional(point, "shard_index"),
+            label=_optional(point, "label"),
+            label_name=point.label_name or None,
             field_values=tuple(
                 FieldValue(value.field, value.component, value.unit or None, value.value) for value in point.field_values
             ),

@@ -1,11 +1,9 @@
-"""The client without I/O: what to send, what the answer means, when to try again. Both clients run its calls.
+"""The calls of both clients, without I/O: what to send, and what the answer means.
 
     call = _core.render(dataset, 60)    # checks the arguments, assembles the request
     for message in ...:                 # the client's part: a channel, threads or an event loop
         call.add(message)
     frame = call.result(...)            # decodes the answer
-
-Each call is idempotent. A try that fails is repeated only while no part of its answer has come.
 """
 
 from __future__ import annotations
@@ -14,20 +12,19 @@ import inspect
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, ParamSpec, Protocol, TypeAlias, TypeVar, cast, get_type_hints
-
-import grpc
+from typing import Any, Literal, ParamSpec, TypeVar, cast, get_type_hints
 
 from isoscope import _answer, _request
-from isoscope._channel import CONNECT_TIMEOUT, DEFAULT_TIMEOUT, ProcessChannel, Target, make_target
+from isoscope._call import Call, One
+from isoscope._channel import CONNECT_TIMEOUT, DEFAULT_TIMEOUT, Target, make_target
 from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
-from isoscope._retry import Retries
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint
-from isoscope.errors import CancelledError, InternalError, InvalidArgumentError, printable, raise_explained
+from isoscope.errors import InvalidArgumentError
 from isoscope.frame import Frame, ImageFormat, PlaneName
+from isoscope.labels import Label, LabelsLike
 from isoscope.look import (
     AmbientOcclusion,
     ClipLike,
@@ -41,125 +38,6 @@ from isoscope.look import (
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-_T = TypeVar("_T")
-_T_co = TypeVar("_T_co", covariant=True)
-_Message: TypeAlias = Any
-#: Makes a call and waits for its result.
-Do: TypeAlias = Callable[["Call[Any]"], Any]
-
-
-def _methods(module: Any, service: str, *names: str) -> dict[Any, tuple[str, Callable[[bytes], _Message]]]:
-    """Returns path and reader of answers by the type of the request, which the protos name after the method."""
-    return {
-        getattr(module, f"{name}Request"): (
-            f"/isoscope.v1.{service}/{name}", getattr(module, f"{name}Response").FromString,
-        )
-        for name in names
-    }  # fmt: skip
-
-
-_METHODS = {
-    **_methods(datasets_pb, "DatasetService", "ListDatasets", "GetDataset", "GetHistogram"),
-    **_methods(cluster_pb, "ClusterService", "GetCapabilities", "GetClusterStatus"),
-    **_methods(pb, "IsosurfaceService", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface"),
-}
-
-
-class Answer(Protocol[_T_co]):
-    """Takes the messages of an answer in order, then says what they mean."""
-
-    def add(self, message: _Message) -> None: ...
-
-    def result(self, do: Do | None) -> _T_co: ...
-
-
-class One(Generic[_T]):
-    """An answer of one message."""
-
-    def __init__(self, decode: Callable[[_Message], _T]) -> None:
-        self._decode = decode
-        self._message: _Message = None
-
-    def add(self, message: _Message) -> None:
-        self._message = message
-
-    def result(self, do: Do | None) -> _T:
-        if self._message is None:
-            raise InternalError("the server answered without a message")
-        return self._decode(self._message)
-
-
-class Call(Generic[_T]):
-    """One call: its checked request, its deadline in seconds (None: the client's), and what becomes of its answer."""
-
-    def __init__(self, request: _Message, answer: Answer[_T], timeout: float | None = None) -> None:
-        self.request = request
-        self.timeout = timeout
-        self.has_taken = False
-        self._answer = answer
-
-    def add(self, message: _Message) -> None:
-        """Takes the next message of the answer."""
-        self.has_taken = True
-        self._answer.add(message)
-
-    def result(self, do: Do | None) -> _T:
-        """Returns what the whole answer means. `do` is for results that make calls later; None: they can't."""
-        return self._answer.result(do)
-
-
-class Connection:
-    """Where a client's calls go, and their tries. The clients add how one waits."""
-
-    _name = "isoscope.Client"
-
-    def __init__(self, target: Target, make: Callable[[Target], Any]) -> None:
-        self._target = target
-        self._channel = ProcessChannel(target, make)
-        self._capabilities: Capabilities | None = None
-
-    @property
-    def address(self) -> str:
-        """Address of the server."""
-        return self._target.address
-
-    @property
-    def token_file(self) -> str | None:
-        """The file with the token that is sent: `--token-file` of the programs; None if it came otherwise, or none.
-
-        `isoscope.serve` makes a token, and this file, which goes when the client is closed.
-        """
-        return self._target.token_file
-
-    def __repr__(self) -> str:
-        version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
-        return f"<{self._name} of {self.address}{version}>"
-
-    def _retries(self, call: Call[Any]) -> Retries:
-        if call.timeout is not None and not call.timeout > 0:
-            raise InvalidArgumentError(f"timeout {call.timeout!r}: must be above 0 seconds")
-        return Retries(self._target.timeout if call.timeout is None else call.timeout)
-
-    def _begin(self, call: Call[Any], retries: Retries) -> Any:
-        """Begins a try; returns gRPC's iterator of messages. An answer of one message is a stream of one."""
-        path, read = _METHODS[type(call.request)]
-        method = self._channel.get().unary_stream(path, type(call.request).SerializeToString, read)
-        try:
-            return method(call.request, timeout=retries.timeout(), metadata=self._target.call_metadata())
-        except ValueError as error:  # gRPC: the channel was closed by another thread
-            if "closed" in str(error).lower():
-                raise self._closed() from error
-            raise
-
-    def _closed(self) -> CancelledError:
-        return CancelledError(f"the client of {self.address} is closed")
-
-    def _delay_after(self, error: grpc.RpcError, call: Call[Any], retries: Retries) -> float:
-        """Returns the seconds to wait before another try; raises what the error means where there is none."""
-        delay = None if call.has_taken else retries.delay_after(error)
-        if delay is None:
-            raise_explained(error, self.address, retries.seconds, self._target.tls)
-        return delay
 
 
 def shaped_like(model: Callable[_P, Any]) -> Callable[[Callable[..., _R]], Callable[_P, _R]]:
@@ -275,6 +153,7 @@ def render(
     isovalue: float | None = None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
     field: str | None = None,
     component: str | int | None = None,
     time: float | None = None,
@@ -311,7 +190,9 @@ def render(
 
     Args:
         isovalue: level of the only surface, field units.
-        surfaces: 1 to 16 surfaces (or isovalues) instead.
+        surfaces: 1 to 128 surfaces (or isovalues) instead.
+        labels: surfaces of labels, after the others: values or names, each element a surface; a tuple within is one
+            surface of several labels. "all": one for each that `present_labels` returns.
         field: field whose surfaces are drawn; default: the first of `Dataset.fields`. "velocity:x" names a component,
             too.
         component: "x", "y", "z", a number or "magnitude"; default: the only one, or the magnitude.
@@ -347,7 +228,7 @@ def render(
         IsoscopeError: see isoscope.errors. A frame is right or an error, never incomplete.
     """
     request = _request.frame(
-        self, isovalue, surfaces=surfaces, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
+        self, isovalue, surfaces=surfaces, labels=labels, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
         zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers, field=field,
         component=component, time=time, step=step,
     )  # fmt: skip
@@ -384,7 +265,7 @@ def points(
 
 
 _PICK_ARGUMENTS = (
-    "surfaces", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers", "field",
+    "surfaces", "labels", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers", "field",
     "component", "time", "step",
 )  # fmt: skip
 
@@ -410,7 +291,7 @@ def pick(
         isovalue: as in `render`.
         frame: the frame whose pixels are meant, instead of isovalue and the rest.
         all_fields: whether the points have the values of all fields; only for datasets with fields.
-        look: surfaces, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
+        look: surfaces, labels, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
             step, as in `render`.
         timeout: deadline in seconds; default: the client's.
 
@@ -435,6 +316,7 @@ def mesh(
     isovalue: float | None = None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
     clip: ClipLike | None = None,
     field: str | None = None,
     component: str | int | None = None,
@@ -448,12 +330,13 @@ def mesh(
 
     Args:
         isovalue: level of the only surface, field units.
-        surfaces: 1 to 16 surfaces (or isovalues) instead.
+        surfaces: 1 to 128 surfaces (or isovalues) instead.
+        labels: surfaces of labels, as in `render`.
         clip: triangles are cut at its borders; nothing closes the cut.
         field, component, time, step: as in `render`.
         timeout: deadline in seconds; default: the client's.
     """
-    request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step))
+    request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step, labels))
     return Call(request, _answer.MeshParts(request), timeout)
 
 
@@ -478,6 +361,29 @@ def histogram(
     """
     request = _expecting(self, _request.histogram(self, bins, range, field, component, time, step))
     return Call(request, One(_answer.histogram), timeout)
+
+
+_SELECTION = ("field", "component", "time", "step", "timeout")
+
+
+def wants_present(how: dict[str, Any]) -> bool:
+    """True for the arguments of a call with labels="all"."""
+    return isinstance(how.get("labels"), str) and how["labels"] == "all"
+
+
+def selection_of(how: dict[str, Any]) -> dict[str, Any]:
+    """Returns the arguments of `histogram` that say which samples a call is about."""
+    return {name: how[name] for name in _SELECTION if how.get(name) is not None}
+
+
+def present(dataset: DatasetInfo, counted: Histogram) -> tuple[Label, ...]:
+    """Returns the labels but 0 that samples have, by a histogram of 4096 bins; those with names if it is not exact."""
+    known = {label.value: label for label in dataset.labels}
+    widths = counted.edges[1:] - counted.edges[:-1]
+    if not (dataset.dtype.kind in "iu" and counted.has_sample_counts and (widths == 1).all()):
+        return tuple(label for label in dataset.labels if label.value != 0)
+    values = (float(value) for value in counted.edges[:-1][counted.sample_count > 0])
+    return tuple(known.get(value, Label(value)) for value in values if value != 0)
 
 
 def _expecting(dataset: DatasetOfClient, request: _R) -> _R:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pathlib
 import struct
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from isoscope.errors import InvalidArgumentError, IsoscopeError
 
 if TYPE_CHECKING:
-    from isoscope.data import Mesh
+    from isoscope._mesh import Mesh
 
 # glTF 2.0, sections 3.6 and 4.4.
 _GLB_MAGIC, _GLB_VERSION, _JSON_CHUNK, _BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"
@@ -109,7 +110,7 @@ def _glb(mesh: Mesh) -> bytes:
             {
                 "attributes": attributes,
                 "indices": add(indices, _UNSIGNED_INT, "SCALAR", _INDEX_BUFFER),
-                "extras": {"isovalue": mesh.isovalues[surface]},
+                "extras": {} if math.isnan(mesh.isovalues[surface]) else {"isovalue": mesh.isovalues[surface]},
             }
         )
     document = {

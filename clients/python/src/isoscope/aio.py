@@ -17,9 +17,12 @@ import grpc
 import grpc.aio
 
 from isoscope import _core
+from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_aio_channel
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion
+from isoscope.errors import InvalidArgumentError
 from isoscope.frame import Frame
+from isoscope.labels import Label
 
 __all__ = ["Client", "Dataset", "connect"]
 
@@ -60,7 +63,7 @@ def connect(*where: Any, **how: Any) -> _Connecting:
     return _Connecting(*_core.connection(*where, **how))
 
 
-class Client(_core.Connection):
+class Client(Connection):
     """A connection to a coordinator. Close it, or use `async with`."""
 
     _name = "isoscope.aio.Client"
@@ -99,7 +102,7 @@ class Client(_core.Connection):
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("an async client belongs to its event loop and is not pickled: pickle an isoscope.Dataset")
 
-    async def _do(self, call: _core.Call[_T]) -> _T:
+    async def _do(self, call: Call[_T]) -> _T:
         """Makes one call; errors are this package's. A cancelled task stops the server."""
         retries = self._retries(call)
         while True:
@@ -127,7 +130,7 @@ class Dataset(_core.DatasetOfClient):
 
     @_core.shaped_like(_core.render)
     async def render(self, *what: Any, **how: Any) -> Frame:
-        return await self._client._do(_core.render(self, *what, **how))
+        return await self._client._do(_core.render(self, *what, **(await self._resolved(how))))
 
     @overload
     async def pick(
@@ -143,15 +146,32 @@ class Dataset(_core.DatasetOfClient):
 
     @_core.shaped_like(_core.pick)
     async def pick(self, *what: Any, **how: Any) -> PickedPoint | None | list[PickedPoint | None]:
-        return await self._client._do(_core.pick(self, *what, **how))
+        return await self._client._do(_core.pick(self, *what, **(await self._resolved(how))))
 
     @_core.shaped_like(_core.mesh)
     async def mesh(self, *what: Any, **how: Any) -> Mesh:
-        return await self._client._do(_core.mesh(self, *what, **how))
+        return await self._client._do(_core.mesh(self, *what, **(await self._resolved(how))))
 
     @_core.shaped_like(_core.histogram)
     async def histogram(self, *what: Any, **how: Any) -> Histogram:
         return await self._client._do(_core.histogram(self, *what, **how))
+
+    async def present_labels(self, **what: Any) -> tuple[Label, ...]:
+        """Returns the labels but 0 that samples have: of integers of at most 4096 values, else those with names.
+
+        Args:
+            what: field, component, time and step, as in `render`.
+        """
+        return _core.present(self, await self.histogram(4096, **what))
+
+    async def _resolved(self, how: dict[str, Any]) -> dict[str, Any]:
+        """Returns the arguments of a call with the labels of "all"."""
+        if not _core.wants_present(how):
+            return how
+        labels = await self.present_labels(**_core.selection_of(how))
+        if not labels:
+            raise InvalidArgumentError("labels='all': the dataset has no labels but 0, or none is known; give values")
+        return {**how, "labels": labels}
 
     async def suggestions(self, **what: Any) -> tuple[Suggestion, ...]:
         """Returns isovalues that are worth a look, of field, component, time and step as in `render`.

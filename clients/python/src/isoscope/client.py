@@ -10,10 +10,13 @@ from typing import Any, Literal, TypeVar, overload
 import grpc
 
 from isoscope import _core
+from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_channel
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion
+from isoscope.errors import InvalidArgumentError
 from isoscope.frame import Frame
+from isoscope.labels import Label
 from isoscope.look import ClipLike, SurfaceLike
 from isoscope.viewer import View, make_view
 
@@ -34,7 +37,7 @@ def connect(*where: Any, **how: Any) -> Client:
     return client
 
 
-class Client(_core.Connection):
+class Client(Connection):
     """A connection to a coordinator, made by `isoscope.connect` or `isoscope.serve`.
 
     Close it, or use it as a context manager. Thread-safe.
@@ -93,7 +96,7 @@ class Client(_core.Connection):
         """Pickles where to connect, without the token; see `_shared_client`."""
         return _shared_client, (self._target, self._capabilities)
 
-    def _do(self, call: _core.Call[_T]) -> _T:
+    def _do(self, call: Call[_T]) -> _T:
         """Makes one call and waits; errors are this package's. An interrupt stops the server."""
         retries = self._retries(call)
         while True:
@@ -134,7 +137,7 @@ class Dataset(_core.DatasetOfClient):
 
     @_core.shaped_like(_core.render)
     def render(self, *what: Any, **how: Any) -> Frame:
-        return self._client._do(_core.render(self, *what, **how))
+        return self._client._do(_core.render(self, *what, **self._resolved(how)))
 
     @overload
     def pick(
@@ -150,15 +153,32 @@ class Dataset(_core.DatasetOfClient):
 
     @_core.shaped_like(_core.pick)
     def pick(self, *what: Any, **how: Any) -> PickedPoint | None | list[PickedPoint | None]:
-        return self._client._do(_core.pick(self, *what, **how))
+        return self._client._do(_core.pick(self, *what, **self._resolved(how)))
 
     @_core.shaped_like(_core.mesh)
     def mesh(self, *what: Any, **how: Any) -> Mesh:
-        return self._client._do(_core.mesh(self, *what, **how))
+        return self._client._do(_core.mesh(self, *what, **self._resolved(how)))
 
     @_core.shaped_like(_core.histogram)
     def histogram(self, *what: Any, **how: Any) -> Histogram:
         return self._client._do(_core.histogram(self, *what, **how))
+
+    def present_labels(self, **what: Any) -> tuple[Label, ...]:
+        """Returns the labels but 0 that samples have: of integers of at most 4096 values, else those with names.
+
+        Args:
+            what: field, component, time and step, as in `render`.
+        """
+        return _core.present(self, self.histogram(4096, **what))
+
+    def _resolved(self, how: dict[str, Any]) -> dict[str, Any]:
+        """Returns the arguments of a call with the labels of "all"."""
+        if not _core.wants_present(how):
+            return how
+        labels = self.present_labels(**_core.selection_of(how))
+        if not labels:
+            raise InvalidArgumentError("labels='all': the dataset has no labels but 0, or none is known; give values")
+        return {**how, "labels": labels}
 
     def suggestions(self, **what: Any) -> tuple[Suggestion, ...]:
         """Returns isovalues that are worth a look, of field, component, time and step as in `render`.

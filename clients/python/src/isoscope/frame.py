@@ -18,7 +18,7 @@ from isoscope.data import PickedPoint, Statistics, SurfaceColoring
 from isoscope.errors import IsoscopeError
 
 if TYPE_CHECKING:
-    from isoscope._core import Do
+    from isoscope._call import Do
     from isoscope._proto.isosurface_service_pb2 import RenderIsosurfaceRequest
 
 __all__ = ["Frame", "ImageFormat", "PlaneName"]

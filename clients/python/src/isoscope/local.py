@@ -107,9 +107,9 @@ def serve(
         client = isoscope.serve({"p": pressure, "v": velocity}, times=times, vectors=["v"])
 
     Args:
-        source: a dataset folder; or a volume that `isoscope partition` takes: NIfTI, NRRD, MetaImage,
-            VTI, HDF5 (file.h5:/dataset), DICOM, TIFF or raw samples; or a numpy array of shape
-            (nz, ny, nx), or (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name.
+        source: a dataset folder; or a volume that `isoscope partition` takes, a file, a folder or a pattern:
+            `isoscope info --list-formats` lists its formats; or a numpy array of shape (nz, ny, nx), or
+            (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name.
         name: name of the dataset: a dataset folder of that name is made for this client alone.
         folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
             partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then

@@ -17,6 +17,7 @@ from typing import Any, Literal, Union, cast, get_args
 
 from isoscope.camera import Vec3, as_vec3
 from isoscope.errors import InvalidArgumentError
+from isoscope.labels import LabelLike
 
 __all__ = [
     "AmbientOcclusion",
@@ -128,21 +129,26 @@ ColorByLike = Union[ColorBy, str]
 
 @dataclass(frozen=True)
 class Surface:
-    """One isosurface of a frame.
+    """One surface of a frame: of an isovalue, or of labels.
+
+        Surface(60, color="tan", opacity=0.4)
+        Surface(labels=["left lung", "right lung"])
 
     Attributes:
-        isovalue: level in field units; outside the data there is no surface.
-        color: default: a light clay.
+        isovalue: level in field units; outside the data there is no surface. None with labels.
+        color: default: a light clay; of labels that of the first in the dataset, else `label_color` of its value.
         opacity: in (0, 1]; below 1 what lies behind shows through. None: the alpha of `color`, else 1.
         material: how it reflects light.
         color_by: quantity that the colour shows instead of `color`.
+        labels: the surface of the samples that are one of these values, 1 to 256; or of their names.
     """
 
-    isovalue: float
+    isovalue: float | None = None
     color: ColorLike | None = None
     opacity: float | None = None
     material: Material | None = None
     color_by: ColorByLike | None = None
+    labels: LabelLike | Sequence[LabelLike] | None = None
 
 
 #: A surface, or just its isovalue.

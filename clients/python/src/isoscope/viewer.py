@@ -1,6 +1,6 @@
 """`Dataset.view`: the surface under the mouse in a notebook cell, and the exact picture in any case.
 
-The browser's part is one module, isoscope-view.js of clients/web, which talks to the web gateway;
+The browser's part is isoscope-view.js of clients/web as one module, which talks to the web gateway;
 Python is not in the way of a frame. With anywidget installed it is a widget whose state comes back to
 Python, and which gets its frames through the kernel where the browser can't reach the gateway; without,
 as in Debian's Notebook 6.4, the module is inlined in the cell's HTML. Either way the
@@ -14,7 +14,6 @@ import functools
 import html
 import importlib
 import json
-import pathlib
 import shlex
 import uuid
 from collections.abc import Mapping, Sequence
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from google.protobuf import json_format
 
-from isoscope import _answer, _core, _request
+from isoscope import _answer, _core, _request, _viewer_module
 from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, CameraLike
@@ -37,23 +36,11 @@ _Dataset: TypeAlias = Any
 
 __all__ = ["View"]
 
-_MODULE = "isoscope-view.js"
-
-
-def module_path() -> pathlib.Path | None:
-    """Returns the viewer's module: of the wheel, or of the checkout; None if there is none."""
-    here = pathlib.Path(__file__).resolve().parent
-    for path in (here / "_static" / _MODULE, here.parents[2] / "web" / _MODULE):
-        if path.is_file():
-            return path
-    return None
-
-
-@functools.lru_cache(maxsize=1)
+@functools.cache
 def _widget_class() -> Any:
     """Returns the widget's class; None without anywidget or without the module."""
-    path = module_path()
-    if path is None:
+    module = _viewer_module.text()
+    if module is None:
         return None
     try:
         anywidget: Any = importlib.import_module("anywidget")
@@ -62,7 +49,7 @@ def _widget_class() -> Any:
         return None
 
     traits = {
-        "_esm": path.read_text(encoding="utf-8"),
+        "_esm": module,
         "url": traitlets.Unicode("").tag(sync=True),
         "token": traitlets.Unicode("").tag(sync=True),
         "state": traitlets.Dict().tag(sync=True),
@@ -149,8 +136,8 @@ class View:
         return f"View({self.dataset.name!r}, {self._how()})"
 
     def _how(self) -> str:
-        if module_path() is None:
-            return f"the exact picture: this package was built without {_MODULE}"
+        if _viewer_module.text() is None:
+            return f"the exact picture: this package was built without {_viewer_module.NAME}"
         if self.widget is not None:
             return f"widget, frames from {self.gateway + ', else' if self.gateway else ''} the kernel"
         return f"inlined, frames from {self.gateway}" if self.gateway else "the exact picture: no gateway"
@@ -189,8 +176,8 @@ class View:
             f'<img alt="isosurface of {html.escape(self.dataset.name, quote=True)}" width="{width}" height="{height}" '
             f'style="max-width:100%;height:auto;display:block" src="data:image/png;base64,{picture}">'
         )
-        path = module_path()
-        if not self.gateway or path is None:
+        module = _viewer_module.text()
+        if not self.gateway or module is None:
             return f'<div>{image}<div style="font-size:smaller">{html.escape(self._hint())}</div></div>'
         options = {"url": self.gateway, "token": self._token or None, "state": self._state(), "wheel": "focused"}
         # The module becomes a blob, so that an ordinary script of a cell's output can import it.
@@ -200,7 +187,7 @@ class View:
             f'{image}<div class="isoscope-live" style="position:absolute;inset:0;visibility:hidden"></div></div>'
             f"<script>(async () => {{\n"
             f"const root = document.getElementById({json.dumps(name)});\n"
-            f"const text = {_script_json(path.read_text(encoding='utf-8'))};\n"
+            f"const text = {_script_json(module)};\n"
             f"const url = URL.createObjectURL(new Blob([text], {{type: 'text/javascript'}}));\n"
             f"const {{mount}} = await import(url);\n"
             f"URL.revokeObjectURL(url);\n"
@@ -211,8 +198,9 @@ class View:
         )
 
     def _hint(self) -> str:
-        if module_path() is None:
-            return f"The exact picture. This package was built without {_MODULE}: build the wheel from a checkout."
+        if _viewer_module.text() is None:
+            name = _viewer_module.NAME
+            return f"The exact picture. This package was built without {name}: build the wheel from a checkout."
         return (
             "The exact picture. For the surface under the mouse, start the web gateway: "
             f"'isoscope-gateway --server {self._server_flags()} --allow-origin ORIGIN', with the origin of this "

@@ -44,7 +44,11 @@ void RequireFrame(const frame::FrameSpec& spec) {
   Require(!spec.surfaces.empty() && spec.surfaces.size() <= frame::kMaxSurfaces,
           "an accepted frame has surfaces");
   for (const auto& surface : spec.surfaces) {
-    Require(std::isfinite(surface.isovalue), "an accepted isovalue is finite");
+    Require(std::isfinite(surface.rule.isovalue), "an accepted isovalue is finite");
+    Require(surface.rule.labels.size() <= volume::kMaxLabels, "labels are few");
+    for (const double label : surface.rule.labels) {
+      Require(std::isfinite(label), "an accepted label is finite");
+    }
   }
   if (spec.camera) {
     Require(rpc::CameraFromProto(rpc::ToProto(*spec.camera), "camera").ok(),
@@ -109,7 +113,7 @@ void ReadExport(absl::string_view bytes) {
     RequireRefusal(spec.status());
     return;
   }
-  Require(!spec->isovalues.empty() && spec->isovalues.size() <= frame::kMaxSurfaces,
+  Require(!spec->rules.empty() && spec->rules.size() <= frame::kMaxSurfaces,
           "an accepted export has surfaces");
 }
 
@@ -181,11 +185,13 @@ void ReadAnswersOfAgents(absl::string_view bytes) {
     const auto picked = rpc::PickedPointsFromProto(points);
     Require(!picked.ok() || picked->size() <= static_cast<std::size_t>(rpc::kMaxPickedPixels),
             "an accepted request has few points");
-    if (const absl::Status status = rpc::CheckPointValuesQuery(points); !status.ok()) {
-      RequireRefusal(status);
+    const auto surfaces = rpc::PickedSurfacesFromProto(points);
+    if (!surfaces.ok()) {
+      RequireRefusal(surfaces.status());
     } else {
-      Require(points.values().isovalues_size() == points.points_size(),
-              "an accepted point has an isovalue");
+      Require(
+          surfaces->empty() || surfaces->size() == static_cast<std::size_t>(points.points_size()),
+          "an accepted point has a surface");
     }
   }
 }

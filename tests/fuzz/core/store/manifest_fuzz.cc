@@ -47,6 +47,9 @@ std::vector<std::string> Seeds() {
     manifest.patient_frame.emplace();
     manifest.dataset_id = store::ComputeDatasetId(manifest);
     seeds.push_back(store::EncodeManifest(manifest));
+    manifest.labels = {{.value = 1, .name = "left", .color = volume::LabelColor{1, 2, 3}},
+                       {.value = 2.5}};
+    seeds.push_back(store::EncodeManifest(manifest));
   }
   return seeds;
 }

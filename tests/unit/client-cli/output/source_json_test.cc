@@ -28,7 +28,7 @@ class SourceJsonTest : public ::testing::Test {
     const auto series = source::OpenVolumeSeries(path).value();
     const auto first = series->Open(0, 0, 0).value();
     Json volume = VolumeToJson(*first, volume::ScalarSpan{-1, 4});
-    AddSource(*series, *first, ShellWord(path), &volume);
+    AddSource(*series, *first, {}, ShellWord(path), &volume);
     return volume;
   }
   testing::TempDir dir_;
@@ -60,6 +60,28 @@ TEST_F(SourceJsonTest, SeveralArePartitionedFirst) {
   EXPECT_EQ(volume.at("commands").at(1), "isoscope render DIR --isovalue 1.5");
   EXPECT_THAT(DescribeSource(volume), HasSubstr("steps         3, from 0 to 2 s\n"));
   EXPECT_THAT(DescribeSource(volume), HasSubstr("mm of spacing and origin"));
+}
+
+TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {
+  const std::string path = dir_.Sub("v.nrrd");
+  testing::WriteFile(path,
+                     "NRRD0004\ntype: short\ndimension: 4\nsizes: 2 4 3 2\nspace dimension: 3\n"
+                     "kinds: vector domain domain domain\nspace directions: none (1,0,0) (0,1,0) "
+                     "(0,0,1)\nspace origin: (0,0,0)\nendian: little\nencoding: raw\n\n" +
+                         std::string(96, 'x'));
+  const auto series = source::OpenVolumeSeries(path).value();
+  const auto first = series->Open(0, 0, 0).value();
+  const auto describe = [&](const SourceRanges& ranges) {
+    Json volume = VolumeToJson(*first, std::nullopt);
+    AddSource(*series, *first, ranges, ShellWord(path), &volume);
+    return volume;
+  };
+  const Json volume = describe({.steps = 1, .spans = {{{-1, 4}, {}}}});
+  EXPECT_EQ(volume.at("fields").at(0).at("value_ranges"),
+            Json::array({Json::array({-1, 4}), nullptr}));
+  EXPECT_THAT(DescribeSource(volume),
+              HasSubstr("values        v:0  -1.0 to 4.0\n              v:1  none but NaN\n"));
+  EXPECT_THAT(DescribeSource(describe({})), HasSubstr("values        not read"));
 }
 
 // Measured: 86 342 659 and 444 215 820 bytes.

@@ -153,5 +153,76 @@ TEST(IsInsideCellTest, TiesInfinitiesAndNan) {
   EXPECT_FALSE(IsInsideCell(samples, {0, 0, 0}, middle, 7));
 }
 
+// Samples of two labels: 4 where the case has its bit set, else 9.
+Corners LabelsOf(unsigned cell_case) {
+  Corners samples;
+  for (std::size_t c = 0; c < 8; ++c) {
+    samples[c] = (cell_case >> c & 1) != 0 ? 4 : 9;
+  }
+  return samples;
+}
+
+TEST(IsInsideCellTest, CornersHaveTheirLabelsInEveryCase) {
+  const volume::InsideRule rule = volume::InsideRule::OfLabels({4});
+  for (unsigned cell_case = 0; cell_case < 256; ++cell_case) {
+    for (int c = 0; c < 8; ++c) {
+      const Vec3d corner{5.0 + (c & 1), 6.0 + (c >> 1 & 1), 7.0 + (c >> 2)};
+      const Vec3d near = corner + (Vec3d{5.5, 6.5, 7.5} - corner) * 0.3;
+      for (const Vec3d& p : {corner, near}) {
+        EXPECT_EQ(IsInsideCell(LabelsOf(cell_case), {5, 6, 7}, p, rule), (cell_case >> c & 1) != 0)
+            << cell_case << ", corner " << c;
+      }
+    }
+  }
+}
+
+TEST(IsInsideCellTest, ExactlyOneOfTwoLabelsHasEachPointInEveryCase) {
+  const volume::InsideRule low = volume::InsideRule::OfLabels({4});
+  const volume::InsideRule high = volume::InsideRule::OfLabels({9});
+  for (unsigned cell_case = 0; cell_case < 256; ++cell_case) {
+    const Corners samples = LabelsOf(cell_case);
+    for (std::uint64_t k = 0; k < 200; ++k) {
+      const Vec3d p = RandomPoint(1000 * cell_case + k);
+      EXPECT_NE(IsInsideCell(samples, {0, 0, 0}, p, low), IsInsideCell(samples, {0, 0, 0}, p, high))
+          << cell_case << ", " << k;
+    }
+  }
+}
+
+TEST(IsInsideCellTest, BothCellsOfAFaceAgreeOnItsPointsWithLabels) {
+  const volume::InsideRule rule = volume::InsideRule::OfLabels({0, 2});
+  for (std::uint64_t seed = 0; seed < 20'000; ++seed) {
+    Corners lower;
+    Corners upper;
+    for (std::size_t c = 0; c < 8; ++c) {
+      lower[c] = std::floor(4 * base::RandomUnit(seed, c));
+      upper[c] = c < 4 ? std::floor(4 * base::RandomUnit(seed, c + 4))
+                       : std::floor(4 * base::RandomUnit(seed, c + 8));
+    }
+    Vec3d p = RandomPoint(seed);
+    p.z = 1;
+    EXPECT_EQ(IsInsideCell(lower, {0, 0, 0}, p, rule), IsInsideCell(upper, {0, 0, 1}, p, rule))
+        << seed;
+  }
+}
+
+TEST(IsInsideCellTest, ARuleOfAnIsovalueIsTheIsovalue) {
+  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+    const Corners samples =
+        SamplesOf(static_cast<unsigned>(256 * base::RandomUnit(seed, 77)), seed);
+    const Vec3d p = RandomPoint(seed);
+    EXPECT_EQ(IsInsideCell(samples, {0, 0, 0}, p, volume::InsideRule::OfIsovalue(0)),
+              IsInsideCell(samples, {0, 0, 0}, p, 0));
+  }
+}
+
+TEST(IsInsideCellTest, NanIsInsideOfNoLabel) {
+  Corners samples = LabelsOf(255);
+  EXPECT_TRUE(IsInsideCell(samples, {0, 0, 0}, {0.5, 0.5, 0.5}, volume::InsideRule::OfLabels({4})));
+  samples[3] = std::nan("");
+  EXPECT_FALSE(
+      IsInsideCell(samples, {0, 0, 0}, {0.5, 0.5, 0.5}, volume::InsideRule::OfLabels({4})));
+}
+
 }  // namespace
 }  // namespace isoscope::extract

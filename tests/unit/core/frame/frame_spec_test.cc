@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -13,13 +14,26 @@ namespace {
 
 using isoscope::testing::IsOk;
 using isoscope::testing::StatusIs;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
+using ::testing::StartsWith;
 
-TEST(FrameSpecTest, IsovaluesKeepTheOrderOfTheSurfaces) {
+TEST(FrameSpecTest, RulesKeepTheOrderOfTheSurfaces) {
   FrameSpec spec;
-  spec.surfaces = {{.isovalue = 3, .appearance = {}}, {.isovalue = -1, .appearance = {}}};
-  EXPECT_THAT(IsovaluesOf(spec), ElementsAre(3, -1));
+  spec.surfaces.resize(3);
+  spec.surfaces[0].rule.isovalue = 3;
+  spec.surfaces[1].rule = volume::InsideRule::OfLabels({7, 2});
+  spec.surfaces[2].rule.isovalue = -1.5;
+  EXPECT_THAT(RulesOf(spec),
+              ElementsAre(spec.surfaces[0].rule, spec.surfaces[1].rule, spec.surfaces[2].rule));
+  EXPECT_EQ(TextOf(RulesOf(spec)), "isovalue 3; labels 2, 7; isovalue -1.5");
+}
+
+TEST(FrameSpecTest, TheTextOfManyRulesStaysShort) {
+  EXPECT_THAT(TextOf(std::vector<volume::InsideRule>(kMaxSurfaces)),
+              AllOf(StartsWith("isovalue 0; isovalue 0"), EndsWith("; and 112 more")));
 }
 
 TEST(FrameSpecTest, CapsWithSamplesHaveOwnersOfTheirOwn) {

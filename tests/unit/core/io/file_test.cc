@@ -239,6 +239,15 @@ TEST(FileTest, RemoveTakesATreeAndLeavesWhatItsLinksPointTo) {
   EXPECT_THAT(SyncDirectory(temp.Sub("tree")), StatusIs(absl::StatusCode::kNotFound, _));
 }
 
+TEST(FileTest, BytesBelowAreThoseOfAllFilesInAllFolders) {
+  const TempDir temp;
+  EXPECT_EQ(BytesBelow(temp.Sub("missing")), 0);
+  ISOSCOPE_ASSERT_OK(CreateDirectory(temp.Sub("in")));
+  ISOSCOPE_ASSERT_OK(WriteWholeFile(temp.Sub("a"), "123"));
+  ISOSCOPE_ASSERT_OK(WriteWholeFile(temp.Sub("in/b"), "45678"));
+  EXPECT_EQ(BytesBelow(temp.path()), 8);
+}
+
 TEST(FileTest, FaultyFilesFailExactlyWhereTheyAreToldTo) {
   const TempDir temp;
   ISOSCOPE_ASSERT_OK(WriteWholeFile(temp.Sub("f"), "0123456789"));

@@ -28,8 +28,9 @@ std::uint64_t Key(float depth, std::uint32_t surface) {
 class LayerBlendingTest : public ::testing::Test {
  protected:
   LayerBlendingTest() {
-    spec_.surfaces = {
-        {.isovalue = 1}, {.isovalue = 2, .opacity = 0.5F}, {.isovalue = 3, .opacity = 0.25F}};
+    spec_.surfaces = {{.rule = {.isovalue = 1}},
+                      {.rule = {.isovalue = 2}, .opacity = 0.5F},
+                      {.rule = {.isovalue = 3}, .opacity = 0.25F}};
     spec_.max_layers = 2;
     spec_.background_color = {0, 0, 0, 255};
   }

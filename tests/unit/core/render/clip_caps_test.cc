@@ -72,7 +72,7 @@ view::View FromAbove() {
 
 frame::FrameSpec CutAt(double z, double isovalue) {
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+  spec.surfaces = {{.rule = {.isovalue = isovalue}, .appearance = {}}};
   spec.viewport = {40, 40};
   spec.clip.half_spaces = {{{0, 0, -1}, -z}};
   spec.caps.emplace();
@@ -135,10 +135,10 @@ TEST(CapPainterTest, TheHighestIsovalueThatHoldsThePointShows) {
   const Volume volume = Ramp();
   frame::FrameSpec spec = CutAt(20, 1000);
   spec.surfaces.resize(4);
-  spec.surfaces[1].isovalue = 2010.25;  // x >= 10.25 on the cut
-  spec.surfaces[2].isovalue = 2020.75;
+  spec.surfaces[1].rule.isovalue = 2010.25;  // x >= 10.25 on the cut
+  spec.surfaces[2].rule.isovalue = 2020.75;
   spec.surfaces[2].opacity = 0.5F;  // no solid
-  spec.surfaces[3].isovalue = 2010.25;
+  spec.surfaces[3].rule.isovalue = 2010.25;
   const CapPainter painter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr);
   const image::FragmentOrder order{.block_count =
                                        static_cast<std::uint32_t>(volume.layout.block_count())};
@@ -227,7 +227,7 @@ TEST(CapPainterTest, CapsOfASurfaceThatShowsAFieldShowItUnlessTheyHaveAMap) {
   }
   frame::FrameSpec spec = CutAt(20.5, 100'000);
   spec.surfaces.resize(2);
-  spec.surfaces[1].isovalue = 1000;
+  spec.surfaces[1].rule.isovalue = 1000;
   spec.surfaces[1].color_by = frame::ColorBy{.quantity = frame::ColorBy::Quantity::kField,
                                              .range = frame::ColorRange{-32, 96}};
   spec.sends_normals = true;

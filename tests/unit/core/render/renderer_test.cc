@@ -70,7 +70,7 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeWithBatches(RendererKind kind, std
 // A frame of one surface.
 frame::FrameSpec SpecOf(const frame::Appearance& appearance = {}) {
   frame::FrameSpec spec;
-  spec.surfaces = {{.isovalue = 0, .appearance = appearance}};
+  spec.surfaces = {{.rule = {.isovalue = 0}, .appearance = appearance}};
   return spec;
 }
 
@@ -308,7 +308,7 @@ TEST_P(RendererTest, SurfacesHaveTheirOwnLookAndOwners) {
   frame::Appearance red;
   red.base_color = {200, 10, 10, 255};
   frame::FrameSpec spec = SpecOf();
-  spec.surfaces.push_back({.isovalue = 1, .appearance = red});
+  spec.surfaces.push_back({.rule = {.isovalue = 1}, .appearance = red});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer_->BeginPass(view, scene.layout, spec));
   const MeshToDraw second{.mesh = mesh, .surface_index = 1};
   ISOSCOPE_ASSERT_OK(pass->Add(std::span(&second, 1)));

@@ -1,52 +1,22 @@
 #include "core/rpc/field_selection.h"
 
-#include <initializer_list>
 #include <string>
 #include <vector>
 
 #include "gmock/gmock.h"
-#include "google/protobuf/text_format.h"
 #include "gtest/gtest.h"
 
+#include "tests/support/served_series.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::rpc {
 namespace {
 
 namespace v1 = isoscope::v1;
+using ::isoscope::testing::MakeSeries;
+using ::isoscope::testing::Selection;
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
-
-void AddField(v1::Dataset* dataset, const std::string& name,
-              std::initializer_list<const char*> components, std::initializer_list<int> steps) {
-  v1::Field& field = *dataset->add_fields();
-  field.set_name(name);
-  for (const char* const component : components) {
-    field.add_components()->set_name(component);
-  }
-  for (const int step : steps) {
-    field.add_time_steps(step);
-  }
-}
-
-// Four steps, of which the agents have no number 1; velocity lags by one.
-v1::Dataset MakeSeries() {
-  v1::Dataset dataset;
-  for (const int number : {0, 2, 3, 4}) {
-    v1::TimeStep& step = *dataset.add_time_steps();
-    step.set_number(number);
-    step.set_value(number * 0.5);
-  }
-  AddField(&dataset, "pressure", {""}, {0, 1, 2, 3});
-  AddField(&dataset, "velocity", {"x", "y", "z", "magnitude"}, {0, 1, 2});
-  return dataset;
-}
-
-v1::FieldSelection Selection(const std::string& text) {
-  v1::FieldSelection selection;
-  EXPECT_TRUE(google::protobuf::TextFormat::ParseFromString(text, &selection)) << text;
-  return selection;
-}
 
 TEST(FieldSelectionTest, OpenPartsAreWhatTheDatasetServes) {
   const struct {

@@ -35,7 +35,7 @@ using ::testing::HasSubstr;
 TEST(FrameSpecFromProtoTest, UnsetMembersTakeTheirDefaults) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(MakeRequest()));
   frame::FrameSpec expected;
-  expected.surfaces = {{.isovalue = 60, .appearance = {}}};
+  expected.surfaces = {{.rule = {.isovalue = 60}, .appearance = {}}};
   expected.viewport = {.width_px = 40, .height_px = 30};
   EXPECT_EQ(spec, expected);
   EXPECT_FALSE(spec.camera.has_value());
@@ -92,10 +92,10 @@ TEST(FrameSpecFromProtoTest, WrongMembersAreNamedWithTheirValue) {
   expect(request, "base_color is set beside surfaces");
   request = MakeRequest();
   request.set_isovalue(0);
-  for (int i = 0; i < 17; ++i) {
+  for (int i = 0; i < 129; ++i) {
     request.add_surfaces();
   }
-  expect(request, "surfaces has 17 elements: must have at most 16");
+  expect(request, "surfaces has 129 elements: must have at most 128");
   request = MakeRequest();
   request.set_culling(static_cast<isoscope::v1::Culling>(12));
   expect(request, "culling");

@@ -127,14 +127,16 @@ TEST(PointValuesTest, EveryPointNeedsItsIsovalueAndBlock) {
     good.add_points();
     good.add_block_ids(i);
     good.mutable_values()->add_isovalues(i);
-    good.mutable_values()->add_on_caps(false);
+    good.add_on_caps(false);
   }
   good.mutable_values()->add_dataset_ids("a");
-  ISOSCOPE_EXPECT_OK(CheckPointValuesQuery(good));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto surfaces, PickedSurfacesFromProto(good));
+  ASSERT_EQ(surfaces.size(), 2U);
+  EXPECT_EQ(surfaces[1].rule, volume::InsideRule::OfIsovalue(1));
   const auto expect = [&](const char* what, const auto& change) {
     isoscope::internal::v1::GetGradientsRequest bad = good;
     change(&bad);
-    EXPECT_THAT(CheckPointValuesQuery(bad),
+    EXPECT_THAT(PickedSurfacesFromProto(bad),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
   };
   using Request = isoscope::internal::v1::GetGradientsRequest;
@@ -147,7 +149,7 @@ TEST(PointValuesTest, EveryPointNeedsItsIsovalueAndBlock) {
   });
   expect("values.isovalues has 3 elements: must have one for each of the 2 points",
          [](Request* bad) { bad->mutable_values()->add_isovalues(0); });
-  expect("values.on_caps has 0", [](Request* bad) { bad->mutable_values()->clear_on_caps(); });
+  expect("on_caps has 0", [](Request* bad) { bad->clear_on_caps(); });
   expect("block_ids has 0", [](Request* bad) { bad->clear_block_ids(); });
   expect("values.isovalues[1] is nan", [](Request* bad) {
     bad->mutable_values()->set_isovalues(1, std::numeric_limits<double>::quiet_NaN());
@@ -189,6 +191,64 @@ TEST(AddPointShardsTest, ShardsOfNoPointAndThoseThatNobodyAskedForAreRefused) {
     EXPECT_THAT(AddPointShards(response, {7}, &shards),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("must be in [0, 3)")));
   }
+}
+
+TEST(PointLabelsTest, EveryPointHasASetOrTheIsovalue) {
+  using Request = isoscope::internal::v1::GetGradientsRequest;
+  Request good;
+  for (int i = 0; i < 3; ++i) {
+    good.add_points();
+    good.add_block_ids(i);
+    good.add_on_caps(i == 1);
+    good.add_label_set_indices(i - 1);
+  }
+  good.add_label_sets()->add_labels(5);
+  good.add_label_sets()->add_labels(7);
+  good.mutable_label_sets(1)->add_labels(-2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto surfaces, PickedSurfacesFromProto(good));
+  ASSERT_EQ(surfaces.size(), 3U);
+  EXPECT_FALSE(surfaces[0].rule.has_labels());
+  EXPECT_EQ(surfaces[1].rule, volume::InsideRule::OfLabels({5}));
+  EXPECT_TRUE(surfaces[1].is_on_cap);
+  EXPECT_EQ(surfaces[2].rule, volume::InsideRule::OfLabels({-2, 7}));
+  const auto expect = [&](const char* what, const auto& change) {
+    Request bad = good;
+    change(&bad);
+    EXPECT_THAT(PickedSurfacesFromProto(bad),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  expect("label_set_indices[2] is 2: must be in [-1, 1]",
+         [](Request* bad) { bad->set_label_set_indices(2, 2); });
+  expect("label_set_indices[0] is -2", [](Request* bad) { bad->set_label_set_indices(0, -2); });
+  expect("label_set_indices has 4", [](Request* bad) { bad->add_label_set_indices(0); });
+  expect("label_set_indices has 0", [](Request* bad) { bad->clear_label_set_indices(); });
+  expect("block_ids has 0", [](Request* bad) { bad->clear_block_ids(); });
+  expect("label_sets[1].labels has 0 different values: must have 1 to 256",
+         [](Request* bad) { bad->mutable_label_sets(1)->clear_labels(); });
+  expect("label_sets[0].labels[0] is nan", [](Request* bad) {
+    bad->mutable_label_sets(0)->set_labels(0, std::numeric_limits<double>::quiet_NaN());
+  });
+}
+
+TEST(PointLabelsTest, AnswersAreLabelsOfTheSurface) {
+  isoscope::internal::v1::GetGradientsResponse response;
+  const std::vector<volume::InsideRule> rules = {volume::InsideRule::OfIsovalue(1),
+                                                 volume::InsideRule::OfLabels({3, 7})};
+  std::vector<std::optional<double>> labels(2);
+  response.add_labels()->set_point_index(1);
+  response.mutable_labels(0)->set_label(7);
+  ISOSCOPE_EXPECT_OK(AddPointLabels(response, rules, &labels));
+  EXPECT_EQ(labels[0], std::nullopt);
+  EXPECT_EQ(labels[1], 7);
+  const auto expect = [&](int point, double label, const char* what) {
+    response.mutable_labels(0)->set_point_index(point);
+    response.mutable_labels(0)->set_label(label);
+    EXPECT_THAT(AddPointLabels(response, rules, &labels),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  expect(1, 4, "labels[0].label is 4: must be one of the surface, which has labels 3, 7");
+  expect(0, 3, "labels[0].label is 3");
+  expect(2, 3, "labels[0].point_index is 2");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -40,8 +41,8 @@ TEST(SurfaceConvertTest, SurfacesArriveInTheirOrderWithTheirLook) {
   second->mutable_material()->set_shininess(7);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
   ASSERT_EQ(spec.surfaces.size(), 2U);
-  EXPECT_EQ(spec.surfaces[0], (frame::Surface{.isovalue = 75, .appearance = {}}));
-  EXPECT_EQ(spec.surfaces[1], (frame::Surface{.isovalue = -30,
+  EXPECT_EQ(spec.surfaces[0], (frame::Surface{.rule = {.isovalue = 75}, .appearance = {}}));
+  EXPECT_EQ(spec.surfaces[1], (frame::Surface{.rule = {.isovalue = -30},
                                               .appearance = {.base_color = {9, 8, 7, 255},
                                                              .ambient = 0,
                                                              .diffuse = 0.5F,
@@ -290,6 +291,44 @@ TEST(SurfaceConvertTest, HostileLightsAndColorByAreNamed) {
   EXPECT_THAT(FrameSpecFromProto(good),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr("lights has 5 elements: must have at most 4")));
+}
+
+TEST(LabelsTest, TheyStandInPlaceOfTheIsovalue) {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  isoscope::v1::Surface* const surface = request.add_surfaces();
+  for (const double label : {7.0, 3.0, 7.0, -0.0}) {
+    surface->add_labels(label);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto surfaces, SurfacesFromProto(request));
+  EXPECT_EQ(surfaces[0].rule, volume::InsideRule::OfLabels({0, 3, 7}));
+}
+
+TEST(LabelsTest, WrongOnesAreRefusedByName) {
+  using isoscope::v1::Surface;
+  const auto expect = [](const std::string& what, const auto& change) {
+    isoscope::v1::RenderIsosurfaceRequest request;
+    request.add_surfaces();
+    Surface* const surface = request.add_surfaces();
+    surface->add_labels(1);
+    change(surface);
+    EXPECT_THAT(SurfacesFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  expect("surfaces[1].labels[1] is nan: must be finite",
+         [](Surface* s) { s->add_labels(std::numeric_limits<double>::quiet_NaN()); });
+  expect("surfaces[1].labels[1] is inf",
+         [](Surface* s) { s->add_labels(std::numeric_limits<double>::infinity()); });
+  expect("surfaces[1].isovalue is 60 beside surfaces[1].labels: must be unset",
+         [](Surface* s) { s->set_isovalue(60); });
+  expect("surfaces[1].labels has 257 different values: must have 1 to 256", [](Surface* s) {
+    for (int i = 0; i < 300; ++i) {
+      s->add_labels(i % 257);
+    }
+  });
+  expect("surfaces[1].color_by.quantity is 5 (gradient magnitude) beside surfaces[1].labels",
+         [](Surface* s) {
+           s->mutable_color_by()->set_quantity(isoscope::v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE);
+         });
 }
 
 }  // namespace

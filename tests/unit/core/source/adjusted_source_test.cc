@@ -10,6 +10,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/affine_grid.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -104,6 +105,37 @@ TEST_F(AdjustedSourceTest, FillValuesBecomeNaN) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto real, AdjustSource(Open<float>(volume::ScalarType::kFloat32), {.fill = 5}));
   EXPECT_TRUE(std::isnan(ValuesOf<float>(ReadAll(*real, 1).value())[5]));
+}
+
+TEST_F(AdjustedSourceTest, ShearIsIgnoredBeforeTheBoxIsCut) {
+  testing::WriteFile(dir_.Sub("tilted.nhdr"),
+                     "NRRD0004\ntype: short\ndimension: 3\nspace dimension: 3\nsizes: 10 7 6\n"
+                     "space directions: (2,0,0) (1.2,1.6,0) (0,0,3)\nspace origin: (1,2,3)\n"
+                     "endian: little\nencoding: raw\ndata file: a.raw\n");
+  Open<std::int16_t>(volume::ScalarType::kInt16);  // writes a.raw
+  const auto open = [&] { return OpenVolumeFile(dir_.Sub("tilted.nhdr")).value(); };
+  ASSERT_TRUE(
+      FindShear(open()->geometry().direction).has_value());  // a tilted grid is drawn as it is
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto straight,
+      AdjustSource(open(), {.crop = SampleBox{{1, 2, 3}, {5, 7, 6}}, .ignores_shear = true}));
+  const volume::GridGeometry& grid = straight->geometry();
+  EXPECT_FALSE(FindShear(grid.direction).has_value());
+  EXPECT_LT(math::Length(grid.spacing - math::Vec3d{2, 2, 3}), 1e-14);
+  // The axes meet at 53.13 degrees, so each turns by 18.43: cos is 3 and sin 1 of the root of 10.
+  const double root = std::sqrt(10.0);
+  EXPECT_LT(math::Length(grid.origin - math::Vec3d{1 + 1 * 6 / root + 2 * 2 / root,
+                                                   2 - 1 * 2 / root + 2 * 6 / root, 3 + 9}),
+            1e-12);
+  EXPECT_THAT(straight->note(), HasSubstr("axes x and y, which meet at 53.13 degrees"));
+  EXPECT_EQ(ValuesOf<std::int16_t>(ReadAll(*straight, 1).value())[0],
+            ValueAt<std::int16_t>(1, 2, 3));
+  // Straight grids stay as they are, bit for bit.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto same,
+      AdjustSource(Open<std::int16_t>(volume::ScalarType::kInt16), {.ignores_shear = true}));
+  EXPECT_EQ(same->geometry(), Open<std::int16_t>(volume::ScalarType::kInt16)->geometry());
+  EXPECT_EQ(same->note(), "");
 }
 
 TEST_F(AdjustedSourceTest, WhatDoesNotFitIsRefused) {

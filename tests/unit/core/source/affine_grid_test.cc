@@ -41,9 +41,14 @@ TEST(AffineGridTest, ShearIsNamed) {
   EXPECT_EQ(shear->first_axis, 1);
   EXPECT_EQ(shear->second_axis, 2);
   EXPECT_NEAR(shear->cosine, -0.01, 1e-6);
-  EXPECT_THAT(GridFromAffine(kDims, rows, PatientWorld::kRas, "a.nii"),
+  EXPECT_THAT(ShearError(*shear, "a.nii"),
               StatusIs(kInvalid, AllOf(HasSubstr("a.nii: "), HasSubstr("axes y and z"),
-                                       HasSubstr("90.57 degrees"))));
+                                       HasSubstr("90.57 degrees"), HasSubstr("--ignore-shear"))));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid,
+                                GridFromAffine(kDims, rows, PatientWorld::kRas, "a.nii"));
+  EXPECT_LT(math::Length(math::TransformPoint(grid.world_from_index(), {0, 0, 1}) -
+                         math::Vec3d{-10.03, -19.997, 33}),
+            1e-12);
 }
 
 TEST(AffineGridTest, WhatIsNoGridIsRefused) {

@@ -129,13 +129,48 @@ TEST(CfGridTest, RefusesUnevenAxesWithTheDeviation) {
   EXPECT_FALSE(CfGridOf(axes, *CfRolesOf(axes)).ok());
 }
 
+TEST(CfGridTest, UnevenAxesHaveTheirDistances) {
+  std::vector<CfAxis> axes = Axes({"lev", "lat", "lon"});
+  axes[0].values = {1000, 850, 500, 100};
+  axes[0].positive = "down";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfUnevenGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_THAT(grid.distances[2], ElementsAre(0, 150, 500, 900));
+  EXPECT_THAT(grid.distances[0], ElementsAre());
+  EXPECT_EQ(At(grid.geometry, {0, 0, 0}), (math::Vec3d{0, 0, -1000}));
+  EXPECT_EQ(At(grid.geometry, {0, 0, 3}), (math::Vec3d{0, 0, -100}));
+  axes[0].values = {1000, 850, 900, 100};
+  EXPECT_THAT(CfUnevenGridOf(axes, *CfRolesOf(axes)),
+              StatusIs(kInvalid, HasSubstr("coordinate 900 behind 850")));
+}
+
+TEST(CfGridTest, SeveralUnitsOfLengthBecomeMetres) {
+  std::vector<CfAxis> axes = Axes({"z", "y", "x"});
+  axes[0].values = {0, 10, 20, 40};
+  axes[1].values = axes[2].values = {1, 2, 3, 4};
+  axes[0].units = "cm";
+  axes[1].units = axes[2].units = "km";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto grid, CfUnevenGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_LT(math::Length(At(grid.geometry, {3, 3, 3}) - math::Vec3d{4000, 4000, 0.4}), 1e-9);
+  EXPECT_LT(math::Length(At(grid.geometry, {0, 0, 0}) - math::Vec3d{1000, 1000, 0}), 1e-9);
+  EXPECT_THAT(grid.distances[2], ElementsAre(0, 0.1, 0.2, 0.4));
+  EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "m");
+  axes[0].units = "km";  // one unit stays
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, CfUnevenGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_EQ(At(grid.geometry, {3, 3, 3}), (math::Vec3d{4, 4, 40}));
+  axes[0].units = "degrees_north";  // no length
+  axes[0].axis = "Z";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, CfUnevenGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_EQ(At(grid.geometry, {3, 3, 3}), (math::Vec3d{4, 4, 40}));
+  EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "");
+}
+
 TEST(CfGridTest, UnitsAndTimes) {
   std::vector<CfAxis> axes = Axes({"z", "y", "x"});
   for (CfAxis& axis : axes) {
     axis.units = "km";
   }
   EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "km");
-  axes[0].units = "m";
+  axes[0].units = "Pa";
   EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto counted, CfTimesOf({.name = "t", .size = 3}));
   EXPECT_THAT(counted, ElementsAre(0, 1, 2));

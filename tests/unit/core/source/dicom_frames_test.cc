@@ -126,7 +126,7 @@ TEST_F(DicomFramesTest, ImagesAtOnePlaceAreSteps) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 2));
     EXPECT_EQ(bytes, Pixels(3 * t) + Pixels(3 * t + 1) + Pixels(3 * t + 2));
   }
-  EXPECT_THAT(OpenVolumeFile(dir_.path()), StatusIs(kInvalid, HasSubstr("at 2 steps")));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()), StatusIs(kInvalid, HasSubstr("steps: 2, from 0 to 1")));
 }
 
 TEST_F(DicomFramesTest, FramesAreSlicesByTheirPositions) {
@@ -161,6 +161,47 @@ TEST_F(DicomFramesTest, FramesHaveTheirOwnSlopesAndSteps) {
     EXPECT_EQ(values[static_cast<std::size_t>(i)], static_cast<float>(2 * i - 5));
     EXPECT_EQ(values[static_cast<std::size_t>(kSamples + i)],
               static_cast<float>(0.5 * (200 + i) - 5));
+  }
+}
+
+TEST_F(DicomFramesTest, DoseGridsAreScaledAndLieAtTheirOffsets) {
+  Write("dose.dcm",
+        {.is_signed = false,
+         .storage_class = "1.2.840.10008.5.1.4.1.1.481.2",
+         .more =
+             DicomElement(0x3004, 0x0c, "DS", "0\\3\\6") + DicomElement(0x3004, 0x0e, "DS", "0.25"),
+         .frames = 3},
+        Pixels(0) + Pixels(1) + Pixels(2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("dose.dcm")));
+  ASSERT_EQ(volume->scalar_type(), volume::ScalarType::kFloat32);
+  const auto values = ValuesOf<float>(ReadAll(*volume, 2).value());
+  for (int image = 0; image < 3; ++image) {
+    for (int i = 0; i < kSamples; ++i) {
+      EXPECT_EQ(values[static_cast<std::size_t>(kSamples * image + i)],
+                0.25F * static_cast<float>(100 * image + i));
+    }
+  }
+  EXPECT_EQ(math::TransformPoint(volume->geometry().world_from_index(), {3, 2, 2}),
+            (math::Vec3d{11.5, 24, 36}));
+}
+
+// As a file says it of its pixels; the pixels themselves do not matter.
+TEST_F(DicomFramesTest, HighThroughputJpeg2000IsNamed) {
+  for (const char* last : {"1", "2", "3"}) {
+    std::string bytes = DicomBytes({.width = kWidth, .height = kHeight}, Pixels(0));
+    const std::string raw = "1.2.840.10008.1.2.1";
+    const std::string syntax = absl::StrCat("1.2.840.10008.1.2.4.20", last);
+    const std::string raw_element = DicomElement(2, 0x10, "UI", raw);
+    const std::string element = DicomElement(2, 0x10, "UI", syntax);
+    bytes.replace(bytes.find(raw_element), raw_element.size(), element);
+    // The length of the group grows with it.
+    const std::size_t length = bytes.find(DicomElement(2, 0, "UL", "").substr(0, 6)) + 8;
+    bytes[length] = static_cast<char>(bytes[length] + (element.size() - raw_element.size()));
+    testing::WriteFile(dir_.Sub("h.dcm"), bytes);
+    EXPECT_THAT(OpenVolumeSeries(dir_.Sub("h.dcm")),
+                StatusIs(kInvalid, AllOf(HasSubstr("High-Throughput"), HasSubstr(syntax),
+                                         HasSubstr("pydicom"))))
+        << last;
   }
 }
 

@@ -11,6 +11,8 @@
 #include <cerrno>
 #include <csignal>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -39,6 +41,7 @@ using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::TempDir;
 using ::isoscope::testing::WriteFile;
 using ::testing::_;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using volume::ScalarType;
@@ -103,11 +106,63 @@ TEST_F(DicomSourceTest, MissingDoubledTiltedAndMixedSlicesAreRefused) {
   Write(2, {.position = "10\\20\\31.5"});
   EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("there twice")));
   Write(2, {.position = "11\\20\\33"});
-  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("gantry")));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(kInvalid, HasSubstr("begins 1 beside the line")));
   Write(2, {.width = 9, .height = 12, .position = "10\\20\\33"});
   EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("size and type")));
   Write(2, {.position = "10\\20\\33", .is_signed = false});
   EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("uint16")));
+}
+
+TEST_F(DicomSourceTest, TiltedGantryKeepsEachSliceInItsPlace) {
+  for (int z = 0; z < 5; ++z) {
+    Write(z, {.position = absl::StrCat("10\\", 20 + 2 * z, "\\", 30 + 1.5 * z)});
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 2.5}));
+  const math::Vec3d last = math::TransformPoint(source->geometry().world_from_index(), {11, 8, 4});
+  EXPECT_LT(math::Length(last - math::Vec3d{15.5, 44, 36}), 1e-12);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
+  EXPECT_TRUE(read == samples_);
+}
+
+TEST_F(DicomSourceTest, UnevenSlicesAreResampledIfTheRulesSaySo) {
+  const std::vector<double> places{30, 32, 33, 35, 36};
+  for (int z = 0; z < 5; ++z) {
+    Write(z, {.position = absl::StrCat("10\\20\\", places[static_cast<std::size_t>(z)])});
+  }
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("2 behind"), HasSubstr("1.5 is the mean distance"),
+                             HasSubstr("--resample"))));
+  const GridRules rules{.resamples = true};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path(), "", rules));
+  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{12, 9, 7}));
+  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 1}));
+  EXPECT_EQ(source->scalar_type(), ScalarType::kFloat32);
+  EXPECT_EQ(source->patient_frame(), volume::PatientFrame());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
+  const auto sample = [&](int z, std::size_t i) {
+    std::int16_t value = 0;
+    std::memcpy(&value, samples_.data() + static_cast<std::size_t>(z) * kSliceBytes + 2 * i, 2);
+    return static_cast<float>(value);
+  };
+  for (std::size_t i = 0; i < 108; ++i) {
+    const auto resampled = [&](std::size_t z) {
+      float value = 0;
+      std::memcpy(&value, read.data() + 4 * (z * 108 + i), 4);
+      return value;
+    };
+    ASSERT_EQ(resampled(0), sample(0, i));
+    ASSERT_EQ(resampled(1), (sample(0, i) + sample(1, i)) / 2);
+    ASSERT_EQ(resampled(3), sample(2, i));
+    ASSERT_EQ(resampled(4), (sample(2, i) + sample(3, i)) / 2);
+    ASSERT_EQ(resampled(6), sample(4, i));
+  }
+  // A slice that is there twice has no place of its own.
+  Write(1, {.position = "10\\20\\30"});
+  EXPECT_THAT(OpenVolumeFile(dir_.path(), "", rules).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("it is there twice")));
 }
 
 TEST_F(DicomSourceTest, FolderOfTwoSeriesAsksForAFileOfOne) {

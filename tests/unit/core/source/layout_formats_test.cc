@@ -4,13 +4,16 @@
 #include "core/source/layout_formats.h"
 
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/affine_grid.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/medical_files.h"
@@ -150,7 +153,52 @@ TEST_F(LayoutFormatsTest, TransformsOfNifti2) {
   EXPECT_TRUE(OpenVolumeFile(write({})).value()->patient_frame().has_value());
   EXPECT_THAT(Open(write({.shear = 0.5})),
               StatusIs(kInvalid, AllOf(HasSubstr("axes x and y meet at 108.4 degrees"),
-                                       HasSubstr("resample"))));
+                                       HasSubstr("--ignore-shear"))));
+}
+
+// The flag takes a sheared header of each format; which grid it becomes is AdjustSource's.
+TEST_F(LayoutFormatsTest, ShearIsTakenIfTheRulesIgnoreIt) {
+  const auto write_nifti1 = [&](const std::string& name) {
+    std::string header = testing::NiftiHeaderBytes({.dims = kDims});
+    const float shear = 0.5F;
+    std::memcpy(header.data() + 280, &shear, sizeof(shear));
+    return Write(name, header + Volumes(1));
+  };
+  std::string mgh = MghBytes({});
+  const float lean = 0.5F;  // along x of the first axis
+  std::memcpy(mgh.data() + 42,
+              Swapped(std::string(reinterpret_cast<const char*>(&lean), 4), 4).data(), 4);
+  std::string afni = AfniBytes(1, "1", "0");
+  Write("s.BRIK", Volumes(1));
+  const std::size_t rows = afni.find("IJK_TO_DICOM_REAL");
+  ASSERT_NE(rows, std::string::npos);
+  afni.replace(afni.find("0 -2", rows), 4, "1 -2");
+  for (const std::string& path :
+       {write_nifti1("s.nii"), write_nifti1("anything"),
+        Write("s.nii.gz", Gzip(testing::ReadFile(dir_.Sub("s.nii")))),
+        Write("s2.nii", Nifti2Bytes({.shear = 0.5}) + Volumes(1)),
+        Write("s.mgh", mgh + Swapped(Volumes(1), 2)), Write("s.HEAD", afni)}) {
+    SCOPED_TRACE(path);
+    EXPECT_THAT(Open(path), StatusIs(kInvalid, HasSubstr("--ignore-shear")));
+    EXPECT_THAT(OpenVolumeFile(path).status(), StatusIs(kInvalid, HasSubstr("--ignore-shear")));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto series, OpenVolumeSeries(path, {.axes = "", .rules = {.ignores_shear = true}}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_series, series->Open(0, 0, 0));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
+                                  OpenVolumeFile(path, "", {.ignores_shear = true}));
+    EXPECT_EQ(source->geometry(), of_series->geometry());
+    EXPECT_TRUE(source->patient_frame().has_value());
+    EXPECT_TRUE(FindShear(source->geometry().direction).has_value());
+    EXPECT_EQ(ValuesOf<std::int16_t>(ReadAll(*source, 1).value()),
+              ValuesOf<std::int16_t>(Volumes(1)));
+    EXPECT_TRUE(FilesOfVolume(path, "", {.ignores_shear = true}).ok());
+  }
+  // RAS columns (0.5, 1.5, 0), (-2, 0, 0) and (0, 0, 3): the far corner.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto nifti,
+                                OpenVolumeFile(dir_.Sub("s.nii"), "", {.ignores_shear = true}));
+  EXPECT_LT(math::Length(math::TransformPoint(nifti->geometry().world_from_index(), {3, 2, 1}) -
+                         math::Vec3d{-7.5, -24.5, 33}),
+            1e-6);
 }
 
 TEST_F(LayoutFormatsTest, Analyze) {
@@ -176,6 +224,15 @@ TEST_F(LayoutFormatsTest, Mgh) {
   Expect(Write("plain", MghBytes({.frames = 2}) + samples), 2, first, last);
   Expect(Write("u.mgh", MghBytes({.is_placed = false}) + samples), 1, {-2, 1, 1.5}, {1, 0, -0.5});
   EXPECT_FALSE(OpenVolumeFile(dir_.Sub("u.mgh")).value()->patient_frame().has_value());
+  // The footer has the repetition time; that of a compressed file is not read.
+  const std::string footer = Swapped(BytesOf(std::vector<float>{2500, 0.5F, 30, 0}), 4);
+  const auto times = [](const std::string& path) {
+    const auto series = OpenVolumeSeries(path).value();
+    return absl::StrCat(absl::StrJoin(series->times(), " "), " ", series->time_unit());
+  };
+  EXPECT_EQ(times(Write("m.mgh", MghBytes({.frames = 2}) + samples + footer)), "0 2500 ms");
+  EXPECT_EQ(times(Write("m.mgh", MghBytes({.frames = 2}) + samples)), "0 1 ");
+  EXPECT_EQ(times(Write("m.mgz", Gzip(MghBytes({.frames = 2}) + samples + footer))), "0 1 ");
   EXPECT_THAT(Open(Write("m.mgh", MghBytes({.type = 5}))), StatusIs(kInvalid, HasSubstr("type 5")));
   EXPECT_THAT(Open(Write("m.mgh", MghBytes({.frames = 0}))),
               StatusIs(kInvalid, HasSubstr("0 frames")));
@@ -244,6 +301,11 @@ TEST_F(LayoutFormatsTest, ParRec) {
   const math::Vec3d last{30 + 2.25, 10 + 2, 20 + 1.5};
   Write("p.REC", Volumes(4));
   Expect(Write("p.PAR", ParBytes(Images({{}}))), 1, first, last);
+  Expect(dir_.Sub("p.REC"), 1, first, last);
+  EXPECT_EQ(OpenVolumeSeries(dir_.Sub("p.REC")).value()->fields()[0].name, "p");
+  EXPECT_THAT(FilesOfVolume(dir_.Sub("p.REC")).value(),
+              ElementsAre(dir_.Sub("p.PAR"), dir_.Sub("p.REC")));
+  EXPECT_THAT(Open(Write("alone.REC", Volumes(4))), StatusIs(kInvalid, HasSubstr("unknown kind")));
   Expect(Write("p.PAR", ParBytes(Images({{.slope = 0.5, .intercept = 3}}))), 1, first, last, 0.5,
          3);
   Expect(Write("p.PAR", ParBytes(Images({{.dynamic = 1, .dynamic_time = 1},

@@ -1,6 +1,7 @@
 #include "core/source/legacy_vtk_series.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -165,9 +166,10 @@ TEST_F(LegacyVtkSeriesTest, ArraysAreFieldsWithComponents) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pair, OpenVolumeFile(dir_.Sub("a.vtk") + ":pair:1"));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string imaginary, ReadAll(*pair, 2));
     EXPECT_EQ(ValuesOf<double>(imaginary)[0], 80);
-    EXPECT_THAT(OpenVolumeFile(dir_.Sub("a.vtk")),
-                StatusIs(kInvalid, AllOf(HasSubstr("rho m, v (x, y, z), pair (re, im part)"),
-                                         HasSubstr("choose one, as in"))));
+    EXPECT_THAT(
+        OpenVolumeFile(dir_.Sub("a.vtk")),
+        StatusIs(kInvalid, AllOf(HasSubstr("rho m [kg/m^3], v (x, y, z), pair (re, im part)"),
+                                 HasSubstr("choose one, as in"))));
   }
 }
 
@@ -191,6 +193,46 @@ TEST_F(LegacyVtkSeriesTest, CellsAreAtTheirCentres) {
   }
 }
 
+TEST_F(LegacyVtkSeriesTest, RectilinearGridsAreReadIfTheyAreEvenAndElseResampled) {
+  for (const bool is_binary : {true, false}) {
+    SCOPED_TRACE(is_binary);
+    const auto grid = [&](const std::vector<float>& x) {
+      return absl::StrCat(Head(is_binary, "DATASET RECTILINEAR_GRID\nDIMENSIONS 4 3 2\n"),
+                          "X_COORDINATES 4 float\n", Stored(is_binary, x),
+                          "Y_COORDINATES 3 double\n",
+                          Stored(is_binary, std::vector<double>{20, 22, 24}),
+                          "Z_COORDINATES 2 float\n", Stored(is_binary, std::vector<float>{30, 34}));
+    };
+    const std::string points =
+        absl::StrCat("POINT_DATA 24\nSCALARS p short 1\n", "LOOKUP_TABLE default\n",
+                     Stored(is_binary, Values<std::int16_t>(kPoints)));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto even,
+                                  OpenVolumeFile(Write(grid({10, 10.5, 11, 11.5}) + points)));
+    ExpectCorner(*even, {0, 0, 0}, {10, 20, 30});
+    ExpectCorner(*even, {3, 2, 1}, {11.5, 24, 34});
+    EXPECT_EQ(ValuesOf<std::int16_t>(ReadAll(*even, 1).value()), Values<std::int16_t>(kPoints));
+
+    const std::string path = Write(grid({10, 11, 13, 14}) + points);
+    EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, AllOf(HasSubstr("axis \"x\" is not even"),
+                                                               HasSubstr("--resample"))));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto uneven,
+                                  OpenVolumeFile(path, "", {.resamples = true, .fill = -20}));
+    EXPECT_EQ(uneven->geometry().sample_dims, (math::Index3{5, 3, 2}));
+    ExpectCorner(*uneven, {4, 2, 1}, {14, 24, 34});
+    const auto read = ValuesOf<float>(ReadAll(*uneven, 2).value());
+    EXPECT_TRUE(std::isnan(read[0]));  // the fill value
+    EXPECT_EQ(read[1], -17);
+    EXPECT_EQ(read[2], -15.5F);
+    EXPECT_EQ(read[3], -14);
+    EXPECT_EQ(read[4], -11);
+
+    const std::string cells = absl::StrCat("CELL_DATA 6\nSCALARS c int 1\nLOOKUP_TABLE default\n",
+                                           Stored(is_binary, Values<std::int32_t>(6)));
+    EXPECT_THAT(OpenVolumeFile(Write(grid({10, 11, 13, 14}) + cells)),
+                StatusIs(kInvalid, HasSubstr("4 3 2")));
+  }
+}
+
 TEST_F(LegacyVtkSeriesTest, RefusesInASentence) {
   const std::string points = Head(false) + "POINT_DATA 24\n";
   const std::string scalars =
@@ -203,7 +245,7 @@ TEST_F(LegacyVtkSeriesTest, RefusesInASentence) {
        {Case{"text", "no legacy VTK file"},
         Case{"# vtk DataFile Version 3.0\nt\nHEX\n", "HEX"},
         Case{Head(false, "DATASET POLYDATA\n"), "kind POLYDATA; expected STRUCTURED_POINTS"},
-        Case{Head(false, "DATASET RECTILINEAR_GRID\n"), "Resample To Image"},
+        Case{Head(false, "DATASET STRUCTURED_GRID\n"), "Resample To Image"},
         Case{Head(false, "FIELD a 1\n"), "kind FIELD"},
         Case{Head(false, "GRID\n"), "expected DATASET"},
         Case{Head(false), "no array of numbers"},

@@ -1,6 +1,9 @@
 #include "core/source/minc_source.h"
 
 #include <cstdint>
+#include <filesystem>
+#include <iterator>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -93,6 +96,36 @@ TEST(MincSourceTest, WhatIsNoMinc2IsRefused) {
     const auto volume = OpenVolumeFile(dir.Sub("cut.mnc"));
     EXPECT_FALSE(volume.ok() && ReadAll(**volume, 1).ok()) << size;
   }
+}
+
+// HDF5, libminc and ITK read them in a child: whatever it does, this process gets a status, and the
+// folder keeps the file alone.
+TEST(MincSourceTest, HostileBytesAreErrorsOrValues) {
+  const testing::TempDir dir;
+  const std::string whole = testing::ReadFile(WriteMinc(dir));
+  const testing::TempDir hostile;
+  std::mt19937 random(20261125);
+  int refused = 0;
+  for (int i = 0; i < 40; ++i) {
+    std::string bytes = whole;
+    for (int flips = 1 + i % 6; flips > 0; --flips) {
+      // A number of 4 bytes at a time is either random or as large as it can be.
+      const std::size_t at = random() % (bytes.size() - 4);
+      const std::uint32_t number = i % 2 == 0 ? 0xffffffffU : static_cast<std::uint32_t>(random());
+      bytes.replace(at, 4, BytesOf(std::vector<std::uint32_t>{number}));
+    }
+    testing::WriteFile(hostile.Sub("a.mnc"), bytes);
+    const auto volume = OpenVolumeFile(hostile.Sub("a.mnc"));
+    const absl::Status status = volume.ok() ? ReadAll(**volume, 1).status() : volume.status();
+    EXPECT_NE(status.code(), absl::StatusCode::kInternal) << i << ": " << status;
+    if (!status.ok()) {
+      ++refused;
+      EXPECT_THAT(status.message(), HasSubstr("a.mnc")) << i;
+    }
+  }
+  EXPECT_GT(refused, 3) << "the bytes that count were hit";
+  const auto files = std::filesystem::directory_iterator(hostile.path());
+  EXPECT_EQ(std::distance(begin(files), end(files)), 1);
 }
 
 }  // namespace

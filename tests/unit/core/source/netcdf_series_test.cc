@@ -107,8 +107,11 @@ TEST_F(NetcdfSeriesTest, VariablesAreFieldsAndTimesAreStepsInEveryFormat) {
     for (std::size_t i = 0; i < kSamples; ++i) {
       EXPECT_EQ(ValuesOf<std::int32_t>(read)[i], static_cast<int>(3 * i) - 20);
     }
-    EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, AllOf(HasSubstr("u, packed at 3 steps"),
-                                                               HasSubstr("isoscope partition"))));
+    EXPECT_THAT(
+        OpenVolumeFile(path),
+        StatusIs(kInvalid, AllOf(HasSubstr("fields: u [m/s], packed; steps: 3, from 0 to 2 s"),
+                                 HasSubstr("isoscope partition"),
+                                 HasSubstr("--field u --step 2` or `--time 2`"))));
     EXPECT_THAT(OpenVolumeSeries(path + ":w"), StatusIs(absl::StatusCode::kNotFound));
   }
 }
@@ -180,6 +183,51 @@ TEST_F(NetcdfSeriesTest, MissingValuesAreHoles) {
   EXPECT_EQ(bytes[0], 236);
 }
 
+TEST_F(NetcdfSeriesTest, UnevenLevelsAreResampledIfTheRulesSaySo) {
+  {
+    NetcdfWriter writer(dir_.Sub("a.nc"), NC_NETCDF4);
+    const std::vector<int> dims{writer.Dimension("lev", 3), writer.Dimension("y", 2),
+                                writer.Dimension("x", 4)};
+    writer.Variable("lev", NC_DOUBLE, {dims[0]}, {3}, {100, 40, 10}, {{"positive", "down"}});
+    std::vector<double> values;
+    for (const int level : {100, 40, 10}) {
+      for (int i = 0; i < 8; ++i) {
+        values.push_back(level + 1000 * i);
+      }
+    }
+    values[8] = -99;
+    writer.Variable("p", NC_SHORT, dims, {3, 2, 4}, values, {}, {{"_FillValue", -99}});
+    writer.Variable("q", NC_SHORT, dims, {3, 2, 4}, values);
+  }
+  const std::string path = dir_.Sub("a.nc");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto series,
+      OpenVolumeSeries(path, {.axes = "", .rules = {.resamples = true, .fill = -99}}));
+  for (const int field : {0, 1}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(field, 0, 0));
+    EXPECT_EQ(source->scalar_type(), ScalarType::kFloat32);
+    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 2, 4}));
+    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 30}));
+    EXPECT_EQ(math::TransformPoint(source->geometry().world_from_index(), {0, 0, 3}),
+              (math::Vec3d{0, 0, -10}));
+    const auto read = ValuesOf<float>(ReadAll(*source, 1).value());
+    for (std::size_t z = 0; z < 4; ++z) {
+      for (std::size_t i = 1; i < 8; ++i) {
+        EXPECT_EQ(read[8 * z + i],
+                  static_cast<float>(100 - 30 * static_cast<int>(z) + 1000 * static_cast<int>(i)));
+      }
+    }
+    // The hole at level 40 takes part in 70, but not in 100 and 10.
+    EXPECT_EQ(read[0], 100);
+    EXPECT_TRUE(std::isnan(read[8]));
+    EXPECT_TRUE(std::isnan(read[16]));
+    EXPECT_EQ(read[24], 10);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto single,
+                                OpenVolumeFile(path + ":q", "", {.resamples = true}));
+  EXPECT_THAT(single->note(), HasSubstr("3 samples, 30 to 60 apart, became 4, 30 apart"));
+}
+
 TEST_F(NetcdfSeriesTest, RefusesInASentence) {
   const auto write = [&](std::vector<double> z, const std::vector<double>& time) {
     NetcdfWriter writer(dir_.Sub("a.nc"), 0);
@@ -194,7 +242,8 @@ TEST_F(NetcdfSeriesTest, RefusesInASentence) {
   write({1000, 850, 500, 300}, {0, 1});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a.nc")));
   EXPECT_THAT(series->Open(0, 0, 0),
-              StatusIs(kInvalid, AllOf(HasSubstr("a.nc:p"), HasSubstr("\"lev\" is not even"))));
+              StatusIs(kInvalid, AllOf(HasSubstr("a.nc:p"), HasSubstr("\"lev\" is not even"),
+                                       HasSubstr("--resample"))));
   write({1, 2, 3}, {1, 0});
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.nc")),
               StatusIs(kInvalid, AllOf(HasSubstr("a.nc"), HasSubstr("time axis"))));

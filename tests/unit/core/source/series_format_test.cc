@@ -23,7 +23,7 @@ using ::testing::Not;
 TEST(SeriesFormatTest, EndingsAreInLowerCaseAndBelongToOneFormat) {
   std::set<std::string> endings;
   for (const SeriesFormat& format : SeriesFormats()) {
-    EXPECT_NE(format.open, nullptr) << format.name;
+    EXPECT_NE(format.open == nullptr, format.open_by_rules == nullptr) << format.name;
     if (!format.endings.empty()) {
       EXPECT_THAT(ListedSeriesFormats(), HasSubstr(std::string(format.name)));
     }

@@ -128,6 +128,43 @@ TEST(ManifestTest, BytesStayAsDocumented) {
   EXPECT_EQ(decoded, MakeManifest());
 }
 
+TEST(ManifestTest, LabelsAreOptionalAndChecked) {
+  Manifest manifest = MakeManifest();
+  manifest.labels = {{.value = -2.5},
+                     {.value = 3, .name = "left \"lung\"", .color = volume::LabelColor{1, 2, 255}}};
+  const std::string bytes = EncodeManifest(manifest);
+  EXPECT_THAT(bytes, HasSubstr("\"color\": \"#0102ff\""));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded, DecodeManifest(bytes, "m"));
+  EXPECT_EQ(decoded, manifest);
+  const std::string seal = "\"crc32c\": \"";
+  std::string unsealed = bytes;
+  unsealed.replace(unsealed.find(seal) + seal.size(), 8, "00000000");
+  const auto refuses = [&](const char* from, const char* to, const char* what) {
+    EXPECT_THAT(DecodeManifest(SealJson(Replaced(unsealed, from, to)), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr(what)))
+        << to;
+  };
+  refuses("#0102ff", "#0102fg", "color");
+  refuses("\"value\": 3.0", "\"value\": -2.5", "after");
+  refuses("\"value\": 3.0", "\"value\": \"inf\"", "finite");
+  refuses("\"value\": 3.0", "\"value\": true", "value");
+  refuses("left ", "left\\u001b", "control");
+  refuses("\"name\": \"left", "\"name\": 1, \"x\": \"left", "name");
+}
+
+TEST(ManifestTest, NamesOfLabelsMakeAnotherDatasetAndNoneTheSameAsBefore) {
+  Manifest manifest = MakeManifest();
+  const std::string id = ComputeDatasetId(manifest);
+  manifest.labels = {{.value = 3, .name = "lung"}};
+  const std::string named = ComputeDatasetId(manifest);
+  EXPECT_NE(named, id);
+  manifest.labels[0].color = volume::LabelColor{1, 2, 3};
+  EXPECT_NE(ComputeDatasetId(manifest), named);
+  manifest.labels.clear();
+  EXPECT_EQ(ComputeDatasetId(manifest), id);
+  EXPECT_EQ(EncodeManifest(manifest).find("labels"), std::string::npos);
+}
+
 TEST(ManifestTest, SamplesDigestIsOptionalAndChecked) {
   Manifest manifest = MakeManifest();
   manifest.samples_digest = std::string(32, 'a');

@@ -44,15 +44,29 @@ TEST(VolumeRangesTest, ActiveBlocksAreThoseOfTheTableAlsoAfterManyIsovalues) {
   VolumeRanges ranges(MakeTable(4));
   for (int round = 0; round < 2; ++round) {
     for (int isovalue = 0; isovalue < 3 * static_cast<int>(VolumeRanges::kMaxSets); ++isovalue) {
-      EXPECT_EQ(*ranges.ActiveBlocks(5.0 * isovalue), ranges.table().ActiveBlocks(5.0 * isovalue))
+      EXPECT_EQ(*ranges.ActiveBlocks({.isovalue = 5.0 * isovalue}),
+                ranges.table().ActiveBlocks(5.0 * isovalue))
           << "isovalue " << 5 * isovalue;
+    }
+  }
+}
+
+TEST(VolumeRangesTest, SetsOfLabelsAndOfIsovaluesAreToldApart) {
+  VolumeRanges ranges(MakeTable(7));
+  for (const double value : {0.0, 20.0, 60.0, 100.0}) {
+    const auto labels = volume::InsideRule::OfLabels({value});
+    const auto more = volume::InsideRule::OfLabels({value, value + 5});
+    for (int round = 0; round < 2; ++round) {
+      EXPECT_EQ(*ranges.ActiveBlocks({.isovalue = value}), ranges.table().ActiveBlocks(value));
+      EXPECT_EQ(*ranges.ActiveBlocks(labels), ranges.table().ActiveBlocks(labels));
+      EXPECT_EQ(*ranges.ActiveBlocks(more), ranges.table().ActiveBlocks(more));
     }
   }
 }
 
 TEST(VolumeRangesTest, OneSetServesAllWhoAskAgain) {
   VolumeRanges ranges(MakeTable(5));
-  EXPECT_EQ(ranges.ActiveBlocks(60), ranges.ActiveBlocks(60));
+  EXPECT_EQ(ranges.ActiveBlocks({.isovalue = 60}), ranges.ActiveBlocks({.isovalue = 60}));
 }
 
 TEST(VolumeRangesTest, ManyThreadsGetTheSameSets) {
@@ -62,7 +76,8 @@ TEST(VolumeRangesTest, ManyThreadsGetTheSameSets) {
     threads.emplace_back([&ranges, t] {
       for (int i = 0; i < 200; ++i) {
         const double isovalue = (i * 7 + t) % 23 * 10;
-        EXPECT_EQ(*ranges.ActiveBlocks(isovalue), ranges.table().ActiveBlocks(isovalue));
+        EXPECT_EQ(*ranges.ActiveBlocks({.isovalue = isovalue}),
+                  ranges.table().ActiveBlocks(isovalue));
       }
     });
   }

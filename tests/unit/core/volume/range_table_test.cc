@@ -135,6 +135,40 @@ TEST(RangeTableTest, ActiveBlocksAreThoseWhoseSpansAreActiveForEveryType) {
   }
 }
 
+// A stab of an interval tree at a label, and one right above it, find all blocks of the label.
+TEST(RangeTableTest, BlocksOfLabelsAreThoseOfTheirStabs) {
+  for (const ScalarType type : kAllTypes) {
+    VisitScalarType(type, [type]<typename T>() {
+      const std::vector<T> values = InterestingValues<T>();
+      std::vector<ScalarSpan> spans(1);  // an empty one
+      for (const T low : values) {
+        for (const T high : values) {
+          if (low <= high) {
+            spans.push_back({static_cast<double>(low), static_cast<double>(high)});
+          }
+        }
+      }
+      RangeTable table(type, static_cast<std::int64_t>(spans.size()));
+      for (std::size_t i = 0; i < spans.size(); ++i) {
+        table.Set(static_cast<BlockId>(i), spans[i]);
+      }
+      constexpr double kMax = std::numeric_limits<double>::max();
+      std::vector<double> labels = InterestingIsovalues<T>();
+      std::erase(labels, kMax);  // nothing that is finite is above it
+      for (std::size_t i = 0; i < labels.size(); ++i) {
+        const std::vector<double> chosen = {labels[i], labels[(i * 7 + 1) % labels.size()]};
+        BlockSet expected(table.block_count());
+        for (const double label : chosen) {
+          expected.UnionWith(table.ActiveBlocks(label));
+          expected.UnionWith(table.ActiveBlocks(std::nextafter(label, kMax)));
+        }
+        EXPECT_EQ(table.ActiveBlocks(InsideRule::OfLabels(chosen)), expected)
+            << NameOf(type) << " " << chosen[0] << ", " << chosen[1];
+      }
+    });
+  }
+}
+
 TEST(RangeTableTest, ActiveBlocksAreTheSameWhateverTheProcessorsVectors) {
   constexpr double kIsovalue = 50;
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {

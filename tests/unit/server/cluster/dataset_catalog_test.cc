@@ -23,6 +23,7 @@ using ::testing::ElementsAreArray;
 using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::MakeShard;
+using testing::SetsOf;
 using testing::StatusIs;
 
 constexpr char kOtherId[] = "ffffffffffffffffffffffffffffffff";
@@ -35,19 +36,6 @@ AgentState Answering(const std::string& address, Shards shards) {
   state.status = absl::OkStatus();
   state.shards = std::move(shards);
   return state;
-}
-
-// "0,2: a:1 b:1" for each set.
-std::vector<std::string> SetsOf(const DatasetState& dataset) {
-  std::vector<std::string> sets;
-  for (const ReplicaSet& set : dataset.replica_sets) {
-    sets.push_back(absl::StrCat(
-        absl::StrJoin(set.shard_indices, ","), ": ",
-        absl::StrJoin(set.agents, " ", [](std::string* out, const ServingAgent& agent) {
-          absl::StrAppend(out, agent.address);
-        })));
-  }
-  return sets;
 }
 
 TEST(DatasetsOfTest, ShardsAreGroupedByAgentInOrderOfFirstShards) {

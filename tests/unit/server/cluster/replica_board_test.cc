@@ -107,15 +107,24 @@ TEST(ReplicaBoardTest, TheSameIsovaluesFindTheSameAgentsAndOthersAreSpread) {
   const std::vector<ReplicaSet> sets = {SetOf({0}, {"a", "b"})};
   std::map<std::string, int> counts;
   for (int isovalue = 0; isovalue < 400; ++isovalue) {
-    const std::string key = ReplicaKeyOf("id", {static_cast<double>(isovalue)});
+    const std::string key = ReplicaKeyOf("id", {{.isovalue = static_cast<double>(isovalue)}});
     const std::string agent = board.Choose(sets, key, kNow)[0].replicas[0].address;
     EXPECT_EQ(board.Choose(sets, key, kNow)[0].replicas[0].address, agent);
     ++counts[agent];
   }
   // Half of 400 fair throws, five standard deviations.
   EXPECT_NEAR(counts["a"], 200, 50);
-  EXPECT_EQ(ReplicaKeyOf("id", {1, 2}), ReplicaKeyOf("id", {2, 1}));
-  EXPECT_NE(ReplicaKeyOf("id", {1}), ReplicaKeyOf("id", {1.0000000001}));
+  using volume::InsideRule;
+  EXPECT_EQ(ReplicaKeyOf("id", {{.isovalue = 1}, {.isovalue = 2}}),
+            ReplicaKeyOf("id", {{.isovalue = 2}, {.isovalue = 1}}));
+  EXPECT_NE(ReplicaKeyOf("id", {{.isovalue = 1}}),
+            ReplicaKeyOf("id", {{.isovalue = 1.0000000001}}));
+  EXPECT_NE(ReplicaKeyOf("id", {InsideRule::OfLabels({1})}),
+            ReplicaKeyOf("id", {InsideRule::OfLabels({1, 2})}));
+  EXPECT_NE(ReplicaKeyOf("id", {InsideRule::OfLabels({0})}),
+            ReplicaKeyOf("id", {InsideRule::OfIsovalue(0)}));
+  EXPECT_EQ(ReplicaKeyOf("id", {InsideRule::OfLabels({1}), InsideRule::OfIsovalue(5)}),
+            ReplicaKeyOf("id", {InsideRule::OfIsovalue(5), InsideRule::OfLabels({1})}));
 }
 
 TEST(ReplicaBoardTest, AnAgentThatGoesMovesItsOwnShardsAndFewOthers) {

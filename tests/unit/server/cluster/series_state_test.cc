@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "gmock/gmock.h"
 #include "google/protobuf/text_format.h"
 #include "gtest/gtest.h"
@@ -25,6 +24,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::MakeShard;
+using testing::SetsOf;
 using testing::StatusIs;
 
 namespace v1 = isoscope::v1;
@@ -103,18 +103,6 @@ absl::StatusOr<SelectedVolume> Select(const std::shared_ptr<const DatasetState>&
   const v1::FieldSelection selection = Selection(text);
   google::protobuf::RepeatedPtrField<v1::Surface> no_surfaces;
   return SelectVolume(dataset, &selection, &no_surfaces);
-}
-
-std::vector<std::string> SetsOf(const DatasetState& dataset) {
-  std::vector<std::string> sets;
-  for (const ReplicaSet& set : dataset.replica_sets) {
-    sets.push_back(absl::StrCat(
-        absl::StrJoin(set.shard_indices, ","), ": ",
-        absl::StrJoin(set.agents, " ", [](std::string* out, const ServingAgent& agent) {
-          absl::StrAppend(out, agent.address);
-        })));
-  }
-  return sets;
 }
 
 std::vector<int> StepsOf(const v1::Dataset& dataset) {

@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 using ShardsByAgent = std::vector<std::vector<int>>;
 
 std::string KeyOf(const std::string& id, const ShardsByAgent& shards, double isovalue) {
-  return ActiveBlocksCache::KeyOf(id, shards, {isovalue});
+  return ActiveBlocksCache::KeyOf(id, shards, {{.isovalue = isovalue}});
 }
 
 // The first `count` blocks of a small volume, all of one agent.
@@ -63,6 +63,28 @@ TEST(ActiveBlocksCacheTest, EverythingThatDecidesTheListsIsInTheKey) {
   EXPECT_EQ(std::set<std::string>(keys.begin(), keys.end()).size(), keys.size());
   EXPECT_EQ(KeyOf("a", {{0}, {1}}, 1), keys.front());
   EXPECT_EQ(KeyOf("a", {{0}}, 0.0), KeyOf("a", {{0}}, -0.0)) << "one level, two keys";
+}
+
+TEST(ActiveBlocksCacheTest, LabelsOfEachSurfaceAreInTheKey) {
+  using volume::InsideRule;
+  const std::vector<std::vector<InsideRule>> surfaces = {
+      {InsideRule::OfIsovalue(1)},
+      {InsideRule::OfIsovalue(0)},
+      {InsideRule::OfLabels({0})},
+      {InsideRule::OfLabels({1})},
+      {InsideRule::OfLabels({1, 2})},
+      {InsideRule::OfLabels({1}), InsideRule::OfLabels({2})},
+      {InsideRule::OfLabels({2}), InsideRule::OfLabels({1})},
+      {InsideRule::OfLabels({1}), InsideRule::OfIsovalue(2)},
+      {InsideRule::OfLabels({std::nextafter(1.0, 2.0)})},
+  };
+  std::set<std::string> keys;
+  for (const std::vector<InsideRule>& rules : surfaces) {
+    keys.insert(ActiveBlocksCache::KeyOf("a", {{0}}, rules));
+  }
+  EXPECT_EQ(keys.size(), surfaces.size());
+  EXPECT_EQ(ActiveBlocksCache::KeyOf("a", {{0}}, {InsideRule::OfLabels({2, 1, 2})}),
+            ActiveBlocksCache::KeyOf("a", {{0}}, {InsideRule::OfLabels({1, 2})}));
 }
 
 TEST(ActiveBlocksCacheTest, FindsWhatWasInsertedAndNothingElse) {

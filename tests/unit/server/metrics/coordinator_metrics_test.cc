@@ -1,33 +1,14 @@
 #include "server/metrics/coordinator_metrics.h"
 
-#include <map>
-#include <set>
-#include <string>
-#include <vector>
-
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
+
+#include "tests/support/metric_values.h"
 
 namespace isoscope::server {
 namespace {
 
-// "name{a=b,c=d}" to value; of histograms the number of observations.
-std::map<std::string, double> ValuesOf(const std::vector<base::MetricFamily>& families) {
-  std::map<std::string, double> values;
-  for (const base::MetricFamily& family : families) {
-    for (const base::MetricSample& sample : family.samples) {
-      std::string key = family.name;
-      for (const auto& [name, value] : sample.labels) {
-        absl::StrAppend(&key, " ", name, "=", value);
-      }
-      values[key] = sample.cumulative_counts.empty()
-                        ? sample.value
-                        : static_cast<double>(sample.cumulative_counts.back());
-    }
-  }
-  return values;
-}
+using testing::ValuesOf;
 
 TEST(CoordinatorMetricsTest, FramesAreCountedByOutcomeAndCancelledOnesHaveNoDuration) {
   CoordinatorMetrics metrics;
@@ -130,18 +111,7 @@ TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
 }
 
 TEST(CoordinatorMetricsTest, NamesFollowTheConvention) {
-  std::set<std::string> names;
-  for (const base::MetricFamily& family : CoordinatorMetrics().Collect({})) {
-    EXPECT_TRUE(names.insert(family.name).second) << family.name << " comes twice";
-    EXPECT_TRUE(absl::EndsWith(family.help, ".")) << family.name;
-    EXPECT_FALSE(family.samples.empty()) << family.name;
-    EXPECT_EQ(absl::EndsWith(family.name, "_total"),
-              family.type == base::MetricFamily::Type::kCounter)
-        << family.name;
-    if (family.type == base::MetricFamily::Type::kHistogram) {
-      EXPECT_TRUE(absl::EndsWith(family.name, "_seconds")) << family.name;
-    }
-  }
+  testing::ExpectNamesFollowTheConvention(CoordinatorMetrics().Collect({}));
 }
 
 }  // namespace

@@ -17,12 +17,13 @@ SAMPLE_TYPE_UINT8: SampleType
 SAMPLE_TYPE_UNSPECIFIED: SampleType
 
 class Dataset(_message.Message):
-    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "geometry", "length_unit", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
+    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "geometry", "labels", "length_unit", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
     BLOCK_CELLS_FIELD_NUMBER: _ClassVar[int]
     BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     FIELDS_FIELD_NUMBER: _ClassVar[int]
     GEOMETRY_FIELD_NUMBER: _ClassVar[int]
+    LABELS_FIELD_NUMBER: _ClassVar[int]
     LENGTH_UNIT_FIELD_NUMBER: _ClassVar[int]
     MAX_GRADIENT_MAGNITUDE_FIELD_NUMBER: _ClassVar[int]
     MISSING_SHARDS_FIELD_NUMBER: _ClassVar[int]
@@ -40,6 +41,7 @@ class Dataset(_message.Message):
     dataset_id: str
     fields: _containers.RepeatedCompositeFieldContainer[Field]
     geometry: GridGeometry
+    labels: _containers.RepeatedCompositeFieldContainer[Label]
     length_unit: str
     max_gradient_magnitude: float
     missing_shards: _containers.RepeatedScalarFieldContainer[int]
@@ -52,7 +54,7 @@ class Dataset(_message.Message):
     time_steps: _containers.RepeatedCompositeFieldContainer[TimeStep]
     time_unit: str
     value_range: ValueRange
-    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ..., labels: _Optional[_Iterable[_Union[Label, _Mapping]]] = ...) -> None: ...
 
 class Dimensions(_message.Message):
     __slots__ = ["x", "y", "z"]
@@ -113,6 +115,16 @@ class GridGeometry(_message.Message):
     sample_dims: Dimensions
     spacing: _geometry_pb2.Vec3
     def __init__(self, sample_dims: _Optional[_Union[Dimensions, _Mapping]] = ..., spacing: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., origin: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., direction_columns: _Optional[_Iterable[_Union[_geometry_pb2.Vec3, _Mapping]]] = ...) -> None: ...
+
+class Label(_message.Message):
+    __slots__ = ["color", "name", "value"]
+    COLOR_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    color: _geometry_pb2.Color
+    name: str
+    value: float
+    def __init__(self, value: _Optional[float] = ..., name: _Optional[str] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ...) -> None: ...
 
 class TimeStep(_message.Message):
     __slots__ = ["number", "value", "volumes_digest"]

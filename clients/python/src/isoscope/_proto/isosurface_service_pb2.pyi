@@ -210,12 +210,14 @@ class PickSurfaceResponse(_message.Message):
     def __init__(self, points: _Optional[_Iterable[_Union[PickedPoint, _Mapping]]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ...) -> None: ...
 
 class PickedPoint(_message.Message):
-    __slots__ = ["block_id", "depth", "field_values", "gradient", "is_hit", "normal", "position", "shard_index", "surface_index"]
+    __slots__ = ["block_id", "depth", "field_values", "gradient", "is_hit", "label", "label_name", "normal", "position", "shard_index", "surface_index"]
     BLOCK_ID_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
     FIELD_VALUES_FIELD_NUMBER: _ClassVar[int]
     GRADIENT_FIELD_NUMBER: _ClassVar[int]
     IS_HIT_FIELD_NUMBER: _ClassVar[int]
+    LABEL_FIELD_NUMBER: _ClassVar[int]
+    LABEL_NAME_FIELD_NUMBER: _ClassVar[int]
     NORMAL_FIELD_NUMBER: _ClassVar[int]
     POSITION_FIELD_NUMBER: _ClassVar[int]
     SHARD_INDEX_FIELD_NUMBER: _ClassVar[int]
@@ -225,11 +227,13 @@ class PickedPoint(_message.Message):
     field_values: _containers.RepeatedCompositeFieldContainer[FieldValue]
     gradient: _geometry_pb2.Vec3
     is_hit: bool
+    label: float
+    label_name: str
     normal: _geometry_pb2.Vec3
     position: _geometry_pb2.Vec3
     shard_index: int
     surface_index: int
-    def __init__(self, is_hit: bool = ..., position: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., depth: _Optional[float] = ..., surface_index: _Optional[int] = ..., normal: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., block_id: _Optional[int] = ..., shard_index: _Optional[int] = ..., gradient: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., field_values: _Optional[_Iterable[_Union[FieldValue, _Mapping]]] = ...) -> None: ...
+    def __init__(self, is_hit: bool = ..., position: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., depth: _Optional[float] = ..., surface_index: _Optional[int] = ..., normal: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., block_id: _Optional[int] = ..., shard_index: _Optional[int] = ..., gradient: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., field_values: _Optional[_Iterable[_Union[FieldValue, _Mapping]]] = ..., label: _Optional[float] = ..., label_name: _Optional[str] = ...) -> None: ...
 
 class Pixel(_message.Message):
     __slots__ = ["x", "y"]
@@ -342,16 +346,18 @@ class Silhouette(_message.Message):
     def __init__(self, width_px: _Optional[int] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ...) -> None: ...
 
 class Surface(_message.Message):
-    __slots__ = ["color", "color_by", "isovalue", "material"]
+    __slots__ = ["color", "color_by", "isovalue", "labels", "material"]
     COLOR_BY_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
+    LABELS_FIELD_NUMBER: _ClassVar[int]
     MATERIAL_FIELD_NUMBER: _ClassVar[int]
     color: _geometry_pb2.Color
     color_by: ColorBy
     isovalue: float
+    labels: _containers.RepeatedScalarFieldContainer[float]
     material: Material
-    def __init__(self, isovalue: _Optional[float] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., material: _Optional[_Union[Material, _Mapping]] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ...) -> None: ...
+    def __init__(self, isovalue: _Optional[float] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., material: _Optional[_Union[Material, _Mapping]] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ..., labels: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class SurfaceColoring(_message.Message):
     __slots__ = ["color_by", "surface_index"]

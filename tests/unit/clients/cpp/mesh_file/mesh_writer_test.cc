@@ -366,7 +366,8 @@ TEST(MeshWriterTest, SeveralSurfacesStayApartInOneFile) {
   }
 }
 
-// 16 surfaces of the longest numbers: the room for the header is enough.
+// Surfaces of the longest numbers, and of a name that is escaped: the room for the header is
+// enough.
 TEST(MeshWriterTest, HeadersHaveRoomForAllSurfaces) {
   const TempDir folder;
   for (const MeshFormat format : kParsed) {
@@ -375,6 +376,7 @@ TEST(MeshWriterTest, HeadersHaveRoomForAllSurfaces) {
     if (format != MeshFormat::kStl) {
       options.surfaces[0].color = frame::Color{.red = 0.123456F, .green = 0.0301F, .blue = 0.9F};
       options.surfaces.assign(16, options.surfaces[0]);
+      options.surfaces[3].name = std::string(70000, '"');
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, MeshWriter::Create(options));
     std::uint32_t first_vertex = 0;

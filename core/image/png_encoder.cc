@@ -1,4 +1,4 @@
-// Encoding works on stripes of rows, in parallel:
+// EncodePng and PngRowWriter work on stripes of rows, in parallel:
 //
 //   1. IsOpaque: RGB if no pixel shows through, else RGBA.
 //   2. FilterUp each row against the row above (PNG, filter type 2). The first row of a stripe
@@ -24,29 +24,20 @@
 // Invariant: stripes depend on the image alone, so the bytes do not depend on the number of
 // threads.
 //
-// Decoding is libpng's, which reports errors by longjmp. So functions that call setjmp, and
-// callbacks, own nothing that has a destructor; their callers do.
-//
 // Sources: PNG specification (ISO/IEC 15948), sections 5, 9 and 10; RFC 1950; RFC 1951.
 
-#include "core/image/png_codec.h"
-
-#include <png.h>
 #include <zlib.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <bit>
-#include <csetjmp>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <memory>
 #include <span>
 #include <utility>
 
-#include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "oneapi/tbb/enumerable_thread_specific.h"
 #include "oneapi/tbb/parallel_for.h"
@@ -57,12 +48,11 @@
 #include <isa-l/igzip_lib.h>
 
 #include "core/base/check.h"
+#include "core/image/png_codec.h"
 #include "core/image/png_filter.h"
 
 namespace isoscope::image {
 namespace {
-
-static_assert(sizeof(Rgba8) == 4, "libpng writes rows into the pixels");
 
 // A stripe has about this many bytes, whatever the number of threads: 17 stripes for a frame of
 // 1024 x 1024, each so large that its own Huffman codes cost little (64 KiB take 17 % more time,
@@ -78,90 +68,6 @@ constexpr absl::string_view kDeflateWindow32K("\x78\x01", 2);  // RFC 1950
 constexpr absl::string_view kDeflateEnd("\x03\x00", 2);        // RFC 1951: an empty last block
 constexpr absl::string_view kPerceptualIntent("\x00", 1);
 constexpr std::uint8_t kFilterTypeUp = 2;
-
-struct ErrorText {
-  std::array<char, 200> text{};
-};
-
-[[noreturn]] void OnError(png_structp png, png_const_charp message) {
-  auto* error = static_cast<ErrorText*>(png_get_error_ptr(png));
-  std::strncpy(error->text.data(), message, error->text.size() - 1);
-  png_longjmp(png, 1);
-}
-
-void OnWarning(png_structp /*png*/, png_const_charp /*message*/) {}
-
-struct PngBytes {
-  const char* data = nullptr;
-  std::size_t size = 0;
-  std::size_t position = 0;
-};
-
-void ReadFromBytes(png_structp png, png_bytep data, std::size_t size) {
-  auto* in = static_cast<PngBytes*>(png_get_io_ptr(png));
-  if (size > in->size - in->position) {
-    png_error(png, "the bytes end too early");
-  }
-  std::memcpy(data, in->data + in->position, size);
-  in->position += size;
-}
-
-struct Header {
-  png_uint_32 width = 0;
-  png_uint_32 height = 0;
-  std::size_t raw_row_bytes = 0;  // as stored
-  std::size_t row_bytes = 0;      // as delivered
-};
-
-bool ReadHeader(png_structp png, png_infop info, Header* header) {
-  if (setjmp(png_jmpbuf(png)) != 0) {  // NOLINT(cert-err52-cpp): libpng's way
-    return false;
-  }
-  png_set_user_limits(png, kMaxPngSidePx, kMaxPngSidePx);
-  png_set_chunk_malloc_max(png, 1 << 20);
-  png_set_chunk_cache_max(png, 16);
-  png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
-  png_set_benign_errors(png, 0);
-  png_read_info(png, info);
-  header->width = png_get_image_width(png, info);
-  header->height = png_get_image_height(png, info);
-  header->raw_row_bytes = png_get_rowbytes(png, info);
-  png_set_expand(png);
-  png_set_scale_16(png);
-  png_set_gray_to_rgb(png);
-  png_set_add_alpha(png, 0xff, PNG_FILLER_AFTER);
-  png_set_interlace_handling(png);
-  png_read_update_info(png, info);
-  header->row_bytes = png_get_rowbytes(png, info);
-  return true;
-}
-
-bool ReadRows(png_structp png, png_infop info, png_bytep* rows) {
-  if (setjmp(png_jmpbuf(png)) != 0) {  // NOLINT(cert-err52-cpp): libpng's way
-    return false;
-  }
-  png_read_image(png, rows);
-  png_read_end(png, info);
-  return true;
-}
-
-// Owns libpng's reading structs.
-struct Reader {
-  Reader() = default;
-  Reader(const Reader&) = delete;
-  Reader& operator=(const Reader&) = delete;
-  ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
-
-  ErrorText error;
-  png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &error, OnError, OnWarning);
-  png_infop info = png != nullptr ? png_create_info_struct(png) : nullptr;
-};
-
-absl::Status Damaged(const Reader& reader, const PngBytes& in) {
-  return absl::DataLossError(absl::StrCat("PNG of ", in.size, " bytes, near byte ", in.position,
-                                          ": ", reader.error.text.data(),
-                                          "; expected a complete PNG"));
-}
 
 std::string BigEndian32(std::uint32_t value) {
   return {static_cast<char>(value >> 24), static_cast<char>(value >> 16),
@@ -466,38 +372,6 @@ std::string PngRowWriter::End() const {
   std::string tail;
   AppendTail(adler_, &tail);
   return tail;
-}
-
-absl::StatusOr<RgbaImage> DecodePng(absl::string_view png) {
-  PngBytes in{.data = png.data(), .size = png.size()};
-  Reader reader;
-  ISOSCOPE_CHECK(reader.info != nullptr);
-  png_set_read_fn(reader.png, &in, ReadFromBytes);
-  Header header;
-  if (!ReadHeader(reader.png, reader.info, &header)) {
-    return Damaged(reader, in);
-  }
-  // Deflate makes at most 1032 bytes from one. A header that claims more is refused before memory
-  // is allocated.
-  constexpr std::size_t kMaxDeflateRatio = 1032;
-  if (header.raw_row_bytes * header.height / kMaxDeflateRatio > png.size()) {
-    return absl::DataLossError(absl::StrCat(
-        "PNG of ", png.size(), " bytes claims ", header.width, " x ", header.height,
-        " pixels; at most ", kMaxDeflateRatio * png.size(), " bytes of pixels fit in so few"));
-  }
-  RgbaImage image;
-  image.width = static_cast<int>(header.width);
-  image.height = static_cast<int>(header.height);
-  ISOSCOPE_CHECK_EQ(header.row_bytes, std::size_t{header.width} * sizeof(Rgba8));
-  image.pixels.resize(std::size_t{header.width} * header.height);
-  std::vector<png_bytep> rows(header.height);
-  for (std::size_t y = 0; y < rows.size(); ++y) {
-    rows[y] = reinterpret_cast<png_bytep>(image.pixels.data() + y * header.width);
-  }
-  if (!ReadRows(reader.png, reader.info, rows.data())) {
-    return Damaged(reader, in);
-  }
-  return image;
 }
 
 }  // namespace isoscope::image

@@ -1,0 +1,25 @@
+// Asks a coordinator for what the flags of labels need of it.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_LABEL_QUERY_H_
+#define ISOSCOPE_CLIENTS_CPP_CONNECTION_LABEL_QUERY_H_
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+
+#include "clients/cpp/request/label_flags.h"
+#include "clients/cpp/request/selection_flags.h"
+#include "isoscope/v1/dataset.pb.h"
+
+namespace isoscope::client {
+
+class ServiceClient;
+
+// Resolves the flags (ResolveLabels); of --labels all by the values of the samples of the selected
+// field, if the coordinator knows them. Does nothing without flags. FAILED_PRECONDITION: the
+// coordinator does not know surfaces of labels. Otherwise errors of ResolveLabels and of the calls.
+absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const SelectionFlags& selection,
+                           absl::Duration timeout, ServiceClient* client, LabelFlags* flags);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_CONNECTION_LABEL_QUERY_H_

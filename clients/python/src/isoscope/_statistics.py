@@ -1,0 +1,111 @@
+"""The cost of a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from isoscope._renamed import renamed
+
+
+def _seconds(milliseconds: float) -> float:
+    return milliseconds / 1000
+
+
+@dataclass(frozen=True)
+class SurfaceStatistics:
+    """Cost of one surface of a frame: triangles, and grid edges that it crosses, in the drawn blocks."""
+
+    triangle_count: int
+    unique_vertex_count: int
+
+    triangles = renamed("triangles", "triangle_count")
+    vertices = renamed("vertices", "unique_vertex_count")
+
+
+@dataclass(frozen=True)
+class AgentStatistics:
+    """Cost of one agent's part in a frame. Milliseconds are wall time.
+
+    Attributes:
+        address: as the coordinator dialled it.
+        shards: shards that it worked on.
+        active_block_count, visible_block_count: blocks that a surface meets; that were drawn.
+        triangle_count: extracted for this frame.
+        read_bytes: read from disk.
+        busy_ms: all its work; extract_ms and render_ms are parts of it.
+    """
+
+    address: str
+    shards: tuple[int, ...]
+    active_block_count: int
+    visible_block_count: int
+    triangle_count: int
+    read_bytes: int
+    busy_ms: float
+    extract_ms: float
+    render_ms: float
+
+    active_blocks = renamed("active_blocks", "active_block_count")
+    visible_blocks = renamed("visible_blocks", "visible_block_count")
+    triangles = renamed("triangles", "triangle_count")
+    busy_seconds = renamed("busy_seconds", "busy_ms", _seconds)
+    extract_seconds = renamed("extract_seconds", "extract_ms", _seconds)
+    render_seconds = renamed("render_seconds", "render_ms", _seconds)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Cost of one frame, over all agents, with the names of `isoscope render --stats FILE.json`.
+
+    Attributes:
+        active_block_count: blocks that a surface meets and that are not clipped.
+        ray_hit_block_count: blocks that rays of the depth estimate hit.
+        visible_block_count: blocks that were extracted and drawn.
+        culled_block_count: active blocks outside the view, or hidden.
+        occluding_block_count: blocks that were drawn first.
+        triangle_count: extracted for this frame, of all surfaces.
+        unique_vertex_count: grid edges that cross an isovalue, in the drawn blocks.
+        read_bytes: read from shards; bytes found in a cache don't count.
+        network_bytes: of messages between coordinator and agents.
+        png_bytes: size of the PNG; 0 if none was asked for.
+        truncated_pixel_count: pixels with more translucent fragments than max_layers.
+        missing_shards: whose blocks the picture lacks; only with `allow_partial`.
+        active_block_coverage: share of the active blocks that the picture has a chance to show; None if no shard is
+            missing.
+        durations_ms: wall time by step, milliseconds: "occluder_selection", "occluder_rendering",
+            "visibility_culling", "composite", "encode".
+        agents: parts of the agents.
+        surfaces: by surface, in the order of the request.
+    """
+
+    active_block_count: int
+    ray_hit_block_count: int
+    visible_block_count: int
+    culled_block_count: int
+    occluding_block_count: int
+    triangle_count: int
+    unique_vertex_count: int
+    read_bytes: int
+    network_bytes: int
+    png_bytes: int
+    truncated_pixel_count: int
+    missing_shards: tuple[int, ...] = ()
+    active_block_coverage: float | None = None
+    durations_ms: dict[str, float] = field(default_factory=dict)
+    agents: tuple[AgentStatistics, ...] = ()
+    surfaces: tuple[SurfaceStatistics, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Time of the frame in the coordinator, seconds."""
+        return sum(self.durations_ms.values()) / 1000
+
+    active_blocks = renamed("active_blocks", "active_block_count")
+    visible_blocks = renamed("visible_blocks", "visible_block_count")
+    culled_blocks = renamed("culled_blocks", "culled_block_count")
+    occluding_blocks = renamed("occluding_blocks", "occluding_block_count")
+    triangles = renamed("triangles", "triangle_count")
+    vertices = renamed("vertices", "unique_vertex_count")
+    truncated_pixels = renamed("truncated_pixels", "truncated_pixel_count")
+    coverage = renamed("coverage", "active_block_coverage", lambda share: 1.0 if share is None else share)
+    step_seconds = renamed("step_seconds", "durations_ms", lambda steps: {key: _seconds(steps[key]) for key in steps})

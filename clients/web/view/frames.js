@@ -1,0 +1,207 @@
+// Frames from the server, from their arrival to the screen.
+//
+// The newest one waits for the next animation frame; an older one that still waits is dropped. Each is
+// acknowledged once, shown or not, and each bitmap is closed. The screen closes those that it shows.
+// @ts-check
+
+import { cameraFromJson, isSameCamera } from './camera.js';
+import { fillView } from './moves.js';
+import { gridOfPicture } from './relief.js';
+
+/** @typedef {import('./types.js').Camera} Camera */
+/** @typedef {import('./types.js').DepthGrid} DepthGrid */
+
+/**
+ * @typedef {{model: import('./model.js').Model, picture: import('./picture.js').Picture,
+ *   stream: import('./state-stream.js').StateStream, connection: import('./connection.js').Connection,
+ *   notices: import('./notices.js').Notices, statistics: import('./statistics.js').Statistics}} Parts of a view
+ */
+
+const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEEDED', 'NOT_FOUND', 'ALREADY_EXISTS',
+  'PERMISSION_DENIED', 'RESOURCE_EXHAUSTED', 'FAILED_PRECONDITION', 'ABORTED', 'OUT_OF_RANGE', 'UNIMPLEMENTED',
+  'INTERNAL', 'UNAVAILABLE', 'DATA_LOSS', 'UNAUTHENTICATED'];
+/** These errors are temporary: an agent restarts, a queue empties. */
+const PASSING_CODES = [4, 8, 9, 14];
+const VERSION_HINT = 'Do server and page have the same version?';
+
+/** @param {any} header */
+const sequenceOf = (header) => Number(header.sequenceNumber ?? 0);
+
+/** @param {any} message @returns {DepthGrid | null} */
+function gridOf({ header, depths }) {
+  return depths.length > 0 ? { width: header.depthGrid.width, height: header.depthGrid.height,
+    near: Number(header.depthGrid.near ?? 0), far: Number(header.depthGrid.far ?? 0), values: depths } : null;
+}
+
+export class Frames {
+  /** The state that the frame on the screen answers. */
+  shownSequence = 0;
+  #parts;
+  #on;
+  /** @type {any} */
+  #arrived = null;
+  /** @type {{grid: DepthGrid, camera: Camera, scene: string} | null} */
+  #lastGrid = null;
+  #errorSequence = -1;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #retryTimer;
+
+  /**
+   * @param {Parts} parts
+   * @param {{arrived: () => void, changed: () => void, cameraTaken: () => void, shown: (detail: any) => void}} on
+   *   `arrived`: a frame waits for `show`; `changed`: a state must be sent; `cameraTaken`: the camera is the server's
+   */
+  constructor(parts, on) {
+    this.#parts = parts;
+    this.#on = on;
+  }
+
+  get hasArrived() {
+    return this.#arrived !== null;
+  }
+
+  /** @param {any} message of the worker: frame, dropped or bad */
+  receive(message) {
+    const { counts } = this.#parts.statistics;
+    switch (message.kind) {
+      case 'frame':
+        counts.bitmapsMade += message.bitmap ? 1 : 0;
+        counts.bytesReceived += message.bytes;
+        this.#arrive(message);
+        break;
+      case 'dropped':
+        counts.framesDropped += 1;
+        counts.bytesReceived += message.bytes;
+        break;
+      case 'bad': this.#parts.notices.problem(`${message.sentence} ${VERSION_HINT}`); break;
+    }
+  }
+
+  /** @param {any} message */
+  #arrive(message) {
+    const { model, stream, connection, notices, statistics } = this.#parts;
+    const { header } = message;
+    const sequence = sequenceOf(header);
+    statistics.decode.add(message.decodeMs);
+    const sent = stream.of(sequence);
+    if (sent && !sent.isAnswered) {  // the exact frame waits for rest besides
+      sent.isAnswered = true;
+      statistics.roundTrip.add(message.receivedAt - sent.sentAt);
+    }
+    if (header.error || !message.bitmap) {
+      message.bitmap?.close();
+      statistics.counts.bitmapsClosed += message.bitmap ? 1 : 0;
+      this.#fail(header.error ?? { code: 13, message: 'the server sent a frame without a picture' }, sequence);
+      connection.acknowledge(message);
+      return;
+    }
+    const camera = cameraFromJson(header.frame?.camera);
+    if (!camera && !model.camera) {
+      notices.problem(`The server sent a picture without the camera that it shows. ${VERSION_HINT}`);
+    }
+    this.#drop();
+    this.#arrived = message;
+    const grid = gridOf(message);
+    if (grid && camera) {
+      this.#lastGrid = { grid, camera, scene: sent?.scene ?? '' };
+    }
+    this.#on.arrived();
+  }
+
+  /** @param {{code?: number, message?: string}} error @param {number} sequence */
+  #fail(error, sequence) {
+    const { notices } = this.#parts;
+    notices.endWaiting();
+    this.#errorSequence = sequence;
+    const text = (error.message ?? '').trim() || 'the server gives no reason';
+    const sentence = text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? '' : '.');
+    const code = Number(error.code ?? 2);
+    const isPassing = PASSING_CODES.includes(code);
+    notices.problem(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`);
+    clearTimeout(this.#retryTimer);
+    if (isPassing) {
+      // A hidden tab sends it once it is shown.
+      this.#retryTimer = setTimeout(() => this.#on.changed(), 2000);
+    }
+  }
+
+  /** Drops a frame that was decoded and not shown, and says so. */
+  #drop() {
+    if (this.#arrived) {
+      const { counts } = this.#parts.statistics;
+      this.#arrived.bitmap.close();
+      counts.bitmapsClosed += 1;
+      counts.framesDropped += 1;
+      this.#parts.connection.acknowledge(this.#arrived);
+      this.#arrived = null;
+    }
+  }
+
+  /** Puts the frame that has arrived on the screen. */
+  show() {
+    const { model, picture, stream, connection, notices, statistics } = this.#parts;
+    const message = this.#arrived;
+    this.#arrived = null;
+    const { header, bitmap } = message;
+    const sequence = sequenceOf(header);
+    const camera = cameraFromJson(header.frame?.camera) ?? model.camera;
+    if (camera) {
+      this.#takeCamera(camera, message);
+    }
+    const sent = stream.of(sequence);
+    const isExact = header.isExact === true;
+    const { width, height } = bitmap;
+    if (camera) {
+      const grid = gridOf(message) ?? this.#gridBefore(camera, sent?.scene ?? '');
+      picture.show(bitmap, { width, height, camera, grid, isExact, background: model.background });
+    } else {
+      bitmap.close();
+    }
+    statistics.counts.bitmapsClosed += 1;
+    statistics.shown(isExact, sent);
+    this.shownSequence = sequence;
+    connection.acknowledge(message);
+    if (sequence > this.#errorSequence || isExact) {
+      notices.endWaiting();
+      notices.clear();
+    }
+    this.#on.shown({ header, isExact, width, height, decodeMs: message.decodeMs,
+      roundTripMs: sent ? message.receivedAt - sent.sentAt : null, latencyMs: statistics.shownLatencyMs });
+  }
+
+  /**
+   * Takes the camera that the server chose.
+   * @param {Camera} camera @param {any} message
+   */
+  #takeCamera(camera, message) {
+    const { model } = this.#parts;
+    const { header, bitmap } = message;
+    const taken = model.takeCamera(camera, sequenceOf(header));
+    if (!taken) {
+      return;
+    }
+    if (taken.isFitted) {
+      const grid = gridOf(message) ?? gridOfPicture(camera, bitmap, model.background);
+      const filled = fillView(camera, grid, bitmap.width / bitmap.height);
+      if (!isSameCamera(filled, camera)) {
+        model.move(filled);
+        this.#on.changed();
+      }
+    }
+    this.#on.cameraTaken();
+  }
+
+  /**
+   * The exact frame may have no depths: those of the quick one before it are the same.
+   * @param {Camera} camera @param {string} scene '' if unknown @returns {DepthGrid | null}
+   */
+  #gridBefore(camera, scene) {
+    const last = this.#lastGrid;
+    return last && scene !== '' && scene === last.scene && isSameCamera(camera, last.camera) ? last.grid : null;
+  }
+
+  end() {
+    clearTimeout(this.#retryTimer);
+    this.#drop();
+  }
+}

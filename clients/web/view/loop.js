@@ -1,0 +1,197 @@
+// The parts of a view, and the way of a change through them.
+//
+// 1. Pointer, keyboard or a caller changes the model. Its state is sent at once, or in the next
+//    animation frame (StateStream, Connection).
+// 2. In the animation frame the newest frame that has arrived goes to the screen (Frames, Picture), and
+//    the last one is drawn from the camera of the model, with the overlay.
+// 3. Whatever happens is an event of the view.
+// @ts-check
+
+import { Client } from './client.js';
+import { Connection } from './connection.js';
+import { buildElements } from './elements.js';
+import { Frames } from './frames.js';
+import { Model } from './model.js';
+import { Announcer, Notices } from './notices.js';
+import { Overlay } from './overlay.js';
+import { Picture } from './picture.js';
+import { StateStream } from './state-stream.js';
+import { Statistics } from './statistics.js';
+import { AnimationLoop } from './tab.js';
+
+/** @typedef {import('./types.js').FrameRequest} FrameRequest */
+/** @typedef {import('./connection.js').Transport} Transport */
+
+/**
+ * @typedef {object} Options
+ * @property {string} [url] address of the gateway; default: the page's own folder
+ * @property {string} [token] where the gateway asks for one
+ * @property {FrameRequest} [state] what to show, as setState takes it; default: nothing until that is called
+ * @property {'auto' | 'webgl2' | 'bitmaprenderer'} [renderer] default: auto, WebGL2 with a GPU
+ * @property {number} [targetFramesPerSecond] 1 to 120, default 30
+ * @property {number} [maxSide] the largest side of a picture in pixels; default 2048
+ * @property {boolean} [axes] @property {boolean} [scaleBar] default: both shown
+ * @property {boolean} [box] default: not shown
+ * @property {'always' | 'focused'} [wheel] when the wheel zooms; default: always
+ * @property {string} [label] what the view is, for screen readers
+ * @property {(sentence: string) => void} [announce] takes what screen readers should say; default: the view has a live
+ *   region of its own
+ * @property {Transport} [transport] used where the gateway cannot be reached
+ */
+
+
+export class Loop {
+  model = new Model();
+  stream = new StateStream();
+  statistics = new Statistics();
+  #animation = new AnimationLoop(() => this.#tick());
+  #client;
+  #options;
+  #emit;
+  // Time of the first move since the last animation frame.
+  /** @type {number | null} */
+  #movedAt = null;
+
+  /**
+   * @param {HTMLElement} element @param {Options} options
+   * @param {(type: string, detail: any) => void} emit sends an event
+   */
+  constructor(element, options, emit) {
+    this.#options = options;
+    this.#emit = emit;
+    this.#client = new Client(options.url, options.token);
+    this.elements = buildElements(element, { label: options.label, isSpeaking: !options.announce });
+    const { root, notice, speech } = this.elements;
+    const announcer = new Announcer((sentence) => { speech.textContent = sentence; });
+    this.notices = new Notices(notice, options.announce ?? ((sentence) => announcer.say(sentence)),
+      (detail) => emit('notice', detail));
+    this.picture = new Picture(root, options, () => this.change(false, null));
+    this.overlay = new Overlay(this.picture, options);
+    this.connection = new Connection(this.#client, this.notices,
+      { transport: options.transport, isTransportFirst: !options.url }, {
+        status: (kind, sentence) => emit('status', { kind, sentence }),
+        opened: (isAgain) => this.#opened(isAgain),
+        closed: () => {
+          this.stream.isDirty = true;
+          this.notices.endWaiting();
+        },
+        message: (message) => this.frames.receive(message),
+      });
+    this.frames = new Frames(this, {
+      arrived: () => this.schedule(),
+      changed: () => this.change(false, null),
+      cameraTaken: () => emit('state', { state: this.model.toState(), isMoving: false }),
+      shown: (detail) => emit('frame', detail),
+    });
+    this.resizer = new ResizeObserver(() => this.#resize());
+  }
+
+  /**
+   * Begins: sizes the picture, shows the first state, and connects.
+   * @param {() => void} showFirst
+   */
+  start(showFirst) {
+    this.resizer.observe(this.elements.root);
+    this.#resize();
+    showFirst();
+    this.connection.connect();
+  }
+
+  /** @param {boolean} isMoving @param {number | null} time of the event, if a move of the camera caused it */
+  change(isMoving, time) {
+    this.stream.change(time);
+    this.#movedAt ??= time;
+    if (time !== null && this.stream.isRested) {
+      this.#send();
+    }
+    this.schedule();
+    this.#emit('state', { state: this.model.toState(), isMoving });
+  }
+
+  /** Draws in the next animation frame. */
+  schedule() {
+    this.#animation.schedule();
+  }
+
+  /** Learns the box and the patient frame of the dataset, for the box, the axes and the named views. */
+  async describe() {
+    const name = this.model.datasetName;
+    if (this.#options.transport && !this.#options.url) {
+      return;
+    }
+    try {
+      const dataset = name ? await this.#client.get(`v1/datasets/${encodeURIComponent(name)}`)
+        : (await this.#client.get('v1/datasets')).datasets?.[0];
+      if (name === this.model.datasetName && !this.#animation.isEnded && dataset) {
+        this.model.dataset = dataset.dataset ?? dataset;
+        this.#emit('dataset', this.model.dataset);
+        this.schedule();
+      }
+    } catch {
+      // The frame reports a problem of the dataset; a lost gateway is asked again once it is back.
+    }
+  }
+
+  end() {
+    this.#animation.end();
+    this.resizer.disconnect();
+    this.notices.endWaiting();
+    this.frames.end();
+    this.connection.end();
+    this.picture.destroy();
+    this.elements.host.remove();
+  }
+
+  #send() {
+    const { model, stream } = this;
+    if (!this.connection.isOpen || !stream.isDirty || !model.isSet || document.hidden) {
+      return;
+    }
+    const frame = model.toState();
+    frame.viewport = { widthPx: this.picture.width, heightPx: this.picture.height };
+    this.connection.send(stream.next(frame, this.#options.targetFramesPerSecond ?? 30));
+    this.statistics.counts.statesSent += 1;
+    this.notices.beginWaiting();
+  }
+
+  #tick() {
+    const movedAt = this.#movedAt;
+    this.#movedAt = null;
+    // The state is sent first: the server works while this draws.
+    this.#send();
+    if (this.frames.hasArrived) {
+      this.frames.show();
+    }
+    this.#draw();
+    if (movedAt !== null) {
+      this.statistics.localResponse.add(performance.now() - movedAt);
+    }
+  }
+
+  #draw() {
+    const { camera, state, dataset } = this.model;
+    if (camera) {
+      const { counts } = this.statistics;
+      counts.warpsDrawn += this.picture.draw(camera) ? 1 : 0;
+      this.overlay.draw(camera, state, dataset, counts.framesShown);
+    }
+  }
+
+  #resize() {
+    if (this.picture.resize()) {
+      this.overlay.resized();
+      this.change(true, null);
+      this.#draw();
+    }
+  }
+
+  /** @param {boolean} isAgain */
+  #opened(isAgain) {
+    this.statistics.counts.reconnects += isAgain ? 1 : 0;
+    this.stream.clear();
+    if (!this.model.dataset) {
+      this.describe();
+    }
+    this.change(false, null);
+  }
+}

@@ -1,0 +1,175 @@
+// The frame on the screen: its canvas, and the size of it that the view has.
+//
+// With a graphics card WebGL2 draws it and warps it (gl-screen.js). Without one it is shown as it
+// comes. The same happens when the driver takes the canvas away, and when the first warps are slow.
+// @ts-check
+
+import { hasFastWebGl, makeGlScreen } from './gl-screen.js';
+
+/** @typedef {import('./types.js').Camera} Camera */
+/** @typedef {import('./types.js').ShownFrame} ShownFrame */
+
+/**
+ * @typedef {{name: string, canvas: HTMLCanvasElement, isWarping: boolean, show: (bitmap: ImageBitmap, frame: ShownFrame) => void,
+ *   draw: (camera: Camera) => boolean, finish: () => void, resize: (width: number, height: number) => void,
+ *   destroy: () => void}} Screen show takes the bitmap over and closes it; draw says whether it warped;
+ *   finish waits until it is drawn.
+ */
+
+/** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
+const MEASURED_WARPS = 7;
+const SLOW_WARP_MS = 25;
+
+/** @param {string} className */
+export function makeCanvas(className) {
+  const canvas = document.createElement('canvas');
+  canvas.className = className;
+  return canvas;
+}
+
+/**
+ * Shows pictures as they come, without WebGL. If the processor emulates WebGL, this takes half of
+ * its time.
+ * @returns {Screen}
+ */
+function makeBitmapScreen() {
+  const canvas = makeCanvas('picture plain');
+  const context = /** @type {ImageBitmapRenderingContext} */ (canvas.getContext('bitmaprenderer', { alpha: false }));
+  return {
+    name: 'bitmaprenderer',
+    canvas,
+    isWarping: false,
+    show(bitmap, shown) {
+      if (canvas.width !== shown.width || canvas.height !== shown.height) {
+        canvas.width = shown.width;
+        canvas.height = shown.height;
+      }
+      context.transferFromImageBitmap(bitmap);
+      bitmap.close();
+    },
+    resize() {},
+    draw: () => false,
+    finish() {},
+    destroy() {
+      context.transferFromImageBitmap(null);
+      canvas.remove();
+    },
+  };
+}
+
+/** The first child of an element: a canvas with the last frame. */
+export class Picture {
+  #root;
+  #renderer;
+  #maxSide;
+  #changed;
+  /** @type {number[]} */
+  #warpTimes = [];
+  #background = '';
+  #isDestroyed = false;
+
+  /**
+   * @param {HTMLElement} root
+   * @param {{renderer?: 'auto' | 'webgl2' | 'bitmaprenderer', maxSide?: number}} options
+   * @param {() => void} changed called when another screen needs the frame again
+   */
+  constructor(root, { renderer = 'auto', maxSide = 2048 }, changed) {
+    this.#root = root;
+    this.#renderer = renderer;
+    this.#maxSide = maxSide;
+    this.#changed = changed;
+    /** @type {ShownFrame | null} */
+    this.frame = null;
+    // Of the canvas in pixels of the device, and of the element in CSS pixels.
+    this.width = 1;
+    this.height = 1;
+    this.ratio = 0;
+    this.cssWidth = 0;
+    this.cssHeight = 0;
+    const isGl = renderer === 'webgl2' || renderer === 'auto' && hasFastWebGl();
+    /** @type {Screen} */
+    this.screen = (isGl ? makeGlScreen(makeCanvas('picture'), (why) => this.#leaveGl(why)) : null) ?? makeBitmapScreen();
+    root.prepend(this.screen.canvas);
+  }
+
+  get aspect() {
+    return this.width / this.height;
+  }
+
+  /**
+   * Takes the size of the element.
+   * @returns {boolean} whether it has changed
+   */
+  resize() {
+    const ratio = globalThis.devicePixelRatio || 1;
+    const { clientWidth, clientHeight } = this.#root;
+    const shrink = Math.min(1, this.#maxSide / (Math.max(clientWidth, clientHeight, 1) * ratio));
+    const width = Math.max(1, Math.round(clientWidth * ratio * shrink));
+    const height = Math.max(1, Math.round(clientHeight * ratio * shrink));
+    if (this.width === width && this.height === height && this.ratio === ratio && this.cssWidth === clientWidth &&
+        this.cssHeight === clientHeight) {
+      return false;
+    }
+    this.width = width;
+    this.height = height;
+    this.ratio = ratio;
+    [this.cssWidth, this.cssHeight] = [clientWidth, clientHeight];
+    this.screen.resize(width, height);
+    return true;
+  }
+
+  /** @param {ImageBitmap} bitmap closed here @param {ShownFrame} frame */
+  show(bitmap, frame) {
+    this.frame = frame;
+    this.screen.show(bitmap, frame);
+    const background = `rgb(${frame.background.map((c) => Math.round(255 * c)).join(' ')})`;
+    if (background !== this.#background) {
+      this.#background = background;
+      this.#root.style.background = background;
+    }
+  }
+
+  /** @param {Camera} camera @returns {boolean} whether the frame was warped */
+  draw(camera) {
+    const startedAt = performance.now();
+    const isWarped = this.screen.draw(camera);
+    if (isWarped) {
+      this.#measureWarp(startedAt);
+    }
+    return isWarped;
+  }
+
+  destroy() {
+    this.#isDestroyed = true;
+    this.screen.destroy();
+  }
+
+  /**
+   * Some drivers emulate WebGL without reporting it, so the first warps are timed.
+   * @param {number} startedAt
+   */
+  #measureWarp(startedAt) {
+    const times = this.#warpTimes;
+    if (this.#renderer !== 'auto' || times.length >= MEASURED_WARPS) {
+      return;
+    }
+    this.screen.finish();
+    times.push(performance.now() - startedAt);
+    const middle = [...times].sort((a, b) => a - b)[MEASURED_WARPS >> 1];
+    if (times.length === MEASURED_WARPS && middle > SLOW_WARP_MS) {
+      this.#leaveGl(`a warp takes ${Math.round(middle)} ms`);
+    }
+  }
+
+  /** @param {string} why */
+  #leaveGl(why) {
+    if (this.#isDestroyed || this.screen.name !== 'webgl2') {
+      return;
+    }
+    console.warn(`isoscope: goes on without WebGL: ${why}`);
+    this.screen.canvas.remove();
+    this.screen = makeBitmapScreen();
+    this.#root.prepend(this.screen.canvas);
+    this.#changed();
+  }
+}

@@ -1,0 +1,179 @@
+// What others call: a view in an element of a page.
+// @ts-check
+
+import { cameraToJson } from './camera.js';
+import { pressKey } from './keyboard.js';
+import { Loop } from './loop.js';
+import { boxOfDataset, namedCamera } from './named-views.js';
+import { Pointer } from './pointer.js';
+import { Steering } from './steering.js';
+
+/** @typedef {import('./types.js').Vec3} Vec3 */
+/** @typedef {import('./types.js').Camera} Camera */
+/** @typedef {import('./types.js').FrameRequest} FrameRequest */
+/** @typedef {import('./loop.js').Options} Options */
+
+/**
+ * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height, decodeMs,
+ * roundTripMs, latencyMs}; 'state' {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in
+ * pixels of the picture, of the pointer, or of the middle when Enter was pressed;
+ * 'status' {kind: 'connecting' | 'open' | 'closed', sentence}; 'notice' {sentence, isError}; 'dataset'.
+ */
+export class View extends EventTarget {
+  /** @param {HTMLElement} element @param {Options} [options] */
+  constructor(element, options = {}) {
+    super();
+    this.options = options;
+    /** @param {string} type @param {any} detail */
+    const emit = (type, detail) => this.dispatchEvent(new CustomEvent(type, { detail }));
+    /** The inside, for the page and for tests. */
+    this.loop = new Loop(element, options, emit);
+    const { model, picture } = this.loop;
+    /** What gets the pointer and the keyboard. */
+    const root = this.root = this.loop.elements.root;
+    const steering = new Steering(model, picture,
+      { moved: (time) => this.loop.change(true, time), clicked: (detail) => emit('click', detail) });
+    new Pointer(root, steering, options.wheel !== 'focused');
+    root.addEventListener('keydown', (event) => pressKey(event, steering, this));
+    this.loop.start(() => options.state && this.setState(options.state));
+  }
+
+  /** The state, without the camera of the pointer: to be read only. @returns {FrameRequest} */
+  get state() {
+    return this.loop.model.state;
+  }
+
+  /** Whether a state was set: nothing is shown before. */
+  get hasState() {
+    return this.loop.model.isSet;
+  }
+
+  get camera() {
+    return this.loop.model.camera;
+  }
+
+  /** The dataset that is shown; null until the gateway has described it. */
+  get dataset() {
+    return this.loop.model.dataset;
+  }
+
+  set dataset(dataset) {
+    this.loop.model.dataset = dataset;
+  }
+
+  /** Whether axes, scale bar and box are shown. */
+  get decorations() {
+    return this.loop.overlay.shown;
+  }
+
+  /** Whether a frame of the current state is on the screen. */
+  get isCurrent() {
+    const { frames, stream } = this.loop;
+    return !stream.isDirty && frames.shownSequence === stream.sequence;
+  }
+
+  /** Whether the exact one is. */
+  get isExact() {
+    return this.isCurrent && this.loop.picture.frame?.isExact === true;
+  }
+
+  /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
+  getState() {
+    return this.loop.model.toState();
+  }
+
+  /**
+   * Replaces the state. Without a camera, the server chooses one. `isMoving`: more states follow,
+   * as from a slider; quick frames come first.
+   * @param {FrameRequest} state @param {{isMoving?: boolean}} [how]
+   */
+  setState(state, how = {}) {
+    const { model, stream } = this.loop;
+    if (!model.replace(state, stream.sequence + 1)) {
+      this.loop.notices.problem('The camera of this view is no camera: the default one is used.');
+    }
+    if (!model.dataset) {
+      this.loop.describe();
+    }
+    stream.change(performance.now());
+    this.loop.change(how.isMoving ?? false, null);
+  }
+
+  /**
+   * Changes parts of the state; the camera stays, unless it is given. Null and undefined remove a
+   * part.
+   * @param {FrameRequest} part @param {{isMoving?: boolean}} [how]
+   */
+  update(part, how) {
+    this.setState({ ...this.getState(), ...part }, how);
+  }
+
+  /** @param {Camera} camera */
+  setCamera(camera) {
+    this.loop.model.move(camera);
+    this.loop.change(true, performance.now());
+  }
+
+  /**
+   * Views the surface from a side, as large as it fits: 'front' ... 'inferior'.
+   * @param {string} name @returns {boolean} false if the dataset has no such side, or is not known yet
+   */
+  lookFrom(name) {
+    const box = boxOfDataset(this.dataset);
+    const camera = box && namedCamera(name, box, this.dataset?.patientFrame);
+    if (!camera) {
+      return false;
+    }
+    this.update({ camera: cameraToJson(camera), cameraFit: 'CAMERA_FIT_SURFACE' });
+    return true;
+  }
+
+  /** Lets the server choose the camera again. */
+  reset() {
+    this.update({ camera: undefined, cameraFit: 'CAMERA_FIT_SURFACE' });
+  }
+
+  /** @param {{axes?: boolean, scaleBar?: boolean, box?: boolean}} decorations */
+  decorate(decorations) {
+    Object.assign(this.loop.overlay.shown, decorations);
+    this.loop.schedule();
+  }
+
+  /**
+   * Marks points of the scene.
+   * @param {{position: Vec3, label?: string}[]} pins
+   */
+  setPins(pins) {
+    this.loop.overlay.pins = pins;
+    this.loop.schedule();
+  }
+
+  /** Figures for users and tests: those of Statistics, and what is on the screen. */
+  stats() {
+    const { statistics, connection, picture, notices } = this.loop;
+    return {
+      ...statistics.summary(),
+      isExact: this.isExact,
+      isConnected: connection.isOpen,
+      transport: connection.name,
+      renderer: picture.screen.name,
+      isInWorker: connection.isInWorker,
+      width: picture.frame?.width ?? 0,
+      height: picture.frame?.height ?? 0,
+      notice: notices.text,
+    };
+  }
+
+  /** Ends the connection, frees all pictures and removes the view from its element. */
+  destroy() {
+    this.loop.end();
+  }
+}
+
+/**
+ * Shows a view in an element, which must have a height.
+ * @param {HTMLElement} element @param {Options} [options] @returns {View}
+ */
+export function mount(element, options) {
+  return new View(element, options);
+}

@@ -1,0 +1,47 @@
+// The plan of a series, before anything is written: fields and components, the grid of the first
+// volume, and a task for each scalar volume, by step, field and component. All steps are opened
+// once (CheckGrids), so that grids that differ are found first. Internal to the series partitioner.
+
+#ifndef ISOSCOPE_CORE_PARTITION_SERIES_PLAN_H_
+#define ISOSCOPE_CORE_PARTITION_SERIES_PLAN_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/partition/partitioner.h"
+#include "core/partition/series_writer.h"
+#include "core/source/volume_series.h"
+#include "core/store/series_manifest.h"
+
+namespace isoscope::partition {
+
+// Returns a series as its source and the options have it: without volumes and id. INVALID_ARGUMENT
+// if it is no series that a manifest can describe.
+absl::StatusOr<store::SeriesManifest> PlanSeries(source::VolumeSeries& source,
+                                                 const PartitionOptions& options,
+                                                 const std::string& name);
+
+// Returns the tasks of a new series, those of the magnitudes included. INVALID_ARGUMENT: there are
+// more of them, or of fields or steps, than a series may have.
+absl::StatusOr<std::vector<VolumeTask>> PlanVolumes(const source::VolumeSeries& source,
+                                                    const store::SeriesManifest& series);
+
+// Returns the tasks of appending, and adds the new steps to `series`. What the series has already
+// is left out if the run `resumes`; else it is ALREADY_EXISTS. FAILED_PRECONDITION: the series has
+// no times. INVALID_ARGUMENT: fields, components, units or times do not fit, or are too many.
+absl::StatusOr<std::vector<VolumeTask>> PlanAppending(const source::VolumeSeries& source,
+                                                      bool resumes, store::SeriesManifest* series);
+
+// Opens the first component of each field at each step, and compares the grids. Errors as
+// CheckFits.
+absl::Status CheckGrids(source::VolumeSeries& source, const std::vector<VolumeTask>& tasks,
+                        const store::SeriesManifest& series,
+                        const base::Cancellation& cancellation);
+
+}  // namespace isoscope::partition
+
+#endif  // ISOSCOPE_CORE_PARTITION_SERIES_PLAN_H_

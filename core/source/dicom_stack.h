@@ -1,0 +1,33 @@
+// Slices of a DICOM series as one volume.
+
+#ifndef ISOSCOPE_CORE_SOURCE_DICOM_STACK_H_
+#define ISOSCOPE_CORE_SOURCE_DICOM_STACK_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/dicom_steps.h"
+#include "core/source/grid_rules.h"
+#include "core/volume/grid_geometry.h"
+
+namespace isoscope::source {
+
+struct SliceStack {
+  volume::GridGeometry geometry{};
+  // Where slices lie along the third axis, from the first one on; none if they are even.
+  std::vector<double> distances{};
+};
+
+// Sorts slices by position, checks that they are one volume, and returns its geometry. The first
+// pixels lie on the normal of the slices, or on a line that leans (a tilted gantry), which is then
+// the third axis. INVALID_ARGUMENT: fewer than two slices; different size, type, orientation or
+// spacing of pixels; pixels beside the line; distances that differ by more than 1 % (names both),
+// unless the rules resample, and then a slice that is there twice.
+absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const std::string& name,
+                                       const GridRules& rules);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_DICOM_STACK_H_

@@ -1,0 +1,140 @@
+// The grid is words behind keywords:
+//
+//   DIMENSIONS 4 3 2             points on each axis
+//   ORIGIN 10 20 30              structured points have these two,
+//   SPACING 0.5 2 4              the second one as ASPECT_RATIO in files of version 1
+//   X_COORDINATES 4 float        a rectilinear grid has these, each with its numbers:
+//   0 1 2.5 4                    text, or big-endian
+
+#include "core/source/legacy_vtk_grid.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+#include "core/source/byte_order.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::int64_t kMaxLegacyAxis = std::int64_t{1} << 24;
+
+}  // namespace
+
+absl::StatusOr<bool> LegacyGrid::Take(const std::string& keyword, bool is_binary,
+                                      LegacyWords* words) {
+  if (keyword == "DIMENSIONS") {
+    for (int axis = 0; axis < 3; ++axis) {
+      ISOSCOPE_ASSIGN_OR_RETURN(dims_[axis], words->NextCount("DIMENSIONS has", 1, kMaxLegacyAxis));
+    }
+    return true;
+  }
+  if (is_rectilinear_ && keyword.size() == 13 && keyword.substr(1) == "_COORDINATES" &&
+      keyword[0] >= 'X' && keyword[0] <= 'Z') {
+    ISOSCOPE_RETURN_IF_ERROR(
+        TakeCoordinates(static_cast<std::size_t>(keyword[0] - 'X'), is_binary, words));
+    return true;
+  }
+  if (!is_rectilinear_ && keyword == "ORIGIN") {
+    ISOSCOPE_ASSIGN_OR_RETURN(origin_, words->NextVector("ORIGIN"));
+    return true;
+  }
+  if (!is_rectilinear_ && (keyword == "SPACING" || keyword == "ASPECT_RATIO")) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spacing_, words->NextVector(keyword));
+    return true;
+  }
+  return false;
+}
+
+absl::Status LegacyGrid::TakeCoordinates(std::size_t axis, bool is_binary, LegacyWords* words) {
+  const std::string name = absl::StrFormat("%c_COORDINATES", "XYZ"[axis]);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count, words->NextCount(name, 1, kMaxLegacyAxis));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string type_name, words->NextText());
+  ISOSCOPE_RETURN_IF_ERROR(words->NextLine().status());
+  const std::string type = absl::AsciiStrToLower(type_name);
+  if (type != "float" && type != "double") {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s of type \"%s\"; expected float or double", name, type.substr(0, 64)));
+  }
+  const std::size_t size = type == "float" ? sizeof(float) : sizeof(double);
+  is_single_ = is_single_ || size == sizeof(float);
+  const std::int64_t begin = words->position();
+  std::vector<double>& values = coordinates_[axis];
+  values.clear();
+  if (is_binary) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        words->PassNumbers(1, count, static_cast<std::int64_t>(8 * size), true));
+    std::string bytes(static_cast<std::size_t>(count) * size, '\0');
+    ISOSCOPE_RETURN_IF_ERROR(words->file().ReadAt(begin, bytes.size(), bytes.data()));
+    SwapBytes(size, static_cast<std::size_t>(count), bytes.data());
+    for (std::size_t i = 0; i < bytes.size(); i += size) {
+      values.push_back(size == sizeof(float)
+                           ? static_cast<double>(base::LoadLittleEndian<float>(&bytes[i]))
+                           : base::LoadLittleEndian<double>(&bytes[i]));
+    }
+    return absl::OkStatus();
+  }
+  for (std::int64_t i = 0; i < count; ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string word, words->NextText());
+    if (!absl::SimpleAtod(word, &values.emplace_back())) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s has \"%s\"; expected numbers", name, word.substr(0, 64)));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<CfUnevenGrid> LegacyGrid::Locate(bool is_of_cells, const GridRules& rules) const {
+  if (!is_rectilinear_) {
+    CfUnevenGrid even;
+    even.geometry.sample_dims = dims_;
+    even.geometry.spacing = spacing_;
+    even.geometry.origin = origin_;
+    for (int axis = 0; is_of_cells && axis < 3; ++axis) {
+      even.geometry.sample_dims[axis] -= 1;
+      even.geometry.origin[axis] += spacing_[axis] / 2;
+    }
+    return even;
+  }
+  std::vector<CfAxis> axes;
+  for (const std::size_t axis : {2U, 1U, 0U}) {
+    const std::int64_t points = dims_[static_cast<int>(axis)];
+    std::vector<double> values = coordinates_[axis];
+    if (static_cast<std::int64_t>(values.size()) != points) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%d %c_COORDINATES; DIMENSIONS %d %d %d have %d", values.size(),
+                          "XYZ"[axis], dims_.x, dims_.y, dims_.z, points));
+    }
+    for (std::size_t i = 0; is_of_cells && i + 1 < values.size(); ++i) {
+      values[i] = (values[i] + values[i + 1]) / 2;
+    }
+    if (is_of_cells) {
+      values.pop_back();
+    }
+    if (values.size() < 2) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("DIMENSIONS %d %d %d: an isosurface needs 2 samples on each axis",
+                          dims_.x, dims_.y, dims_.z));
+    }
+    axes.push_back({.name = std::string(1, "xyz"[axis]),
+                    .size = static_cast<std::int64_t>(values.size()),
+                    .values = std::move(values),
+                    .is_single = is_single_});
+  }
+  const CfRoles roles{.space = {0, 1, 2}, .letters = {'Z', 'Y', 'X'}};
+  if (rules.resamples) {
+    return CfUnevenGridOf(axes, roles);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, CfGridOf(axes, roles));
+  return CfUnevenGrid{.geometry = geometry};
+}
+
+}  // namespace isoscope::source

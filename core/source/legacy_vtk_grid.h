@@ -1,0 +1,48 @@
+// The grid of a legacy VTK file: structured points, or a rectilinear grid (legacy_vtk_series.h).
+
+#ifndef ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_
+#define ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/math/vec.h"
+#include "core/source/cf_grid.h"
+#include "core/source/grid_rules.h"
+#include "core/source/legacy_vtk_words.h"
+
+namespace isoscope::source {
+
+class LegacyGrid {
+ public:
+  void SetRectilinear() { is_rectilinear_ = true; }
+  // Of points; 0 until they are known.
+  [[nodiscard]] const math::Index3& dims() const { return dims_; }
+
+  // Takes all behind a keyword of the grid, such as DIMENSIONS; false if it is no such keyword.
+  // INVALID_ARGUMENT: numbers that are none, or too many.
+  absl::StatusOr<bool> Take(const std::string& keyword, bool is_binary, LegacyWords* words);
+
+  // The grid of the points, or of the cells' centres, with distances only if it is uneven and the
+  // rules resample. INVALID_ARGUMENT: not as many coordinates as samples; uneven (CfGridOf), unless
+  // the rules resample, and then coordinates that neither ascend nor descend.
+  [[nodiscard]] absl::StatusOr<CfUnevenGrid> Locate(bool is_of_cells, const GridRules& rules) const;
+
+ private:
+  absl::Status TakeCoordinates(std::size_t axis, bool is_binary, LegacyWords* words);
+
+  bool is_rectilinear_ = false;
+  math::Index3 dims_;
+  math::Vec3d origin_;
+  math::Vec3d spacing_{1, 1, 1};
+  std::array<std::vector<double>, 3> coordinates_{};  // of points, by axis
+  bool is_single_ = false;                            // stored as 32-bit floats
+};
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_

@@ -1,0 +1,23 @@
+// The end and the deadline of a call to an agent: what all such calls have in common.
+
+#ifndef ISOSCOPE_SERVER_FRAME_AGENT_CALL_H_
+#define ISOSCOPE_SERVER_FRAME_AGENT_CALL_H_
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+#include <grpcpp/client_context.h>
+
+namespace isoscope::server {
+
+// Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
+// would mislead the client. INVALID_ARGUMENT (the coordinator's message was wrong) becomes
+// INTERNAL. UNAVAILABLE replaces the codes of a stream that was cut, but not by us, and of a call
+// that the agent does not know.
+absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
+
+// The call ends by itself then; absl::InfiniteFuture(): never.
+void SetDeadline(absl::Time deadline, grpc::ClientContext* context);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_AGENT_CALL_H_

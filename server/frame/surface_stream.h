@@ -1,0 +1,86 @@
+// The coordinator's call to an agent for a surface, and to the replicas that take over.
+
+#ifndef ISOSCOPE_SERVER_FRAME_SURFACE_STREAM_H_
+#define ISOSCOPE_SERVER_FRAME_SURFACE_STREAM_H_
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <grpcpp/client_context.h>
+#include <grpcpp/support/sync_stream.h>
+
+#include "core/base/mutex.h"
+#include "core/base/trace_context.h"
+#include "core/mesh/block_mesh.h"
+#include "core/volume/block_layout.h"
+#include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "server/cluster/frame_part.h"
+#include "server/export/surface_export.h"
+
+namespace isoscope::server {
+
+// INVALID_ARGUMENT if the block is not of the volume, or its arrays do not fit together.
+absl::Status UnpackBlock(const isoscope::internal::v1::BlockSurface& proto,
+                         const volume::BlockLayout& layout, mesh::BlockMesh* block);
+
+// The surface of one part's blocks, pulled message by message. Between pulls gRPC's flow control
+// stops the agent. If an agent fails, or sends nothing for long, the next replica continues after
+// the last block. Cancel is thread-safe, the other functions are for one thread.
+class SurfaceStream final : public SurfaceSource {
+ public:
+  // request: shard_indices is set to the part's. max_silence: limit for an agent that owes a
+  // message
+  SurfaceStream(FramePart part, const volume::BlockLayout& layout,
+                isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline,
+                absl::Duration max_silence, const base::TraceContext& identity);
+  // Cancels the call if it has not ended.
+  ~SurfaceStream() override;
+  SurfaceStream(const SurfaceStream&) = delete;
+  SurfaceStream& operator=(const SurfaceStream&) = delete;
+
+  // Blocks, for max_silence at most. Errors name the last agent; INTERNAL if it sent a malformed
+  // block, DEADLINE_EXCEEDED if it sent nothing.
+  absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
+  void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
+
+  // The agents that failed so far; part_index is 0.
+  [[nodiscard]] const std::vector<AgentFailure>& failures() const { return failures_; }
+
+ private:
+  struct Call;
+
+  // Asks the replica at replica_.
+  void Open() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Reads message_. False at the end of the stream. DEADLINE_EXCEEDED if the agent was silent.
+  absl::StatusOr<bool> ReadMessage();
+  // Records the failure. OK if another replica was asked; else its error, with the agent's name.
+  absl::Status Fail(absl::Status status, bool was_silent = false);
+
+  const FramePart part_;
+  const volume::BlockLayout layout_;
+  isoscope::internal::v1::ExtractSurfaceRequest request_;
+  const absl::Time deadline_;
+  const absl::Duration max_silence_;
+  const base::TraceContext identity_;
+  std::size_t replica_ = 0;
+  std::vector<AgentFailure> failures_;
+  isoscope::internal::v1::ExtractSurfaceResponse message_;
+  int next_block_ = 0;               // index in message_
+  std::int64_t last_block_id_ = -1;  // the last one that Next gave
+  std::atomic<bool> was_cancelled_{false};
+  bool has_ended_ = false;
+  base::Mutex mutex_;  // Cancel may run during Open
+  std::unique_ptr<Call> call_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_SURFACE_STREAM_H_
