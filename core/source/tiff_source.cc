@@ -436,10 +436,12 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenTiffSeries(const std::vector<s
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfTiff(const std::string& file) {
-  ISOSCOPE_ASSIGN_OR_RETURN(TiffStack stack, ScanStack(file, file));
-  ISOSCOPE_RETURN_IF_ERROR(LayOut({file}, "", &stack));
   std::vector<std::string> files{file};
-  for (std::string& other : stack.files) {
+  auto stack = ScanStack(file, file);
+  if (!stack.ok() || !LayOut({file}, "", &*stack).ok()) {
+    return files;  // opening it says why
+  }
+  for (std::string& other : stack->files) {
     if (other != file) {
       files.push_back(std::move(other));
     }

@@ -33,7 +33,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenTiffSeries(const std::vector<s
                                                              const std::string& field,
                                                              const std::string& axes);
 
-// The file, and the others of its OME set.
+// The file, and the others of its OME set; the file alone if it can't be opened.
 absl::StatusOr<std::vector<std::string>> FilesOfTiff(const std::string& file);
 
 }  // namespace isoscope::source
