@@ -36,6 +36,7 @@
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
+#include "core/source/natural_order.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
 #include "core/source/series_format.h"
