@@ -21,6 +21,7 @@ bool IsMghHeader(
     absl::string_view head);  // a version and sizes that may be: the format has no mark
 bool IsAfniHeader(absl::string_view head);
 bool IsParHeader(absl::string_view head);
+bool IsGiplHeader(absl::string_view head);
 
 // The header beside a file of samples: "a.hdr" for "a.img" and "a.img.gz", "a.HEAD" for
 // "a.BRIK.gz", "a.PAR" for "a.REC"; else `path` itself.
@@ -46,6 +47,8 @@ absl::StatusOr<FileLayout> ReadAfniLayout(const std::string& path);
 // intercept. Types of images (magnitude, phase, ...) are fields; dynamics, echoes or another key
 // that varies are steps.
 absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path);
+// GIPL, also as a gzip stream. A fourth axis makes steps without a time.
+absl::StatusOr<FileLayout> ReadGiplLayout(const std::string& path);
 
 }  // namespace isoscope::source
 

@@ -17,6 +17,7 @@
 #include "core/source/cube_series.h"
 #include "core/source/file_layout.h"
 #include "core/source/file_start.h"
+#include "core/source/itk_image.h"
 #include "core/source/layout_formats.h"
 #include "core/source/legacy_vtk_series.h"
 #include "core/source/minc_source.h"
@@ -104,6 +105,16 @@ SeriesFormat LayoutRow(absl::string_view name, std::vector<std::string> endings)
           }};
 }
 
+// The header, and its samples beside it.
+absl::StatusOr<std::vector<std::string>> FilesOfStimulate(const std::string& file) {
+  std::vector<std::string> files = {file};
+  std::string samples = file.substr(0, file.size() - 3) + "sdt";
+  if (io::PathExists(samples)) {
+    files.push_back(std::move(samples));
+  }
+  return files;
+}
+
 }  // namespace
 
 const std::vector<SeriesFormat>& SeriesFormats() {
@@ -124,6 +135,7 @@ const std::vector<SeriesFormat>& SeriesFormats() {
       LayoutRow<IsMghHeader, ReadMghLayout>("MGH", {".mgh", ".mgz", ".mgh.gz"}),
       LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
+      LayoutRow<IsGiplHeader, ReadGiplLayout>("GIPL", {".gipl", ".gipl.gz"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,
@@ -144,6 +156,15 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .open_as = [](const std::string& file, const std::string& field,
                      const std::string& axes) { return OpenTiffSeries({file}, file, field, axes); },
        .find_files = FilesOfTiff},
+      {.name = "BioRad",
+       .endings = {".pic"},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenItkImage(file, field); }},
+      {.name = "Stimulate",
+       .endings = {".spr"},
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenItkImage(file, field); },
+       .find_files = FilesOfStimulate},
       {.name = "SLC",
        .endings = {".slc"},
        .is_content = IsSlc,

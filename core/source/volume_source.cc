@@ -36,6 +36,7 @@
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
+#include "core/source/itk_image.h"
 #include "core/source/natural_order.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
@@ -90,7 +91,7 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
   return files;
 }
 
-enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kPvti, kSeriesFile, kSampleFile };
+enum class SourceKind { kTiff, kItkSlices, kHdf5, kDicom, kVti, kPvti, kSeriesFile, kSampleFile };
 
 // The volume that a path names.
 struct FoundVolume {
@@ -116,8 +117,14 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   }
   std::vector<std::string> dicom_files = DicomFilesIn(path);
   if (dicom_files.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path, ": a folder with neither TIFF files (.tif .tiff) nor a DICOM series in it"));
+    std::vector<std::string> slices = ItkSlicesOf(path);
+    if (!slices.empty()) {
+      return FoundVolume{.kind = SourceKind::kItkSlices, .files = std::move(slices)};
+    }
+    return absl::InvalidArgumentError(
+        absl::StrCat(path,
+                     ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices "
+                     "(.png .bmp) in it"));
   }
   return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
 }
@@ -139,8 +146,9 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
         ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
         "file.vti:array:component), ",
         ListedSeriesFormats(),
-        ", HDF5 (file.h5:/dataset), DICOM (a series' folder or a file of it) and TIFF (a folder, a "
-        "pattern in quotation marks, or a file of many pages); anything else is read as raw "
+        ", HDF5 (file.h5:/dataset), DICOM (a series' folder or a file of it), TIFF (a folder, a "
+        "pattern in quotation marks, or a file of many pages), PNG or BMP slices (a folder or a "
+        "pattern); anything else is read as raw "
         "samples with --dims X,Y,Z "
         "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
   }
@@ -198,6 +206,9 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   Hdf5Path hdf5;
   if (!io::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = FilesLike(path)};
+  }
+  if (IsItkSliceName(path) && (io::PathExists(path) || path.find_first_of("*?") != path.npos)) {
+    return FoundVolume{.kind = SourceKind::kItkSlices, .files = ItkSlicesOf(path)};
   }
   if (SplitHdf5Path(path, &hdf5)) {
     return FoundVolume{.kind = SourceKind::kHdf5, .files = {hdf5.file}};
@@ -264,6 +275,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
                                 OpenTiffSeries(found.files, path, FieldNameOf(path), ""));
       return OpenOnlyVolume(*series, path, false);
     }
+    case SourceKind::kItkSlices:
+      return OpenItkSlices(path);
     case SourceKind::kHdf5: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
       return meshes != nullptr ? OpenOnlyVolume(*meshes, found.files.front(), true)
@@ -346,6 +359,7 @@ std::vector<FormatName> FormatNames() {
       {"metaimage", ".mha .mhd"},
       {"dicom", "a folder of a series, or a file of it"},
       {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
+      {"slices", ".png .bmp: a folder of them, or a pattern", false},
       {"hdf5", "file.h5:/dataset, .vtkhdf, .ims, openPMD: file.h5", false}};
   for (const SeriesFormat& format : SeriesFormats()) {
     names.push_back({FormatNameOf(format),

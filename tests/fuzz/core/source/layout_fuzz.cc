@@ -1,4 +1,5 @@
-// NIfTI-2 (one file, a stream, a pair), Analyze, MGH, AFNI and PAR/REC. The first byte chooses.
+// NIfTI-2 (one file, a stream, a pair), Analyze, MGH, AFNI, PAR/REC and GIPL. The first byte
+// chooses.
 
 #include <cstddef>
 #include <cstdint>
@@ -23,6 +24,7 @@ enum Kind : std::uint8_t {
   kMgz,
   kAfni,
   kParRec,
+  kGipl,
   kKinds
 };
 
@@ -53,6 +55,8 @@ std::vector<std::string> Seeds() {
       Seed(kAnalyze, testing::AnalyzeBytes({.steps = 2, .factor = 0.5F})),
       Seed(kMgh, testing::MghBytes({.frames = 2}) + samples),
       Seed(kMgz, testing::Gzip(testing::MghBytes({.type = 3}) + samples)),
+      Seed(kGipl, testing::GiplBytes({}) + samples),
+      Seed(kGipl, testing::GiplBytes({.steps = 2, .type = 64}) + samples),
       Seed(kAfni, AfniBytes(1, "1", "0.5")),
       Seed(kAfni, AfniBytes(3, "1 1 1", "0 0 1", AfniText("BRICK_LABS", "a~b~a"))),
       Seed(kAfni, AfniBytes(2, "0 0", "0 0",
@@ -71,7 +75,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   Input input(data, size);
   const std::uint8_t kind = input.Byte() % kKinds;
   constexpr const char* kNames[] = {"v.nii", "v.nii.gz", "w.hdr",  "unnamed", "w.hdr",
-                                    "v.mgh", "v.mgz",    "v.HEAD", "v.PAR"};
+                                    "v.mgh", "v.mgz",    "v.HEAD", "v.PAR",   "v.gipl"};
   WriteVolumeFile(kNames[kind], input.Rest());
   for (const char* samples : {"w.img", "v.BRIK", "v.REC"}) {
     WriteVolumeFile(samples, std::string(600, 'c'));
