@@ -11,6 +11,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/dicom_source.h"
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_series.h"
