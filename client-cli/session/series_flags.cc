@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
@@ -61,16 +62,24 @@ bool HasFieldNames(const std::string& path) {
          absl::EndsWithIgnoreCase(file, ".hdf5");
 }
 
+// Letters, each once, those of TIFF's pages with counts; the reader checks what its file can have.
 absl::StatusOr<std::string> ParseAxes(absl::string_view text) {
-  const auto is_axis = [](char c) {
-    return absl::string_view("TCZYX").find(c) != std::string::npos;
-  };
-  std::string sorted(text);
-  std::sort(sorted.begin(), sorted.end());
-  if (text.size() < 3 || !std::all_of(text.begin(), text.end(), is_axis) ||
-      std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end()) {
+  std::string letters;
+  bool is_good = !text.empty();
+  for (const char c : text) {
+    const bool is_digit = absl::ascii_isdigit(static_cast<unsigned char>(c));
+    is_good = is_good && (is_digit ? !letters.empty()
+                                   : absl::string_view("TCZYX").find(c) != std::string::npos &&
+                                         letters.find(c) == std::string::npos);
+    if (!is_digit) {
+      letters += c;
+    }
+  }
+  if (!is_good) {
     return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is no list of axes, slowest first, such as ZYX, TZYX or TCZYX"));
+        absl::StrCat("'", text,
+                     "' is no list of axes, slowest first, such as ZYX, TZYX or TCZYX, or TC3Z20 "
+                     "for the pages of a TIFF stack"));
   }
   return std::string(text);
 }
@@ -107,7 +116,8 @@ void AddSeriesFlags(FlagSet* set, SeriesFlags* flags) {
               "the time of a source that has none"));
   add(AddFlag(set, "--axes", "AXES", &flags->axes, ParseAxes,
               "the axes of an HDF5 dataset, slowest first, of the letters T (time), C (component), "
-              "Z, Y, X (default: as the file says)"));
+              "Z, Y, X; for the pages of a TIFF stack T, C and Z with counts, as TC3Z20 (default: "
+              "as the file says)"));
 }
 
 absl::StatusOr<std::unique_ptr<source::VolumeSeries>> OpenSourceSeries(const SourceFlags& source,

@@ -56,13 +56,12 @@ absl::StatusOr<NamedHdf5Dataset> OpenHdf5ByName(const std::string& path, Hdf5Typ
                                                 std::size_t axes = 0);
 
 // Opens the volume at one step and one component of a dataset, in this process. Chunks as
-// OpenHdf5Dataset. INVALID_ARGUMENT: no grid of a volume; chunks that are too large.
+// OpenHdf5Dataset. `samples`: the first samples of the dataset, not all. INVALID_ARGUMENT: no grid
+// of a volume; chunks that are too large.
 // REQUIRES: the axes are those of the dataset; indices in range, 0 where there is no such axis.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(NamedHdf5Dataset named,
-                                                             Hdf5SampleType type,
-                                                             const AxisOrder& axes,
-                                                             std::int64_t step,
-                                                             std::int64_t component);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
+    NamedHdf5Dataset named, Hdf5SampleType type, const AxisOrder& axes, std::int64_t step,
+    std::int64_t component, std::optional<math::Index3> samples = std::nullopt);
 
 // "it holds /a, /b".
 std::string ListHdf5Volumes(hid_t file);

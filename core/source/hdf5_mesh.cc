@@ -52,6 +52,10 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindHdf5Meshes(hid_t file) {
     ISOSCOPE_ASSIGN_OR_RETURN(Hdf5MeshFile meshes, FindOpenPmdMeshes(file));
     return meshes;
   }
+  if (IsImaris(file)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(Hdf5MeshFile meshes, FindImarisImage(file));
+    return meshes;
+  }
   return std::nullopt;
 }
 

@@ -1,5 +1,5 @@
-// HDF5 files that describe their own meshes: VTKHDF images and openPMD. Calls the library: for the
-// process that it runs in (walled_source.h).
+// HDF5 files that describe their own meshes: VTKHDF images, openPMD and Imaris. Calls the library:
+// for the process that it runs in (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_
 #define ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_
@@ -32,6 +32,7 @@ struct Hdf5MeshField {
   volume::GridGeometry geometry;
   // By step and component, the component faster.
   std::vector<Hdf5MeshVolume> volumes{};
+  bool is_filled_up = false;  // datasets may have more samples behind those of the grid
 };
 
 struct Hdf5MeshFile {
@@ -51,9 +52,12 @@ std::vector<double> Hdf5Numbers(hid_t object, const char* attribute);
 // The names in a group, in ascending order, 4096 at most; none if it is no group.
 std::vector<std::string> Hdf5NamesIn(hid_t group);
 
-// The two kinds (vtk_hdf_image.cc, openpmd_meshes.cc), of the group VTKHDF and the root.
+// The kinds (vtk_hdf_image.cc, openpmd_meshes.cc, imaris_image.cc), of the group VTKHDF and the
+// root.
 absl::StatusOr<Hdf5MeshFile> FindVtkHdfImage(hid_t root);
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file);
+bool IsImaris(hid_t file);
+absl::StatusOr<Hdf5MeshFile> FindImarisImage(hid_t file);
 
 }  // namespace isoscope::source
 

@@ -115,8 +115,11 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
   const std::vector<std::int64_t> dims = Hdf5DimsOf(named.dataset.get());
   const math::Index3& samples = field.geometry.sample_dims;
   const AxisOrder& axes = wanted.axes;
-  if (dims.size() <= axes.x || dims[axes.z] != samples.z || dims[axes.y] != samples.y ||
-      dims[axes.x] != samples.x) {
+  const auto fits = [&](std::size_t axis, std::int64_t size) {
+    return dims[axis] == size || (field.is_filled_up && dims[axis] > size);
+  };
+  if (dims.size() <= axes.x || !fits(axes.z, samples.z) || !fits(axes.y, samples.y) ||
+      !fits(axes.x, samples.x)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: it has not the %d x %d x %d samples of the first step: all steps must lie on one grid",
         name, samples.z, samples.y, samples.x));
@@ -126,9 +129,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      std::unique_ptr<VolumeSource> source,
-      OpenHdf5Volume(std::move(named), *std::move(type), axes, wanted.step, wanted.component));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
+                            OpenHdf5Volume(std::move(named), *std::move(type), axes, wanted.step,
+                                           wanted.component, samples));
   return std::make_unique<MovedSource>(std::move(source), field.geometry);
 }
 

@@ -229,16 +229,14 @@ constexpr WalledLibrary kHdf5 = {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(NamedHdf5Dataset named,
-                                                             Hdf5SampleType type,
-                                                             const AxisOrder& axes,
-                                                             std::int64_t step,
-                                                             std::int64_t component) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
+    NamedHdf5Dataset named, Hdf5SampleType type, const AxisOrder& axes, std::int64_t step,
+    std::int64_t component, std::optional<math::Index3> samples) {
   const std::string name = named.parts.name();
   Hdf5Handle& dataset = named.dataset;
   const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset.get());
   volume::GridGeometry geometry;
-  geometry.sample_dims = {dims[axes.x], dims[axes.y], dims[axes.z]};
+  geometry.sample_dims = samples.value_or(math::Index3{dims[axes.x], dims[axes.y], dims[axes.z]});
   geometry.spacing = SpacingOf(dataset.get());
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
@@ -278,7 +276,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(NamedHdf5Dataset na
 
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
   PartPath split;
-  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf", ".vtkhdf"}, &split)) {
+  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf", ".vtkhdf", ".ims"}, &split)) {
     return false;
   }
   *parts = {split.file, split.part};

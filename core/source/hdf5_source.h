@@ -20,8 +20,8 @@ struct Hdf5Path {
 
   [[nodiscard]] std::string name() const { return file + ":" + dataset; }
 };
-// True, with the parts, if the name is that of an HDF5 file (.h5 .hdf5 .he5 .hdf .vtkhdf), with or
-// without a dataset.
+// True, with the parts, if the name is that of an HDF5 file (.h5 .hdf5 .he5 .hdf .vtkhdf .ims),
+// with or without a dataset.
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
 
 // Opens a three-dimensional dataset [z][y][x]. Samples are integers, those of 64 bits as in

@@ -14,6 +14,7 @@
 // is known of the patient. Source: https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat;
 // nibabel's freesurfer/mghformat.py.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -22,6 +23,7 @@
 
 #include "absl/strings/str_format.h"
 
+#include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/affine_grid.h"
@@ -83,10 +85,11 @@ absl::StatusOr<double> MghRepetitionTime(const std::string& path, const FileLayo
   if (footer + sizeof(float) > static_cast<double>(file->size_bytes())) {
     return 0;
   }
-  std::string bytes(sizeof(float), '\0');
+  std::array<char, sizeof(float)> bytes{};
   ISOSCOPE_RETURN_IF_ERROR(
       file->ReadAt(static_cast<std::int64_t>(footer), bytes.size(), bytes.data()));
-  const auto time = static_cast<double>(BinaryHeader(std::move(bytes), true).Load<float>(0));
+  std::reverse(bytes.begin(), bytes.end());
+  const auto time = static_cast<double>(base::LoadLittleEndian<float>(bytes.data()));
   return std::isfinite(time) && time > 0 ? time : 0;
 }
 

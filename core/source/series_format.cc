@@ -25,6 +25,8 @@
 #include "core/source/netcdf_series.h"
 #include "core/source/part_path.h"
 #include "core/source/slc_series.h"
+#include "core/source/tiff_file.h"
+#include "core/source/tiff_source.h"
 
 namespace isoscope::source {
 namespace {
@@ -134,6 +136,15 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".cube", ".cub"},
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenCubeSeries(file, field); }},
+      {.name = "TIFF",
+       .endings = {".tif", ".tiff", ".lsm"},
+       .more_names = ", a folder of them, or a pattern",
+       .is_content = IsTiff,
+       .open = [](const std::string& file, const std::string& field,
+                  const std::string& /*part*/) { return OpenTiffSeries({file}, file, field, ""); },
+       .open_as = [](const std::string& file, const std::string& field,
+                     const std::string& axes) { return OpenTiffSeries({file}, file, field, axes); },
+       .find_files = FilesOfTiff},
       {.name = "SLC",
        .endings = {".slc"},
        .is_content = IsSlc,
@@ -222,15 +233,23 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
                                                              const std::string& field,
-                                                             const GridRules& rules) {
+                                                             const GridRules& rules,
+                                                             const std::string& axes) {
   if (!io::PathExists(file.file)) {
     return absl::NotFoundError(absl::StrCat(file.file, ": no such file"));
   }
   if (io::IsDirectory(file.file)) {
     return absl::InvalidArgumentError(absl::StrCat(file.file, ": a folder; expected a file"));
   }
+  if (!axes.empty() && file.format->open_as == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(file.file, ": --axes ", axes,
+                     ": the axes of this kind of file have their meaning; "
+                     "--axes is for datasets of HDF5 files and for TIFF"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            file.format->open_by_rules != nullptr
+                            !axes.empty() ? file.format->open_as(file.file, field, axes)
+                            : file.format->open_by_rules != nullptr
                                 ? file.format->open_by_rules(file.file, field, file.part, rules)
                                 : file.format->open(file.file, field, file.part));
   return file.part.empty() ? std::move(series)

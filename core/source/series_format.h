@@ -22,6 +22,7 @@ struct SeriesFormat {
   absl::string_view name;            // "MRC"
   std::vector<std::string> endings;  // in lower case: ".mrc"; none: content alone decides
   bool has_field_names = false;      // else the only field has the name of the file
+  absl::string_view more_names{};    // what else a path may be, for people
   // True if the first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are
   // of this format. Null: only the name tells.
   bool (*is_content)(absl::string_view head) = nullptr;
@@ -30,6 +31,10 @@ struct SeriesFormat {
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open)(const std::string& file,
                                                         const std::string& field,
                                                         const std::string& part) = nullptr;
+  // The same, with the meaning of the axes (SeriesOptions). Null: the files say it.
+  absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open_as)(const std::string& file,
+                                                           const std::string& field,
+                                                           const std::string& axes) = nullptr;
   // In place of `open`, for formats that refuse grids which are sheared or uneven.
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open_by_rules)(const std::string& file,
                                                                  const std::string& field,
@@ -72,11 +77,13 @@ std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
 std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules);
 
 // Opens the file, or its part as a series of one field. `field` is the name of a field that the
-// file does not name. NOT_FOUND: no such file; no such field or component (lists those there are).
+// file does not name. `axes` as in SeriesOptions. NOT_FOUND: no such file; no such field or
+// component (lists those there are). INVALID_ARGUMENT: axes for a format whose files say them.
 // Otherwise errors of the format.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,
                                                              const std::string& field,
-                                                             const GridRules& rules = {});
+                                                             const GridRules& rules = {},
+                                                             const std::string& axes = "");
 // The part of a series of `file` that is named as in SeriesFile. Errors as OpenSeriesFile.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
                                                          const std::string& file,

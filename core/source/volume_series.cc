@@ -21,6 +21,7 @@
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
 #include "core/source/series_format.h"
+#include "core/source/tiff_source.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
 
@@ -72,9 +73,11 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path
 // Whatever the name and the content say.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesAs(const std::string& path,
                                                            const std::string& format,
-                                                           const GridRules& rules) {
+                                                           const GridRules& rules,
+                                                           const std::string& axes) {
   if (const SeriesFormat* const own = FindSeriesFormat(format); own != nullptr) {
-    return OpenSeriesFile({.format = own, .file = path, .part = ""}, FieldNameOf(path), rules);
+    return OpenSeriesFile({.format = own, .file = path, .part = ""}, FieldNameOf(path), rules,
+                          axes);
   }
   if (format == "dicom") {
     return OpenDicomSteps(path, FieldNameOf(path), rules);
@@ -127,7 +130,7 @@ std::string FieldNameOf(absl::string_view path) {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
   if (!options.format.empty()) {
-    return OpenSeriesAs(path, options.format, options.rules);
+    return OpenSeriesAs(path, options.format, options.rules, options.axes);
   }
   Hdf5Path hdf5;
   if (SplitHdf5Path(path, &hdf5)) {
@@ -140,11 +143,18 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
     }
     return OpenHdf5Series(path, options.axes);
   }
+  if (const auto stack = FilesOfTiffStack(path); stack.has_value()) {
+    return OpenTiffSeries(*stack, path, FieldNameOf(path), options.axes);
+  }
+  std::optional<SeriesFile> file = FindSeriesFileByName(path);
+  if (file.has_value()) {
+    return OpenSeriesFile(*file, FieldNameOf(file->file), options.rules, options.axes);
+  }
   if (!options.axes.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": --axes ", options.axes,
                      ": the axes of this kind of file have their meaning; "
-                     "--axes is for datasets of HDF5 files"));
+                     "--axes is for datasets of HDF5 files and for TIFF"));
   }
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     return OpenPvdSeries(path);
@@ -152,10 +162,6 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   PartPath vtk;
   if (SplitVtkImagePath(path, &vtk)) {
     return OpenVtkImageSeries(vtk.file, vtk.part);
-  }
-  std::optional<SeriesFile> file = FindSeriesFileByName(path);
-  if (file.has_value()) {
-    return OpenSeriesFile(*file, FieldNameOf(file->file), options.rules);
   }
   if (NamesDicomSeries(path)) {
     return OpenDicomSteps(path, FieldNameOf(path), options.rules);

@@ -50,8 +50,9 @@ class VolumeSeries {
 };
 
 struct SeriesOptions {
-  // The meaning of the axes of an array, slowest first, of the letters T C Z Y X: "TCZYX". Empty:
-  // as the file says.
+  // The meaning of the axes of an array, slowest first, of the letters T C Z Y X: "TCZYX"; of the
+  // planes of a TIFF stack, of T C Z with counts: "TC3Z20" (stack_layout.h). Empty: as the file
+  // says.
   std::string axes;
   // A name of ListFormats (volume_source.h); empty: as name and content say.
   std::string format{};

@@ -4,8 +4,7 @@
 //   file.h5:/dataset              HDF5
 //   a folder                      TIFF files if it has some, else a DICOM series
 //   file.vti, file.vti:array      VTK ImageData, as are .pvti
-//   .tif, .tiff                   TIFF pages
-//   .mrc and the like             the formats of series_format.h
+//   .mrc, .tif and the like       the formats of series_format.h
 //   .dcm, or the DICOM mark       the series of that file
 //   .nii, .nrrd, .mha, ...        NIfTI, NRRD, MetaImage: header by ITK, samples by FileSource
 //   any other name                the formats of series_format.h, by content
@@ -38,6 +37,7 @@
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
+#include "core/source/natural_order.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
 #include "core/source/series_format.h"
@@ -61,18 +61,6 @@ absl::Status CheckIsFile(const std::string& path) {
 
 bool IsTiffName(const std::string& path) {
   return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
-}
-
-// By its first bytes; BigTIFF, too. Names of other formats are not looked into.
-bool IsTiffFile(const std::string& path) {
-  if (path.find('.', path.rfind('/') + 1) != std::string::npos) {
-    return false;
-  }
-  constexpr std::size_t kMarkBytes = 4;
-  const auto head = ReadFileStart(path, kMarkBytes);
-  return head.ok() &&
-         (head->bytes == std::string("II*\0", 4) || head->bytes == std::string("MM\0*", 4) ||
-          head->bytes == std::string("II+\0", 4) || head->bytes == std::string("MM\0+", 4));
 }
 
 // The TIFF files in a folder, "slice9" before "slice10".
@@ -190,9 +178,6 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::str
   if (const auto sample_format = SampleFormatFromName(format); sample_format.has_value()) {
     return FindSampleFile(path, sample_format, rules);
   }
-  if (format == "tiff") {
-    return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
-  }
   if (format == "dicom") {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
   }
@@ -236,9 +221,6 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
     return FoundSeries(*std::move(series));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
-  if (IsTiffName(path) || IsTiffFile(path)) {
-    return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
-  }
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
   }
@@ -278,8 +260,11 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
                                                              const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
   switch (found.kind) {
-    case SourceKind::kTiff:
-      return OpenTiffStack(found.files, path);
+    case SourceKind::kTiff: {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
+                                OpenTiffSeries(found.files, path, FieldNameOf(path), ""));
+      return OpenOnlyVolume(*series, path, false);
+    }
     case SourceKind::kHdf5: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
       return meshes != nullptr ? OpenOnlyVolume(*meshes, found.files.front(), true)
@@ -334,6 +319,17 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
   return std::move(found.files);
 }
 
+std::optional<std::vector<std::string>> FilesOfTiffStack(const std::string& path) {
+  if (io::PathExists(path) && !io::IsDirectory(path)) {
+    return std::nullopt;
+  }
+  auto found = FindVolume(path, "");
+  if (!found.ok() || found->kind != SourceKind::kTiff) {
+    return std::nullopt;
+  }
+  return std::move(found->files);
+}
+
 bool NamesDicomSeries(const std::string& path) {
   const bool is_likely =
       io::IsDirectory(path) || absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path);
@@ -345,16 +341,18 @@ bool NamesDicomSeries(const std::string& path) {
 }
 
 std::vector<FormatName> FormatNames() {
-  std::vector<FormatName> names = {{"nifti", ".nii .nii.gz .hdr .img .img.gz"},
-                                   {"nrrd", ".nrrd .nhdr"},
-                                   {"metaimage", ".mha .mhd"},
-                                   {"dicom", "a folder of a series, or a file of it"},
-                                   {"tiff", ".tif .tiff, a folder of them, or a pattern"},
-                                   {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
-                                   {"hdf5", "file.h5:/dataset, .vtkhdf, openPMD: file.h5", false}};
+  std::vector<FormatName> names = {
+      {"nifti", ".nii .nii.gz .hdr .img .img.gz"},
+      {"nrrd", ".nrrd .nhdr"},
+      {"metaimage", ".mha .mhd"},
+      {"dicom", "a folder of a series, or a file of it"},
+      {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
+      {"hdf5", "file.h5:/dataset, .vtkhdf, .ims, openPMD: file.h5", false}};
   for (const SeriesFormat& format : SeriesFormats()) {
     names.push_back({FormatNameOf(format),
-                     format.endings.empty() ? "by content" : absl::StrJoin(format.endings, " ")});
+                     format.endings.empty()
+                         ? "by content"
+                         : absl::StrCat(absl::StrJoin(format.endings, " "), format.more_names)});
   }
   return names;
 }

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 
 namespace isoscope::source {
 
@@ -22,10 +23,13 @@ struct XmlTag {
 
 // Calls `visit` for each tag as it starts; text passes by. Stops at the first error of `visit`, to
 // which it adds the file and the line. INVALID_ARGUMENT: no XML, or cut; more than 64 MiB, a tag of
-// more than a MiB, or tags more than 64 deep: holds one tag at a time. `what` is the kind of file
-// for messages: "VTK collection".
+// more than a MiB, tags more than 64 deep, or a DOCTYPE, which could define entities: holds one tag
+// at a time. `what` is the kind of file for messages: "VTK collection".
 absl::Status ReadXmlTags(const std::string& path, const std::string& what,
                          const std::function<absl::Status(const XmlTag&)>& visit);
+// The same of a text. `name` is the file that it is from, for messages.
+absl::Status ParseXmlTags(absl::string_view text, const std::string& name, const std::string& what,
+                          const std::function<absl::Status(const XmlTag&)>& visit);
 
 }  // namespace isoscope::source
 

@@ -277,6 +277,73 @@ def test_a_forked_child_has_a_connection_of_its_own(client):
     assert done.stdout.strip() == "[True, True, True] True", done.stderr
 
 
+FORKS_OFTEN = """
+import collections, os, sys
+import isoscope
+
+dataset = isoscope.connect(sys.argv[1], token_file=sys.argv[2])["shells"]
+expected = dataset.render(127.5, size=8).png
+ends = collections.Counter()
+for _ in range(20):
+    dataset.render(127.5, size=8)
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if dataset.render(127.5, size=8).png == expected else 1)
+    ends[os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])] += 1
+print(dict(ends))
+"""
+
+
+@pytest.mark.parametrize("support", ["0", "1"])
+def test_no_fork_after_a_call_ends_the_child(client, support):
+    """gRPC's own handlers alone ended 3 of 100 children on a busy machine before they ran."""
+    command = [sys.executable, "-c", FORKS_OFTEN, client.address, client.token_file]
+    environment = os.environ | {"GRPC_ENABLE_FORK_SUPPORT": support}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "{0: 20}", done.stderr
+
+
+FORKS_AT_WORK = """
+import os, sys
+import isoscope
+
+client = isoscope.connect(sys.argv[1], token_file=sys.argv[2])
+channel = client._channel.get()
+
+def calls_in_child():
+    try:
+        return client["shells"].name
+    except isoscope.FailedPreconditionError as error:
+        return str(error)
+
+def in_child(work):
+    read, write = os.pipe()
+    if os.fork() == 0:
+        os.write(write, work().encode())
+        os._exit(0)
+    os.close(write)
+    with open(read) as pipe:
+        print(pipe.read(), flush=True)
+
+with client._channel.call_at_work():
+    in_child(calls_in_child)
+    in_child(lambda: (in_child(calls_in_child), "above: a grandchild")[1])
+    print(client._channel.get() is channel)
+in_child(calls_in_child)
+print(client._channel.get() is channel, client["shells"].name)
+"""
+
+
+def test_a_child_that_was_forked_in_a_call_refuses_calls_and_its_parent_goes_on(client):
+    command = [sys.executable, "-c", FORKS_AT_WORK, client.address, client.token_file]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 6, done.stdout + done.stderr
+    assert "was forked while gRPC was at work" in lines[0] and "method 'spawn'" in lines[0]
+    assert lines[2] == "above: a grandchild" and "was forked while gRPC was at work" in lines[1], lines
+    assert lines[3:] == ["True", "shells", "False shells"]
+
+
 def test_threads_share_a_client(dataset):
     expected = {angle: dataset.render(127.5, size=32, azimuth=angle).png for angle in (0, 40, 80)}
     wrong = []
@@ -369,15 +436,12 @@ def test_the_hosts_environment_stays_as_it_was(client):
         "import isoscope, sys\n"
         "isoscope.connect(sys.argv[1], token_file=sys.argv[2])['shells'].render(127.5, size=16)\n"
         "assert dict(os.environ) == before\n"
-        "from grpc._cython import cygrpc\n"
-        "print(cygrpc.is_fork_support_enabled())\n"
     )
-    for value, expected in ((None, "True"), ("0", "False")):
-        environment = {key: text for key, text in os.environ.items() if key != "GRPC_ENABLE_FORK_SUPPORT"}
-        environment.update({} if value is None else {"GRPC_ENABLE_FORK_SUPPORT": value})
+    for variables in ({}, {"GRPC_VERBOSITY": "ERROR"}):
+        environment = {key: text for key, text in os.environ.items() if not key.startswith("GRPC_")} | variables
         command = [sys.executable, "-c", code, client.address, client.token_file]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
-        assert done.stdout.strip() == expected, done.stderr
+        assert done.returncode == 0, done.stderr
 
 
 def test_grpc_writes_no_lines_beside_our_errors():

@@ -1,8 +1,7 @@
-"""Connections: addresses, TLS, tokens, message sizes, retries; one channel for each process.
+"""Connections: addresses, TLS, tokens, message sizes, retries.
 
 1. `make_target` checks the arguments of `connect` and reads files and environment into a Target.
-2. ProcessChannel makes a channel of the target at the first call, and anew in a forked child.
-3. `make_channel` and `make_aio_channel` choose credentials and options; gRPC itself retries UNAVAILABLE.
+2. `make_channel` and `make_aio_channel` choose credentials and options; gRPC itself retries UNAVAILABLE.
 
 Invariants: a token is sent in plaintext only to this machine, unless the user allows more; a pickled target has none.
 """
@@ -262,55 +261,6 @@ def _is_local(address: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-class ProcessChannel:
-    """A channel that is made when it is first used, and anew in a forked child. Thread-safe."""
-
-    def __init__(self, target: Target, make: Callable[[Target], Any]) -> None:
-        self._target = target
-        self._make = make
-        self._lock = threading.Lock()
-        self._pid = -1
-        self._channel: Any = None
-        self._closed = False
-        _CHANNELS.add(self)
-
-    def get(self) -> Any:
-        """Returns this process's channel; CancelledError if the client is closed."""
-        with self._lock:
-            if self._closed:
-                raise CancelledError(f"the client of {self._target.address} is closed")
-            if self._channel is None or self._pid != os.getpid():
-                # The parent's channel is left alone: its sockets and threads belong to the parent.
-                self._channel = self._make(self._target)
-                self._pid = os.getpid()
-            return self._channel
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether calls are refused."""
-        return self._closed
-
-    def take_to_close(self) -> Any:
-        """Returns the channel to close, or None, and refuses calls from now on."""
-        with self._lock:
-            channel = self._channel if self._pid == os.getpid() else None
-            self._channel, self._closed = None, True
-            return channel
-
-
-# The channels of this process, for the single fork handler.
-_CHANNELS: weakref.WeakSet[ProcessChannel] = weakref.WeakSet()
-
-
-def _renew_locks() -> None:
-    """In a forked child: a thread that only the parent has may have held a lock."""
-    for channel in list(_CHANNELS):
-        channel._lock = threading.Lock()
-
-
-os.register_at_fork(after_in_child=_renew_locks)
 
 
 def make_channel(target: Target) -> Any:

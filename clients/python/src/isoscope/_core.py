@@ -99,7 +99,7 @@ def connection(
         InvalidArgumentError: the arguments do not fit each other.
 
     Calls are tried again on UNAVAILABLE only, four times within some two seconds. Thread-safe. A
-    forked child makes a connection of its own, if no call was at work in the moment of the fork: gRPC can't fork then.
+    forked child makes a connection of its own, if no call was at work in the moment of the fork; else it refuses calls.
     """
     target = make_target(
         address, tls=tls, ca_file=ca_file, cert_file=cert_file, key_file=key_file, server_name=server_name,

@@ -1,29 +1,24 @@
-"""Imports gRPC with forks on and log lines off. The package imports this before all else.
+"""Imports gRPC with its log lines off. The package imports this before all else.
 
-gRPC reads both from the environment: its Python part when it is imported, its C core when the first channel is made. So
-the variables are set for these two steps, and then the environment is as it was. A variable of the user's wins.
+gRPC's core reads the environment when the first channel is made. So the variable is set for this step, and then the
+environment is as it was. A variable of the user's wins.
 """
 
 import os
 import sys
 
-_VARIABLES = {
-    "GRPC_ENABLE_FORK_SUPPORT": "1",  # calls in forked children
-    "GRPC_VERBOSITY": "NONE",  # no log lines beside our errors
-}
-
-
 def _import_grpc() -> None:
-    added = {name: value for name, value in _VARIABLES.items() if name not in os.environ}
-    os.environ.update(added)
+    is_ours = "GRPC_VERBOSITY" not in os.environ
+    if is_ours:
+        os.environ["GRPC_VERBOSITY"] = "NONE"
     try:
         import grpc
 
         # Connects to nothing: a channel does so at its first call.
         grpc.insecure_channel("unix:isoscope").close()
     finally:
-        for name in added:
-            os.environ.pop(name, None)
+        if is_ours:
+            os.environ.pop("GRPC_VERBOSITY", None)
 
 
 if "grpc" not in sys.modules:

@@ -85,6 +85,10 @@ class KernelFrames:
             self._stream.put(request)
 
     def _run(self, stream: _Stream) -> None:
+        with self._client._channel.call_at_work():
+            self._pass_frames(stream)
+
+    def _pass_frames(self, stream: _Stream) -> None:
         target = self._client._target
         try:
             interact = self._client._channel.get().stream_stream(

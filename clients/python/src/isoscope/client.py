@@ -100,16 +100,17 @@ class Client(Connection):
         """Makes one call and waits; errors are this package's. An interrupt stops the server."""
         retries = self._retries(call)
         while True:
-            answer = self._begin(call, retries)
-            try:
-                for message in answer:
-                    call.add(message)
-                return call.result(self._do)
-            except grpc.RpcError as error:
-                delay = self._delay_after(error, call, retries)
-            except BaseException:
-                answer.cancel()
-                raise
+            with self._channel.call_at_work():
+                answer = self._begin(call, retries)
+                try:
+                    for message in answer:
+                        call.add(message)
+                    return call.result(self._do)
+                except grpc.RpcError as error:
+                    delay = self._delay_after(error, call, retries)
+                except BaseException:
+                    answer.cancel()
+                    raise
             time.sleep(delay)
 
 

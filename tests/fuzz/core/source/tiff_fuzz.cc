@@ -10,6 +10,8 @@
 
 #include "tests/fuzz/core/source/open_volume.h"
 #include "tests/fuzz/fuzz_input.h"
+#include "tests/unit/core/source/lsm_bytes.h"
+#include "tests/unit/core/source/tiff_files.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -40,6 +42,31 @@ void AddPage(TIFF* tiff, int bits, int format, int compression, bool is_tiled) {
   TIFFWriteDirectory(tiff);
 }
 
+// Stacks whose heads say what their planes are.
+std::vector<testing::TiffStackFile> DescribedStacks() {
+  const std::string sizes =
+      "<OME><Image><Pixels SizeX=\"4\" SizeY=\"3\" SizeZ=\"2\" SizeC=\"3\" SizeT=\"2\" "
+      "DimensionOrder=\"XYCZT\" PhysicalSizeX=\"0.5\" TimeIncrement=\"4\">";
+  const std::string end = "</Pixels></Image></OME>";
+  const std::string image_j = "ImageJ=1.53\nimages=12\nchannels=3\nslices=2\nframes=2\n";
+  return {
+      {.pages = 12, .description = sizes + "<Channel Name=\"red\"/>" + end},
+      {.pages = 12,
+       .description = sizes +
+                      "<TiffData IFD=\"0\" PlaneCount=\"12\"><UUID FileName=\"v.tif\">u</UUID>"
+                      "</TiffData>" +
+                      end,
+       .mode = "w8"},
+      {.description = "<OME><BinaryOnly MetadataFile=\"v.tif\"/></OME>"},
+      {.pages = 12, .description = image_j + "spacing=2.5\nunit=micron\nfinterval=3\n"},
+      {.pages = 1, .description = image_j, .mode = "wb"},
+      {.pages = 2,
+       .lsm = testing::LsmBytes({.slices = 2, .channels = 2}),
+       .channels = 2,
+       .has_thumbnails = true},
+  };
+}
+
 }  // namespace
 
 std::vector<std::string> Seeds() {
@@ -58,6 +85,10 @@ std::vector<std::string> Seeds() {
         seeds.push_back(ReadVolumeFile("seed.tif"));
       }
     }
+  }
+  for (const testing::TiffStackFile& stack : DescribedStacks()) {
+    Require(testing::WriteTiffStack(InVolumeFolder("seed.tif"), stack), "a stack can be written");
+    seeds.push_back(ReadVolumeFile("seed.tif"));
   }
   std::filesystem::remove(InVolumeFolder("seed.tif"));
   return seeds;

@@ -42,6 +42,19 @@ class Hdf5MeshWriter {
     Put(object, name, H5T_NATIVE_DOUBLE, numbers.size(), numbers.data());
     H5Oclose(object);
   }
+  // A text as an array of single characters, as Imaris writes it.
+  void Characters(const std::string& path, const std::string& name, const std::string& text) {
+    const hid_t object = H5Oopen(file_, path.c_str(), H5P_DEFAULT);
+    const hid_t type = H5Tcopy(H5T_C_S1);
+    const hsize_t count = text.size();
+    const hid_t space = H5Screate_simple(1, &count, nullptr);
+    const hid_t opened = H5Acreate2(object, name.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT);
+    ASSERT_GE(H5Awrite(opened, type, text.data()), 0);
+    H5Aclose(opened);
+    H5Sclose(space);
+    H5Tclose(type);
+    H5Oclose(object);
+  }
   // Samples begin, begin + 1, ... of 32-bit floats.
   void Ramp(const std::string& path, const std::vector<hsize_t>& dims, float begin = 0) {
     hsize_t count = 1;

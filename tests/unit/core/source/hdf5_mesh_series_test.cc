@@ -7,6 +7,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -205,6 +206,92 @@ TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {
   testing::WriteFile(dir_.Sub("d.h5"), "text");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, OpenHdf5MeshSeries(dir_.Sub("d.h5"), ""));
   EXPECT_EQ(none, nullptr);
+}
+
+// An Imaris file of 3 x 2 x 2 samples, in datasets of 4 x 4 x 2, by step and channel.
+void WriteImaris(const std::string& path, int steps, const std::string& second_time,
+                 const std::string& samples_along_x = "3") {
+  Hdf5MeshWriter writer(path);
+  writer.Characters("/", "ImarisVersion", "5.5.0");
+  for (const char* group :
+       {"/DataSetInfo", "/DataSetInfo/Image", "/DataSetInfo/Channel 0", "/DataSetInfo/Channel 1",
+        "/DataSetInfo/TimeInfo", "/DataSet", "/DataSet/ResolutionLevel 0"}) {
+    writer.Group(group);
+  }
+  const char* const image = "/DataSetInfo/Image";
+  writer.Characters(image, "X", samples_along_x);
+  writer.Characters(image, "Y", "2");
+  writer.Characters(image, "Z", "2");
+  writer.Characters(image, "Unit", "um");
+  const std::vector<std::string> begins{"10", "-1.5", "0"};
+  const std::vector<std::string> ends{"11.5", "0.5", "8"};
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(axis);
+    writer.Characters(image, "ExtMin" + std::to_string(axis), begins[at]);
+    writer.Characters(image, "ExtMax" + std::to_string(axis), ends[at]);
+  }
+  writer.Characters("/DataSetInfo/Channel 0", "Name", "DAPI");
+  writer.Characters("/DataSetInfo/Channel 1", "Name", "(name not specified)");
+  writer.Characters("/DataSetInfo/TimeInfo", "TimePoint1", "2020-06-22 10:00:00.250");
+  writer.Characters("/DataSetInfo/TimeInfo", "TimePoint2", second_time);
+  for (int step = 0; step < steps; ++step) {
+    const std::string point = "/DataSet/ResolutionLevel 0/TimePoint " + std::to_string(step);
+    writer.Group(point);
+    for (int channel = 0; channel < 2; ++channel) {
+      const std::string group = point + "/Channel " + std::to_string(channel);
+      writer.Group(group);
+      writer.Ramp(group + "/Data", {2, 4, 4}, static_cast<float>(1000 * step + 100 * channel));
+    }
+  }
+}
+
+TEST_F(Hdf5MeshSeriesTest, ChannelsOfImarisAreFieldsOnTheGridOfItsBorders) {
+  const std::string path = dir_.Sub("a.ims");
+  WriteImaris(path, 2, "2020-06-22 10:00:02.750");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+  ASSERT_EQ(series->fields().size(), 2u);
+  EXPECT_EQ(series->fields()[0].name, "DAPI");
+  EXPECT_EQ(series->fields()[1].name, "channel 1");
+  EXPECT_THAT(series->times(), ElementsAre(0, 2.5));
+  EXPECT_EQ(series->time_unit(), "s");
+  EXPECT_EQ(series->length_unit(), "um");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
+  const volume::GridGeometry& grid = source->geometry();
+  EXPECT_EQ(grid.sample_dims, (math::Index3{3, 2, 2}));
+  EXPECT_EQ(grid.spacing, (math::Vec3d{0.5, 1, 4}));
+  EXPECT_EQ(grid.origin, (math::Vec3d{10.25, -1, 2}));  // the middle of the first voxel
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 2));
+  // Without the samples that fill the dataset up.
+  EXPECT_THAT(ValuesOf<float>(bytes),
+              ElementsAre(1100, 1101, 1102, 1104, 1105, 1106, 1116, 1117, 1118, 1120, 1121, 1122));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":DAPI"));
+  EXPECT_EQ(part->fields().size(), 1u);
+}
+
+TEST_F(Hdf5MeshSeriesTest, ImarisTimesThatDoNotAscendAreNumbers) {
+  const std::string path = dir_.Sub("a.ims");
+  for (const char* time : {"2020-06-22 09:00:00", "soon"}) {
+    WriteImaris(path, 2, time);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+    EXPECT_THAT(series->times(), ElementsAre(0, 1));
+    EXPECT_EQ(series->time_unit(), "");
+  }
+}
+
+TEST_F(Hdf5MeshSeriesTest, ImarisSizesThatMakeNoSenseAreRefused) {
+  const std::string path = dir_.Sub("a.ims");
+  for (const char* size : {"0", "-3", "many"}) {
+    WriteImaris(path, 1, "x", size);
+    EXPECT_THAT(OpenVolumeSeries(path).status(),
+                StatusIs(kInvalid, HasSubstr(std::string("is \"") + size)));
+  }
+  WriteImaris(path, 1, "x", "5");  // more than the dataset has
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto larger, OpenVolumeSeries(path));
+  EXPECT_THAT(larger->Open(0, 0, 0).status(),
+              StatusIs(kInvalid, HasSubstr("it has not the 2 x 2 x 5 samples")));
+  WriteImaris(path, 0, "x");
+  EXPECT_THAT(OpenVolumeSeries(path).status(),
+              StatusIs(kInvalid, HasSubstr("an Imaris file with 0 steps")));
 }
 
 }  // namespace

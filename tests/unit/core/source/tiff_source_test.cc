@@ -2,11 +2,13 @@
 //
 // - pages of every type, byte order, compression and shape, as one file and as many;
 // - parts of slices, and the order of names with numbers;
-// - mixed slices, colours, cut files, and strips that inflate to too little.
+// - mixed slices, colours, cut files, and strips that inflate to too little;
+// - channels, steps and sizes of OME-XML, ImageJ and LSM, and of --axes.
 
 #include "core/source/tiff_source.h"
 
 #include <algorithm>
+#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -16,9 +18,13 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/volume_series.h"
+#include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/source/lsm_bytes.h"
+#include "tests/unit/core/source/tiff_files.h"
 #include "tiffio.h"
 
 namespace isoscope::source {
@@ -29,8 +35,12 @@ using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::ReadFile;
 using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::TempDir;
+using ::isoscope::testing::TiffStackFile;
 using ::isoscope::testing::WriteFile;
+using ::isoscope::testing::WriteTiffStack;
 using ::testing::_;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using volume::ScalarType;
 
@@ -265,7 +275,7 @@ TEST(TiffSourceTest, AStripThatInflatesToTooLittleIsDamagedAndNotWhatTheMemoryHe
     ASSERT_NE(TIFFWriteDirectory(tiff), 0);
   }
   TIFFClose(tiff);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenTiffStack({path}, path));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
   std::string plane(32, 'x');
   ISOSCOPE_EXPECT_OK(source->ReadSlab(0, 1, plane.data()));
   EXPECT_EQ(plane, std::string(32, 'a'));
@@ -273,18 +283,242 @@ TEST(TiffSourceTest, AStripThatInflatesToTooLittleIsDamagedAndNotWhatTheMemoryHe
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("damaged.tif")));
 }
 
-TEST(NaturalLessTest, NumbersCountAsNumbersAndTheOrderIsStrict) {
-  const std::vector<std::string> sorted = {
-      "", "a", "a1", "a01", "a2", "a09", "a9b", "a10", "a99999999999999999999", "b"};
-  for (std::size_t i = 0; i < sorted.size(); ++i) {
-    for (std::size_t j = 0; j < sorted.size(); ++j) {
-      if (sorted[i] == "a1" || sorted[i] == "a01" || sorted[j] == "a1" || sorted[j] == "a01") {
-        continue;  // equal numbers: below
-      }
-      EXPECT_EQ(NaturalLess(sorted[i], sorted[j]), i < j) << sorted[i] << " " << sorted[j];
+// The plane that each slice of a volume is, by its first sample; -1 if it can't be read.
+std::vector<int> PlanesOf(VolumeSeries& series, int field, int step) {
+  std::vector<int> planes;
+  const auto source = series.Open(field, 0, step);
+  EXPECT_TRUE(source.ok()) << source.status();
+  const auto bytes = source.ok() ? ReadAll(**source, 1) : source.status();
+  if (!bytes.ok()) {
+    return {-1};
+  }
+  const math::Index3& dims = (*source)->geometry().sample_dims;
+  for (std::int64_t z = 0; z < dims.z; ++z) {
+    std::vector<std::uint16_t> plane(static_cast<std::size_t>(dims.x * dims.y));
+    std::memcpy(plane.data(), bytes->data() + z * dims.x * dims.y * 2, plane.size() * 2);
+    planes.push_back(plane[0] / 100);
+    for (std::size_t i = 0; i < plane.size(); ++i) {
+      EXPECT_EQ(plane[i], plane[0] + i);
     }
   }
-  EXPECT_NE(NaturalLess("a1", "a01"), NaturalLess("a01", "a1"));
+  return planes;
+}
+
+std::string OmeText(const std::string& pixels, const std::string& data) {
+  return absl::StrCat("<?xml version=\"1.0\"?><OME><Image><Pixels SizeX=\"4\" SizeY=\"3\" ", pixels,
+                      ">", data, "</Pixels></Image></OME>");
+}
+constexpr char kOmeSizes[] = "SizeZ=\"2\" SizeC=\"3\" SizeT=\"2\" DimensionOrder=\"XYCZT\" ";
+
+TEST(TiffSourceTest, ChannelsOfOmeAreFieldsAndItsTimesSteps) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.ome.tif");
+  for (const char* mode : {"wl", "wb", "w8"}) {
+    ASSERT_TRUE(WriteTiffStack(
+        path, {.pages = 12,
+               .description = OmeText(absl::StrCat(kOmeSizes,
+                                                   "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.25\" "
+                                                   "PhysicalSizeZ=\"2\" TimeIncrement=\"4\""),
+                                      "<Channel Name=\"red\"/><Channel Name=\"green\"/><Channel/>"),
+               .mode = mode}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+    ASSERT_EQ(series->fields().size(), 3u);
+    EXPECT_EQ(series->fields()[1].name, "green");
+    EXPECT_EQ(series->fields()[2].name, "channel 2");
+    EXPECT_THAT(series->times(), ElementsAre(0, 4));
+    EXPECT_EQ(series->time_unit(), "s");
+    EXPECT_EQ(series->length_unit(), "um");
+    EXPECT_THAT(PlanesOf(*series, 0, 0), ElementsAre(0, 3));
+    EXPECT_THAT(PlanesOf(*series, 2, 1), ElementsAre(8, 11));
+    EXPECT_THAT(PlanesOf(*series, 1, 0), ElementsAre(1, 4));  // back to an earlier page
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
+    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 0.25, 2}));
+    EXPECT_EQ(source->geometry().origin, (math::Vec3d{0, 0, 0}));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":green"));
+  EXPECT_EQ(part->fields().size(), 1u);
+  EXPECT_THAT(PlanesOf(*part, 0, 1), ElementsAre(7, 10));
+  EXPECT_THAT(OpenVolumeFile(path).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("red, green, channel 2")));
+}
+
+TEST(TiffSourceTest, AnOmeSetOfSeveralFilesIsReadWhole) {
+  const TempDir dir;
+  std::string data;
+  for (int t = 0; t < 2; ++t) {
+    absl::StrAppend(&data, "<TiffData IFD=\"0\" FirstT=\"", t,
+                    "\" PlaneCount=\"6\"><UUID FileName=\"t", t, ".tif\">u</UUID></TiffData>");
+  }
+  for (int t = 0; t < 2; ++t) {
+    ASSERT_TRUE(
+        WriteTiffStack(dir.Sub(absl::StrCat("t", t, ".tif")),
+                       {.pages = 6, .description = OmeText(kOmeSizes, data), .first = 6 * t}));
+  }
+  for (const char* name : {"t0.tif", "t1.tif"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir.Sub(name)));
+    EXPECT_THAT(PlanesOf(*series, 2, 0), ElementsAre(2, 5));
+    EXPECT_THAT(PlanesOf(*series, 2, 1), ElementsAre(8, 11));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(dir.Sub(name)));
+    EXPECT_EQ(files.size(), 2u);
+    EXPECT_EQ(files[0], dir.Sub(name));
+  }
+  std::filesystem::remove(dir.Sub("t1.tif"));
+  EXPECT_THAT(OpenVolumeSeries(dir.Sub("t0.tif")).status(),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("t1.tif: no such file")));
+}
+
+TEST(TiffSourceTest, OmeThatContradictsItsPagesIsRefused) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  const auto refusal = [&](int pages, const std::string& description) {
+    EXPECT_TRUE(WriteTiffStack(path, {.pages = pages, .description = description}));
+    return std::string(OpenVolumeSeries(path).status().message());
+  };
+  EXPECT_THAT(refusal(11, OmeText(kOmeSizes, "")), HasSubstr("no TiffData names 1 of the 12"));
+  EXPECT_THAT(refusal(11, OmeText(kOmeSizes, "<TiffData IFD=\"0\" PlaneCount=\"12\"/>")),
+              HasSubstr("11 planes, but its head says 12"));
+  EXPECT_THAT(refusal(12, OmeText("SizeX=\"5\"", "")), HasSubstr("or it is cut"));  // twice SizeX
+  EXPECT_THAT(refusal(2,
+                      "<OME><Image><Pixels SizeX=\"5\" SizeY=\"3\" SizeZ=\"2\" "
+                      "DimensionOrder=\"XYZCT\"/></Image></OME>"),
+              HasSubstr("OME-XML says 5 x 3 samples, but its first page has 4 x 3"));
+  EXPECT_THAT(refusal(2, "<OME><BinaryOnly MetadataFile=\"b.companion.ome\"/></OME>"),
+              HasSubstr("b.companion.ome"));
+  WriteFile(dir.Sub("b.companion.ome"),
+            "<OME><BinaryOnly MetadataFile=\"b.companion.ome\"/></OME>");
+  EXPECT_THAT(std::string(OpenVolumeSeries(path).status().message()),
+              HasSubstr("names another file"));
+  WriteFile(dir.Sub("b.companion.ome"),
+            "<OME><Image><Pixels SizeX=\"4\" SizeY=\"3\" SizeZ=\"2\" DimensionOrder=\"XYZCT\">"
+            "<TiffData><UUID FileName=\"a.tif\"/></TiffData></Pixels></Image></OME>");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+  EXPECT_THAT(PlanesOf(*series, 0, 0), ElementsAre(0, 1));
+}
+
+TEST(TiffSourceTest, ImageJsChannelsAreFieldsAndItsFramesSteps) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  constexpr char kText[] =
+      "ImageJ=1.53t\nimages=12\nchannels=3\nslices=2\nframes=2\nunit=micron\nspacing=3\n"
+      "finterval=0.5\n";
+  // Its colour tables only show the samples.
+  ASSERT_TRUE(WriteTiffStack(
+      path,
+      {.pages = 12, .description = kText, .resolution = 4, .photometric = PHOTOMETRIC_PALETTE}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+  EXPECT_EQ(series->fields().size(), 3u);
+  EXPECT_THAT(series->times(), ElementsAre(0, 0.5));
+  EXPECT_EQ(series->length_unit(), "um");
+  EXPECT_THAT(PlanesOf(*series, 1, 1), ElementsAre(7, 10));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
+  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.25, 0.25, 3}));
+  // Told otherwise.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto turned, OpenVolumeSeries(path, {.axes = "CTZ"}));
+  EXPECT_THAT(PlanesOf(*turned, 1, 1), ElementsAre(6, 7));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto slices, OpenVolumeSeries(path, {.axes = "Z"}));
+  EXPECT_EQ(PlanesOf(*slices, 0, 0).size(), 12u);
+}
+
+TEST(TiffSourceTest, ALargeStackOfImageJHasOneDirectoryAndItsPlanesBehindEachOther) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  for (const char* mode : {"wl", "wb"}) {
+    const TiffStackFile file{
+        .pages = 1, .description = "ImageJ=1.53t\nimages=6\nslices=3\nframes=2\n", .mode = mode};
+    ASSERT_TRUE(WriteTiffStack(path, file));
+    // The samples may lie before the directory: the planes are put behind it, and it names them.
+    std::string bytes = ReadFile(path);
+    TIFF* const tiff = TIFFOpen(path.c_str(), "r");
+    ASSERT_NE(tiff, nullptr);
+    const auto offset = static_cast<std::uint32_t>(TIFFGetStrileOffset(tiff, 0));
+    TIFFClose(tiff);
+    std::string old_word(reinterpret_cast<const char*>(&offset), 4);
+    const auto end = static_cast<std::uint32_t>(bytes.size());
+    std::string new_word(reinterpret_cast<const char*>(&end), 4);
+    if (mode[1] == 'b') {
+      std::reverse(old_word.begin(), old_word.end());
+      std::reverse(new_word.begin(), new_word.end());
+    }
+    // The entry: tag 273, type 4, count 1, offset.
+    const std::string entry = mode[1] == 'b' ? std::string("\x01\x11\0\x04\0\0\0\x01", 8)
+                                             : std::string("\x11\x01\x04\0\x01\0\0\0", 8);
+    const std::size_t at = bytes.find(entry + old_word);
+    ASSERT_NE(at, std::string::npos);
+    bytes.replace(at + 8, 4, new_word);
+    for (int plane = 0; plane < 6; ++plane) {
+      const std::vector<std::uint16_t> samples = testing::TiffPlane(file, plane);
+      std::string text(reinterpret_cast<const char*>(samples.data()), samples.size() * 2);
+      bytes += mode[1] == 'b' ? testing::Swapped(text, 2) : text;
+    }
+    WriteFile(path, bytes);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+    EXPECT_THAT(PlanesOf(*series, 0, 0), ElementsAre(0, 1, 2));
+    EXPECT_THAT(PlanesOf(*series, 0, 1), ElementsAre(3, 4, 5));
+    WriteFile(path, bytes.substr(0, bytes.size() - 1));
+    EXPECT_THAT(OpenVolumeSeries(path).status(),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("5 planes, but its head says 6")));
+  }
+}
+
+TEST(TiffSourceTest, LsmHasThumbnailsBetweenItsPagesAndChannelsInThem) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.lsm");
+  ASSERT_TRUE(WriteTiffStack(
+      path, {.pages = 4,
+             .lsm = testing::LsmBytes({.slices = 2, .channels = 2, .steps = 2, .interval = 3}),
+             .channels = 2,
+             .photometric = PHOTOMETRIC_RGB,
+             .has_thumbnails = true}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+  EXPECT_EQ(series->fields().size(), 2u);
+  EXPECT_THAT(series->times(), ElementsAre(0, 3));
+  EXPECT_THAT(PlanesOf(*series, 1, 0), ElementsAre(1, 3));
+  EXPECT_THAT(PlanesOf(*series, 0, 1), ElementsAre(4, 6));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
+  EXPECT_NEAR(source->geometry().spacing.z, 0.5, 1e-12);
+}
+
+TEST(TiffSourceTest, AxesSayWhatPlainPagesAndFilesAre) {
+  const TempDir dir;
+  ASSERT_TRUE(WriteTiffStack(dir.Sub("a.tif"), {.pages = 12}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages,
+                                OpenVolumeSeries(dir.Sub("a.tif"), {.axes = "TC3Z2"}));
+  EXPECT_EQ(pages->step_count(), 2);
+  EXPECT_THAT(PlanesOf(*pages, 1, 1), ElementsAre(8, 9));
+  EXPECT_THAT(
+      OpenVolumeSeries(dir.Sub("a.tif"), {.axes = "C5Z"}).status(),
+      StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("12 planes can't be so many")));
+  std::filesystem::create_directory(dir.Sub("d"));
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_TRUE(WriteTiffStack(dir.Sub(absl::StrCat("d/s", i, ".tif")), {.pages = 1, .first = i}));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, OpenVolumeSeries(dir.Sub("d"), {.axes = "ZC2"}));
+  EXPECT_THAT(PlanesOf(*files, 1, 0), ElementsAre(1, 3));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pattern,
+                                OpenVolumeSeries(dir.Sub("d/s*.tif"), {.axes = "C2Z"}));
+  EXPECT_THAT(PlanesOf(*pattern, 1, 0), ElementsAre(2, 3));
+}
+
+TEST(TiffSourceTest, RefusedColoursSayWhatToDo) {
+  const TempDir dir;
+  ASSERT_TRUE(WriteTiffStack(dir.Sub("p.tif"), {.photometric = PHOTOMETRIC_PALETTE}));
+  EXPECT_THAT(
+      std::string(OpenVolumeFile(dir.Sub("p.tif")).status().message()),
+      AllOf(HasSubstr("photometric interpretation 3 (a palette), so that samples are numbers"),
+            HasSubstr("`convert "), HasSubstr("-colorspace Gray")));
+}
+
+TEST(TiffSourceTest, CutStacksAreRefused) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  ASSERT_TRUE(WriteTiffStack(path, {.pages = 12, .description = OmeText(kOmeSizes, "")}));
+  const std::string whole = ReadFile(path);
+  for (std::size_t i = 0; i < 16; ++i) {
+    WriteFile(path, whole.substr(0, i * whole.size() / 16));
+    const auto series = OpenVolumeSeries(path);
+    EXPECT_FALSE(series.ok()) << i;
+    EXPECT_THAT(std::string(series.status().message()), HasSubstr("a.tif")) << i;
+  }
 }
 
 }  // namespace

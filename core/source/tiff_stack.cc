@@ -1,0 +1,239 @@
+// Finding the planes of a stack has three steps:
+//
+// 1. Walk through the pages of the first file, for their offsets, and read its head (tiff_file.h).
+// 2. Find out which plane holds which slice, channel and step (stack_layout.h): from OME-XML, from
+//    ImageJ's description, from LSM's tag, from --axes, else every page is a slice.
+// 3. Check that each plane is on a page that exists. Pages of other files are checked when they are
+//    read.
+//
+// ImageJ writes large stacks with the directory of the first page only; the samples of all follow
+// each other raw.
+
+#include "core/source/tiff_stack.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+#include "core/source/imagej_stack.h"
+#include "core/source/lsm_stack.h"
+#include "core/source/ome_stack.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::int64_t kMaxCompanionBytes = 64 * base::kMiB;
+
+std::string BaseNameOf(const std::string& path) { return path.substr(path.rfind('/') + 1); }
+
+absl::Status NamedStatus(const std::string& name, const absl::Status& status) {
+  return status.ok() ? status
+                     : absl::Status(status.code(), absl::StrCat(name, ": ", status.message()));
+}
+
+// The layout that OME-XML describes, in the file itself or in its companion.
+absl::StatusOr<StackLayout> LayoutOfOme(const TiffStack& stack, const std::string& path) {
+  const std::string own_name = BaseNameOf(path);
+  const auto planes = static_cast<std::int64_t>(stack.pages.offsets.size());
+  ISOSCOPE_ASSIGN_OR_RETURN(OmeStack ome,
+                            ParseOmeXml(stack.pages.description, path, own_name, planes));
+  if (!ome.companion.empty()) {
+    const std::string companion = path.substr(0, path.rfind('/') + 1) + ome.companion;
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string xml,
+                              io::ReadWholeFile(companion, kMaxCompanionBytes));
+    ISOSCOPE_ASSIGN_OR_RETURN(ome, ParseOmeXml(xml, companion, own_name, planes));
+    if (!ome.companion.empty()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(companion, ": OME-XML that names another file, ", ome.companion,
+                       ", in its place; expected the tags of an image"));
+    }
+  }
+  if (ome.size_x != stack.format.width || ome.size_y != stack.format.height) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: OME-XML says %d x %d samples, but its first page has %d x %d", path,
+                        ome.size_x, ome.size_y, stack.format.width, stack.format.height));
+  }
+  return std::move(ome.layout);
+}
+
+// The layout as the head of the first file says it; not set if it says nothing.
+absl::StatusOr<std::optional<StackLayout>> LayoutOfHead(const TiffStack& stack,
+                                                        const std::string& path) {
+  const TiffPages& pages = stack.pages;
+  if (IsOmeXml(pages.description)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(StackLayout layout, LayoutOfOme(stack, path));
+    return layout;
+  }
+  if (IsImageJDescription(pages.description)) {
+    const bool is_of_print =
+        pages.resolution_unit != RESUNIT_NONE && !absl::StrContains(pages.description, "\nunit=");
+    auto layout =
+        ParseImageJ(pages.description,
+                    is_of_print ? PixelDensity()
+                                : PixelDensity{.x = pages.x_resolution, .y = pages.y_resolution});
+    ISOSCOPE_RETURN_IF_ERROR(NamedStatus(path, layout.status()));
+    return *std::move(layout);
+  }
+  if (!pages.lsm.empty()) {
+    auto layout = ParseLsm(pages.lsm);
+    ISOSCOPE_RETURN_IF_ERROR(NamedStatus(path, layout.status()));
+    return *std::move(layout);
+  }
+  return std::nullopt;
+}
+
+// Opens the first file and reads its head.
+absl::StatusOr<TiffStack> ScanStack(const std::string& path, const std::string& name) {
+  TiffStack stack{.name = name, .files = {path}};
+  ISOSCOPE_ASSIGN_OR_RETURN(const TiffFile first, OpenTiff(path));
+  const TiffFile& tiff = first;
+  ISOSCOPE_ASSIGN_OR_RETURN(stack.pages, ScanTiffPages(tiff.get(), path));
+  const bool shows_colours =
+      IsImageJDescription(stack.pages.description) || !stack.pages.lsm.empty();
+  stack.colours = shows_colours ? TiffColours::kForDisplay : TiffColours::kRefused;
+  if (TIFFSetSubDirectory(tiff.get(), stack.pages.offsets.front()) == 0) {
+    return TiffDamage(path);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(stack.format, FormatOfPage(tiff.get(), path, stack.colours));
+  stack.is_big_endian = TIFFIsBigEndian(tiff.get()) != 0;
+  return stack;
+}
+
+// All pages of the files are planes in a row.
+absl::Status CheckSliceFiles(const std::vector<std::string>& files, const TiffStack& stack) {
+  if (stack.pages.offsets.size() > 1) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d pages in one of %d files; expected one file of many pages, or many "
+                        "files of one page",
+                        files[0], stack.pages.offsets.size(), files.size()));
+  }
+  const PageFormat& format = stack.format;
+  for (const std::string& path : files) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const TiffFile tiff, OpenTiff(path));
+    ISOSCOPE_ASSIGN_OR_RETURN(const PageFormat other,
+                              FormatOfPage(tiff.get(), path, stack.colours));
+    if (!(other == format)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
+          "type",
+          path, other.width, other.height, volume::NameOf(other.type), files[0], format.width,
+          format.height, volume::NameOf(format.type)));
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The planes that a file of ImageJ holds behind its only directory; else those of its pages.
+absl::StatusOr<std::int64_t> CountPlanes(std::int64_t described, TiffStack* stack) {
+  const auto planes = static_cast<std::int64_t>(stack->pages.offsets.size()) * stack->format.planes;
+  if (described <= planes || stack->pages.offsets.size() > 1 || stack->pages.raw_offset == 0 ||
+      stack->format.planes != 1) {
+    return planes;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(stack->files.front()));
+  stack->raw_offset = static_cast<std::int64_t>(stack->pages.raw_offset);
+  const std::int64_t behind = file->size_bytes() - *stack->raw_offset;
+  return std::min(described, behind / std::max<std::int64_t>(stack->format.plane_bytes(), 1));
+}
+
+// Checks that the planes are there, and gives the files of the layout their paths.
+absl::Status CheckPlanes(const std::string& path, std::int64_t planes, TiffStack* stack) {
+  StackLayout& layout = stack->layout;
+  const std::string own_name = BaseNameOf(path);
+  if (!layout.files.empty()) {
+    const std::string folder = path.substr(0, path.rfind('/') + 1);
+    stack->files.clear();
+    stack->scanned_file = -1;
+    for (const std::string& name : layout.files) {
+      if (name == own_name) {
+        stack->scanned_file = static_cast<std::int32_t>(stack->files.size());
+      }
+      stack->files.push_back(name == own_name ? path : folder + name);
+      if (!io::PathExists(stack->files.back())) {
+        return absl::NotFoundError(absl::StrFormat(
+            "%s: no such file; %s names it: the files of a set must lie in one folder",
+            stack->files.back(), path));
+      }
+    }
+  }
+  const auto unnamed = std::count_if(layout.planes.begin(), layout.planes.end(),
+                                     [](const StackPlane& plane) { return plane.file < 0; });
+  if (unnamed > 0) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: OME-XML: no TiffData names %d of the %d planes of %d slices, %d channels and %d steps",
+        path, unnamed, layout.planes.size(), layout.slices, layout.channels, layout.steps));
+  }
+  for (const StackPlane& plane : layout.planes) {
+    if (plane.file == stack->scanned_file && plane.index >= planes) {
+      return absl::DataLossError(absl::StrFormat(
+          "%s: %d planes, but its head says %d: %d channels, %d slices, %d frames: the file is cut,"
+          " or say what its pages are, as with --axes Z",
+          path, planes, layout.planes.size(), layout.channels, layout.slices, layout.steps));
+    }
+  }
+  return absl::OkStatus();
+}
+
+// Lays the planes out; `described`: as the head of the first file says.
+absl::Status LayOut(const std::vector<std::string>& files, const std::string& axes,
+                    TiffStack* stack) {
+  const std::string& path = files.front();
+  std::optional<StackLayout> described;
+  if (files.size() == 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(described, LayoutOfHead(*stack, path));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(CheckSliceFiles(files, *stack));
+  }
+  const bool is_known = described.has_value();
+  if (is_known) {
+    stack->layout = *std::move(described);
+  }
+  std::int64_t planes = static_cast<std::int64_t>(files.size());
+  if (files.size() == 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        planes, CountPlanes(IsImageJDescription(stack->pages.description)
+                                ? static_cast<std::int64_t>(stack->layout.planes.size())
+                                : 0,
+                            stack));
+  }
+  if (planes > kMaxStackPlanes) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d planes; expected at most %d", path, planes, kMaxStackPlanes));
+  }
+  if (!axes.empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        NamedStatus(stack->name, ApplyPageAxes(axes, planes, is_known, &stack->layout)));
+  } else if (!is_known) {
+    stack->layout.slices = planes;
+    LayPlanes("Z", &stack->layout);
+  }
+  if (files.size() > 1) {
+    for (StackPlane& plane : stack->layout.planes) {
+      plane = {.file = static_cast<std::int32_t>(plane.index), .index = 0};
+    }
+    stack->files = files;
+    return absl::OkStatus();
+  }
+  return CheckPlanes(path, planes, stack);
+}
+
+}  // namespace
+
+absl::StatusOr<TiffStack> FindTiffStack(const std::vector<std::string>& files,
+                                        const std::string& name, const std::string& axes) {
+  if (files.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(name, ": no TIFF files"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(TiffStack stack, ScanStack(files.front(), name));
+  ISOSCOPE_RETURN_IF_ERROR(LayOut(files, axes, &stack));
+  return stack;
+}
+
+}  // namespace isoscope::source
