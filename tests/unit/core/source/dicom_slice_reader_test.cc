@@ -136,13 +136,14 @@ TEST_F(DicomSliceReaderTest, HeadersThatAreNoSliceAreRefusedWithTheirFile) {
       Write("a", {.series = "1.2.8", .frames = 3}, Pixels(0) + Pixels(1) + Pixels(2));
   EXPECT_THAT(Read(path).status(), StatusIs(kInvalid, HasSubstr("frame 0 of 3 has no position")));
   WriteFile(path, "no DICOM");
-  EXPECT_THAT(
-      ReadDicomSlices(path, {.transfer_syntax = "1.2.840.10008.1.2.4.91"}, &decoder_).status(),
-      StatusIs(kInvalid, AllOf(HasSubstr(path + ": can't be decoded"),
-                               HasSubstr("(transfer syntax 1.2.840.10008.1.2.4.91)"))));
-  EXPECT_THAT(
-      ReadDicomSlices(path, {.transfer_syntax = "1.2.840.10008.1.2.4.202"}, &decoder_).status(),
-      StatusIs(kInvalid, HasSubstr("High-Throughput JPEG 2000")));
+  DicomScan scan;
+  scan.transfer_syntax = "1.2.840.10008.1.2.4.91";
+  EXPECT_THAT(ReadDicomSlices(path, scan, &decoder_).status(),
+              StatusIs(kInvalid, AllOf(HasSubstr(path + ": can't be decoded"),
+                                       HasSubstr("(transfer syntax 1.2.840.10008.1.2.4.91)"))));
+  scan.transfer_syntax = "1.2.840.10008.1.2.4.202";
+  EXPECT_THAT(ReadDicomSlices(path, scan, &decoder_).status(),
+              StatusIs(kInvalid, HasSubstr("High-Throughput JPEG 2000")));
 }
 
 TEST_F(DicomSliceReaderTest, FileThatIsAnotherThanBeforeIsAnError) {
