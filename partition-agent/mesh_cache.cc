@@ -1,7 +1,7 @@
 // The way to a mesh:
 //
-//   MeshCache::tables_   (shard, surface, what vertices have values of) to MeshTable, the last used
-//                        first
+//   MeshCache::tables_   MeshTables, the last used first; table_index_ finds one by its shard, its
+//                        surface and what vertices have values of
 //   MeshTable::slots_    active index to the mesh and a weak pointer to its segment
 //   MeshSegment          memory that fills up with meshes, from its beginning on
 //
@@ -64,8 +64,8 @@ std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
     ++round_;
     last_motion_ = std::exchange(motion_, {});
     is_slider_moving_.store(false, std::memory_order_relaxed);
-    std::erase_if(asked_, [this](const AskedRule& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
-      return asked.round + kRecentRounds < round_;
+    absl::erase_if(asked_, [this](const auto& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return asked.second + kRecentRounds < round_;
     });
   }
   return round_;
@@ -75,30 +75,29 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number,
                                               const volume::InsideRule& rule,
                                               std::size_t block_count, const MeshValues& values) {
   base::MutexLock lock(&mutex_);
-  const auto asked = std::find_if(asked_.begin(), asked_.end(),
-                                  [&rule](const AskedRule& recent) { return recent.rule == rule; });
-  if (asked == asked_.end()) {
-    asked_.push_back({rule, round_});
+  const auto [asked, is_new] = asked_.try_emplace(rule, round_);
+  if (is_new) {
     motion_ = {.has_moved = true, .has_new = true};
   } else {
-    motion_.has_moved = motion_.has_moved || asked->round + 1 < round_;
-    asked->round = round_;
+    motion_.has_moved = motion_.has_moved || asked->second + 1 < round_;
+    asked->second = round_;
   }
   is_slider_moving_.store(
       motion_.has_moved && last_motion_.has_moved && (motion_.has_new || last_motion_.has_new),
       std::memory_order_relaxed);
-  const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
-    return keyed.shard_number == shard_number && keyed.rule == rule && keyed.values == values;
-  });
-  if (found != tables_.end()) {
-    tables_.splice(tables_.begin(), tables_, found);
-    return found->table;
+  const auto found = table_index_.find({shard_number, &rule, values});
+  if (found != table_index_.end()) {
+    tables_.splice(tables_.begin(), tables_, found->second);
+    return found->second->table;
   }
   auto table = std::make_shared<MeshTable>(block_count);
   tables_.push_front({shard_number, rule, values, table});
+  table_index_[{shard_number, &tables_.front().rule, values}] = tables_.begin();
   table_bytes_ += tables_.front().size_bytes();
   while (table_bytes_ > max_bytes_ / kTableShare) {  // the new table goes last
-    table_bytes_ -= tables_.back().size_bytes();
+    const KeyedTable& oldest = tables_.back();
+    table_bytes_ -= oldest.size_bytes();
+    table_index_.erase({oldest.shard_number, &oldest.rule, oldest.values});
     tables_.pop_back();
   }
   return table;

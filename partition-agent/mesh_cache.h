@@ -1,9 +1,10 @@
 // Extracted meshes, kept between frames, bounded in bytes.
 //
 // Meshes lie one after the other in segments of memory. The cache evicts whole segments, the least
-// recently used first. So the bound counts the real memory, no mesh needs an allocation, and a
-// lookup needs neither a hash nor a list. While a slider moves through isovalues, the cache
-// recycles segments: touching fresh memory costs more than extracting a mesh again.
+// recently used first. So the bound counts the real memory, no mesh needs an allocation, and the
+// lookup of a mesh in its table needs neither a hash nor a list. While a slider moves through
+// isovalues, the cache recycles segments: touching fresh memory costs more than extracting a mesh
+// again.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
@@ -18,6 +19,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/container/flat_hash_map.h"
 
 #include "core/base/memory_pool.h"
 #include "core/base/mutex.h"
@@ -50,6 +52,11 @@ struct MeshValues {
   std::uint32_t field_shard_number = 0;  // Shard::number of the field's samples; of kField alone
 
   friend bool operator==(const MeshValues&, const MeshValues&) = default;
+  // For absl::Hash.
+  template <typename H>
+  friend H AbslHashValue(H hash, const MeshValues& values) {
+    return H::combine(std::move(hash), values.of, values.field_shard_number);
+  }
 };
 
 // The meshes of one shard and one surface with one kind of values, by active index in the shard's
@@ -150,14 +157,24 @@ class MeshCache {
       return table->size_bytes() + rule.labels.size() * sizeof(double);
     }
   };
+  // Finds a table. Kept ones point to the rule of their KeyedTable.
+  struct TableKey {
+    std::uint32_t shard_number = 0;
+    const volume::InsideRule* rule = nullptr;
+    MeshValues values;
+
+    friend bool operator==(const TableKey& a, const TableKey& b) {
+      return a.shard_number == b.shard_number && *a.rule == *b.rule && a.values == b.values;
+    }
+    template <typename H>
+    friend H AbslHashValue(H hash, const TableKey& key) {
+      return H::combine(std::move(hash), key.shard_number, *key.rule, key.values);
+    }
+  };
   static constexpr std::size_t kTableShare = 8;
   // The most users who take turns. A larger number makes a slider that reverses take more fresh
   // memory.
   static constexpr std::uint64_t kRecentRounds = 4;
-  struct AskedRule {
-    volume::InsideRule rule;
-    std::uint64_t round = 0;  // the last one that asked for it
-  };
   // Changes of a round's surfaces against the rounds before.
   struct Motion {
     bool has_moved = false;  // one was not asked for in the last round
@@ -189,11 +206,14 @@ class MeshCache {
   // Those with room. Its capacity is enough for all kept ones.
   std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);
   std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // most recently used first
+  absl::flat_hash_map<TableKey, std::list<KeyedTable>::iterator> table_index_
+      ABSL_GUARDED_BY(mutex_);
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
-  std::vector<AskedRule> asked_ ABSL_GUARDED_BY(mutex_);  // in the last kRecentRounds
-  Motion motion_ ABSL_GUARDED_BY(mutex_);                 // of this round
-  Motion last_motion_ ABSL_GUARDED_BY(mutex_);            // of the round before
+  // The rules of the last kRecentRounds, with the last round that asked for each.
+  absl::flat_hash_map<volume::InsideRule, std::uint64_t> asked_ ABSL_GUARDED_BY(mutex_);
+  Motion motion_ ABSL_GUARDED_BY(mutex_);       // of this round
+  Motion last_motion_ ABSL_GUARDED_BY(mutex_);  // of the round before
   std::atomic<bool> is_slider_moving_{false};
   std::atomic<std::uint64_t> unkept_count_{0};
 };

@@ -102,6 +102,7 @@ UNTESTED_HEADERS = {
     "core/composite/band_encoder.h": "inside of pixel_codec_test",
     "core/extract/bit_row.h": "inside of block_extractor_test",
     "core/extract/edge_crossings-inl.h": "inside of block_extractor_test",
+    "core/extract/gradient_normal-inl.h": "inside of block_extractor_test and label_kernels_test",
     "core/extract/vertex_batch.h": "inside of block_extractor_test",
     "core/extract/vertex_placement-inl.h": "inside of block_extractor_test",
     "core/extract/block_kernels.h": "inside of block_extractor_test",

@@ -45,7 +45,7 @@
 #include "core/partition/series_partitioner.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
-#include "core/source/dicom_source.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/value_range.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"

@@ -12,7 +12,7 @@
 
 #include "client-cli/output/dataset_json.h"
 #include "core/math/vec.h"
-#include "core/source/dicom_source.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/volume_series.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"

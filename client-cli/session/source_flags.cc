@@ -14,7 +14,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
-#include "core/source/dicom_source.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/label_names.h"
 #include "core/source/series_format.h"

@@ -1,6 +1,7 @@
 // Passes 1 to 3 of extraction: classify the samples, find the crossed edges and active cells,
 // assign vertex ids. All three work on bit rows, one bit a sample. The head of block_kernels.cc
-// describes all passes. Included once for each instruction set, by block_kernels.cc.
+// describes all passes. Included once for each instruction set, by block_kernels.cc, and by
+// label_kernels.cc, which packs its marks with PackWord.
 //
 //   1. ClassifyInside compares a register of samples with the threshold and packs the mask, 64
 //      samples to a word.

@@ -32,6 +32,7 @@
 #include "hwy/highway.h"
 // After foreach_target.h: included once for each instruction set, like this file.
 #include "core/extract/edge_crossings-inl.h"
+#include "core/extract/gradient_normal-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace isoscope::extract {
@@ -162,47 +163,6 @@ void FillSobelLines(const std::uint8_t* marks, std::size_t row, std::size_t slic
   }
 }
 
-using DoubleTag = hn::ScalableTag<double>;
-using DoubleVec = hn::Vec<DoubleTag>;
-using FloatHalfTag = hn::Rebind<float, DoubleTag>;
-using IntHalfTag = hn::Rebind<std::int32_t, DoubleTag>;
-
-// Returns a gradient in world space, negated and normalised, with the operations of
-// vertex_placement-inl.h; 0 where it is not finite.
-inline std::array<DoubleVec, 3> NormalOf(const std::array<DoubleVec, 3>& gradient,
-                                         const math::Mat3d& to_world) {
-  const DoubleTag d;
-  const auto& columns = to_world.columns;
-  const auto world = [&](double a, double b, double c) {
-    return hn::Neg(
-        hn::Add(hn::Add(hn::Mul(hn::Set(d, a), gradient[0]), hn::Mul(hn::Set(d, b), gradient[1])),
-                hn::Mul(hn::Set(d, c), gradient[2])));
-  };
-  std::array<DoubleVec, 3> normal{world(columns[0].x, columns[1].x, columns[2].x),
-                                  world(columns[0].y, columns[1].y, columns[2].y),
-                                  world(columns[0].z, columns[1].z, columns[2].z)};
-  // Scale by the largest component first, so that squares neither overflow nor vanish.
-  auto largest = hn::Abs(normal[0]);
-  for (std::size_t k = 1; k < 3; ++k) {
-    const auto size = hn::Abs(normal[k]);
-    // Instead of Max, whose result for NaN differs between instruction sets.
-    largest = hn::IfThenElse(hn::Gt(largest, size), largest, size);
-  }
-  const auto scale = hn::Div(hn::Set(d, 1.0), largest);
-  for (DoubleVec& component : normal) {
-    component = hn::Mul(component, scale);
-  }
-  const auto square = hn::Add(hn::Add(hn::Mul(normal[0], normal[0]), hn::Mul(normal[1], normal[1])),
-                              hn::Mul(normal[2], normal[2]));
-  // False for NaN.
-  const auto usable = hn::And(hn::Ge(square, hn::Set(d, 0.5)), hn::Le(square, hn::Set(d, 4.0)));
-  const auto inverse = hn::Div(hn::Set(d, 1.0), hn::Sqrt(square));
-  for (DoubleVec& component : normal) {
-    component = hn::IfThenElseZero(usable, hn::Mul(component, inverse));
-  }
-  return normal;
-}
-
 // The sums of a batch, taken apart and normalised.
 void FillNormalsOfVertices(const LabelVertices& vertices, const math::Mat3d& to_world,
                            math::Vec3f* normals) {
@@ -232,11 +192,11 @@ void FillNormalsOfVertices(const LabelVertices& vertices, const math::Mat3d& to_
       const auto component = [&](auto shifted) {
         return hn::PromoteTo(d, hn::Sub(hn::And(shifted, byte), center));
       };
-      const std::array<DoubleVec, 3> normal = NormalOf(
+      const GradientNormal normal = NormalOf(
           {component(sum), component(hn::ShiftRight<8>(sum)), component(hn::ShiftRight<16>(sum))},
           to_world);
       for (std::size_t k = 0; k < 3; ++k) {
-        hn::Store(hn::DemoteTo(df, normal[k]), df, batch[k].data() + i);
+        hn::Store(hn::DemoteTo(df, normal.components[k]), df, batch[k].data() + i);
       }
     }
     for (std::size_t i = 0; i < count; i += hn::Lanes(whole)) {

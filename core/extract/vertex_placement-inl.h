@@ -6,11 +6,10 @@
 //      interior edges; vertex_batch.h does it one by one for the others and where the machine has
 //      no gather.
 //   2. ComputeVertices, in double: t = (isovalue - a) / (b - a); the position from the sample's
-//      coordinates, plus t along the axis; the gradient between both ends at t, to world space,
-//      negated and normalised; and its length, if it is wanted.
+//      coordinates, plus t along the axis; the gradient between both ends at t; its normal
+//      (gradient_normal-inl.h); and its length, if it is wanted.
 //   3. Interleave: from one array a component to vectors of three floats. Here the values of
-//   another
-//      field are added, if they are wanted, with the t of step 1 (field_values.h).
+//      another field are added, if they are wanted, with the t of step 1 (field_values.h).
 //
 // Invariants: the factor 2 of the gradients cancels when they are normalised. 8- and 16-bit samples
 // are subtracted as integers, others as doubles: both are exact or rounded once, the same in every
@@ -40,6 +39,7 @@
 #include "core/extract/block_kernels.h"
 #include "core/extract/block_shape.h"
 #include "core/extract/field_values.h"
+#include "core/extract/gradient_normal-inl.h"
 #include "core/extract/vertex_batch.h"
 #include "core/math/vec.h"
 #include "hwy/highway.h"
@@ -50,11 +50,6 @@ namespace HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
-
-using DoubleTag = hn::ScalableTag<double>;
-using DoubleVec = hn::Vec<DoubleTag>;
-using FloatHalfTag = hn::Rebind<float, DoubleTag>;
-using IntHalfTag = hn::Rebind<std::int32_t, DoubleTag>;
 
 // Loads a register of doubles.
 inline DoubleVec LoadDoubles(const double* from) { return hn::Load(DoubleTag(), from); }
@@ -265,15 +260,12 @@ void GatherNearBorder(const BlockTask& task, const Strides& strides, const std::
 #endif  // ISOSCOPE_EXTRACT_HAS_GATHER
 
 // Returns the length of a gradient as a float, which is finite; 0 if it is not usable.
-//
-// largest: of its components, doubled
-// square:  of its length, in parts of the largest component
-template <typename Mask>
-hn::Vec<FloatHalfTag> MagnitudeOf(DoubleVec largest, DoubleVec square, Mask usable) {
+// `normal` is that of the gradient, doubled.
+HWY_INLINE hn::Vec<FloatHalfTag> MagnitudeOf(const GradientNormal& normal) {
   const DoubleTag d;
-  const auto length = hn::Mul(hn::Mul(largest, hn::Set(d, 0.5)), hn::Sqrt(square));
+  const auto length = hn::Mul(hn::Mul(normal.largest, hn::Set(d, 0.5)), hn::Sqrt(normal.square));
   const auto most = hn::Set(d, static_cast<double>(std::numeric_limits<float>::max()));
-  return hn::DemoteTo(FloatHalfTag(), hn::IfThenElseZero(usable, hn::Min(length, most)));
+  return hn::DemoteTo(FloatHalfTag(), hn::IfThenElseZero(normal.is_usable, hn::Min(length, most)));
 }
 
 // Step 2 computes positions and normals of a batch.
@@ -282,8 +274,6 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
                      VertexBatch<D>* batch) {
   const DoubleTag d;
   const FloatHalfTag df;
-  const auto& columns = task.to_world->columns;
-  const auto one = hn::Set(d, 1.0);
   const auto half = hn::Set(d, 0.5);
   const auto row = hn::Set(d, static_cast<double>(task.shape->row));
   const auto slice = hn::Set(d, static_cast<double>(task.shape->slice));
@@ -305,45 +295,20 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
                                       hn::Add(hn::Set(d, task.begin.z), z)};
     position[kAxis] = hn::Add(position[kAxis], t);
 
-    // Gradient at t, taken to world space and negated.
+    // Gradient at t.
     std::array<DoubleVec, 3> gradient;
     for (std::size_t k = 0; k < 3; ++k) {
       const auto lower = LoadDoubles(batch->lower_gradients[k].data() + i);
       const auto upper = LoadDoubles(batch->upper_gradients[k].data() + i);
       gradient[k] = hn::Add(lower, hn::Mul(t, hn::Sub(upper, lower)));
     }
-    const auto world = [&](double a, double b, double c) {
-      return hn::Neg(
-          hn::Add(hn::Add(hn::Mul(hn::Set(d, a), gradient[0]), hn::Mul(hn::Set(d, b), gradient[1])),
-                  hn::Mul(hn::Set(d, c), gradient[2])));
-    };
-    const auto gx = world(columns[0].x, columns[1].x, columns[2].x);
-    const auto gy = world(columns[0].y, columns[1].y, columns[2].y);
-    const auto gz = world(columns[0].z, columns[1].z, columns[2].z);
-    // Normal: scale by the largest component first, so that squares neither overflow nor vanish.
-    const auto ax = hn::Abs(gx);
-    const auto ay = hn::Abs(gy);
-    const auto az = hn::Abs(gz);
-    // Instead of Max, whose result for NaN differs between instruction sets.
-    const auto axy = hn::IfThenElse(hn::Gt(ax, ay), ax, ay);
-    const auto largest = hn::IfThenElse(hn::Gt(axy, az), axy, az);
-    const auto scale = hn::Div(one, largest);
-    const auto nx = hn::Mul(gx, scale);
-    const auto ny = hn::Mul(gy, scale);
-    const auto nz = hn::Mul(gz, scale);
-    const auto square = hn::Add(hn::Add(hn::Mul(nx, nx), hn::Mul(ny, ny)), hn::Mul(nz, nz));
-    // False for NaN: the gradient is zero or not finite.
-    const auto usable = hn::And(hn::Ge(square, half), hn::Le(square, hn::Set(d, 4.0)));
-    const auto inverse = hn::Div(one, hn::Sqrt(square));
-    const std::array<DoubleVec, 3> normal{hn::Mul(nx, inverse), hn::Mul(ny, inverse),
-                                          hn::Mul(nz, inverse)};
+    const GradientNormal normal = NormalOf(gradient, *task.to_world);
     for (std::size_t k = 0; k < 3; ++k) {
       hn::Store(hn::DemoteTo(df, position[k]), df, batch->positions[k].data() + i);
-      hn::Store(hn::DemoteTo(df, hn::IfThenElseZero(usable, normal[k])), df,
-                batch->normals[k].data() + i);
+      hn::Store(hn::DemoteTo(df, normal.components[k]), df, batch->normals[k].data() + i);
     }
     if (task.keeps_gradient_magnitudes) {
-      hn::Store(MagnitudeOf(largest, square, usable), df, batch->gradient_magnitudes.data() + i);
+      hn::Store(MagnitudeOf(normal), df, batch->gradient_magnitudes.data() + i);
     }
   }
 }

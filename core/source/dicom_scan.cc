@@ -41,6 +41,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
 #include "core/base/coding.h"
@@ -388,6 +389,13 @@ absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
                             io::OpenRandomAccessFile(path));
   return Scanner(file.get()).Scan();
+}
+
+absl::Status DicomCutError(const std::string& path) {
+  return absl::InvalidArgumentError(
+      absl::StrCat(path,
+                   ": does not hold a DICOM image up to the end of its pixels: it is cut or "
+                   "damaged; copy it again, or put it elsewhere if it is no slice of the series"));
 }
 
 }  // namespace isoscope::source

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace isoscope::source {
@@ -48,6 +49,9 @@ struct DicomScan {
 // Scans the file element by element, without its pixels. Keeps no field of the patient but the
 // description of the series, without control characters. Errors: those of reading.
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path);
+
+// The error of a file that is kCut where a slice is needed: INVALID_ARGUMENT.
+absl::Status DicomCutError(const std::string& path);
 
 }  // namespace isoscope::source
 

@@ -3,10 +3,8 @@
 #ifndef ISOSCOPE_CORE_SOURCE_DICOM_SOURCE_H_
 #define ISOSCOPE_CORE_SOURCE_DICOM_SOURCE_H_
 
-#include <cstdint>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -15,33 +13,6 @@
 #include "core/source/volume_source.h"
 
 namespace isoscope::source {
-
-// True if the file carries the DICOM mark.
-bool IsDicomFile(const std::string& path);
-
-// Returns the files of a folder that carry the mark, sorted by name, without DICOMDIR.
-std::vector<std::string> DicomFilesIn(const std::string& folder);
-// Returns the folder of the series that `path` names: `path` itself, or the folder of a file.
-std::string DicomFolder(const std::string& path);
-
-// A series of a folder, for people who choose one.
-struct DicomSeriesEntry {
-  std::string uid;
-  std::int64_t number = 0;
-  std::string description;  // may be empty
-  std::int64_t width = 0;   // of the first of its files
-  std::int64_t height = 0;
-  std::int64_t images = 0;  // files, or frames of all
-  std::string first_file;
-};
-// The series in a folder, by number. NOT_FOUND: no DICOM files with an image. Files that are cut
-// before their series is known are left out.
-absl::StatusOr<std::vector<DicomSeriesEntry>> ListDicomSeries(const std::string& folder);
-// A file of the series of that number or UID in a folder, or in the folder of a file.
-// INVALID_ARGUMENT: no such series, or several of that number (lists them).
-absl::StatusOr<std::string> FindDicomSeriesFile(const std::string& path, const std::string& choice);
-// "3 \"T1 axial\", 30 images of 512 x 512".
-std::string DescribeDicomSeries(const DicomSeriesEntry& entry);
 
 // Opens the series in a folder, or the series that a file belongs to (in the file's folder), by ITK
 // and GDCM: one file or frame a slice, sorted by position along the normal of the slices, not by

@@ -67,8 +67,8 @@ inline double TurnsOf(double position) {
 
 // One shear of the transport: positions -= shear * (a * of_a + b * of_b), and the sines and cosines
 // of the new positions, at most 1e-11 off. math::Sin would take 2 us for each of them.
-void ShearWave(double shear, double a, const Lanes& of_a, double b, const Lanes& of_b,
-               Lanes* __restrict positions, SinesAndCosines* __restrict result) {
+void ShearLanes(double shear, double a, const Lanes& of_a, double b, const Lanes& of_b,
+                Lanes* __restrict positions, SinesAndCosines* __restrict result) {
   for (std::size_t i = 0; i < kLanes; ++i) {
     (*positions)[i] -= shear * (a * of_a[i] + b * of_b[i]);
     const double turns = TurnsOf((*positions)[i]);
@@ -187,9 +187,9 @@ void FlowInstant::FillTemperature(const RowStart& row, float* values) const {
     of_z.cosine.fill(axes_[2].cosine[row.z]);
     for (int step = 0; step < kTransportSteps; ++step) {
       SinesAndCosines of_x;
-      ShearWave(shear_, kA, of_z.sine, kC, of_y.cosine, &x, &of_x);
-      ShearWave(shear_, kB, of_x.sine, kA, of_z.cosine, &y, &of_y);
-      ShearWave(shear_, kC, of_y.sine, kB, of_x.cosine, &z, &of_z);
+      ShearLanes(shear_, kA, of_z.sine, kC, of_y.cosine, &x, &of_x);
+      ShearLanes(shear_, kB, of_x.sine, kA, of_z.cosine, &y, &of_y);
+      ShearLanes(shear_, kC, of_y.sine, kB, of_x.cosine, &z, &of_z);
     }
     std::array<float, kLanes> temperatures;
     for (std::size_t i = 0; i < kLanes; ++i) {

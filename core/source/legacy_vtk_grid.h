@@ -1,4 +1,4 @@
-// The grid of a legacy VTK file: structured points, or a rectilinear grid (legacy_vtk_series.h).
+// The grid of a legacy VTK file: structured points, or a rectilinear grid (legacy_vtk_parser.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_
 #define ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_

@@ -1,488 +1,104 @@
-// A legacy file is a header of five lines, the grid, and arrays, each introduced by a line of text:
-//
-//   # vtk DataFile Version 3.0
-//   a title
-//   BINARY                                 or ASCII
-//   DATASET STRUCTURED_POINTS
-//   DIMENSIONS 64 64 93
-//   ORIGIN 0 0 0
-//   SPACING 1 1 2                          or DATASET RECTILINEAR_GRID (legacy_vtk_grid.cc)
-//   POINT_DATA 380928                      or CELL_DATA, with one less on each axis
-//   SCALARS density short 1
-//   LOOKUP_TABLE default
-//   (380928 samples, big-endian, and a line end)
-//   FIELD FieldData 1
-//   velocity 3 380928 float
-//   (samples)
-//   METADATA                               since version 4; ends with an empty line
-//
-// A binary array is passed by its size, one of text by counting its words. So one walk over the
-// file (Parser) finds the offsets of all arrays, and the samples are then read from there. Source:
-// VTK's "File Formats", https://docs.vtk.org, and vtkDataReader for what that leaves open.
+// The parser (legacy_vtk_parser.h) finds all arrays. Here they become fields: those of points, or
+// of cells if there is none of points. All fields of a file have one grid. Names of components
+// count only if each has one of its own; else components are called x, y and z, or by their
+// numbers.
 
 #include "core/source/legacy_vtk_series.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <memory>
-#include <optional>
 #include <set>
 #include <utility>
-#include <vector>
 
-#include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
-#include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
+#include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_split.h"
-#include "absl/strings/strip.h"
 
-#include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
-#include "core/source/legacy_vtk_grid.h"
-#include "core/source/legacy_vtk_words.h"
+#include "core/source/cf_grid.h"
+#include "core/source/legacy_vtk_parser.h"
 #include "core/source/located_series.h"
-#include "core/source/text_scanner.h"
 
 namespace isoscope::source {
 namespace {
 
-using volume::ScalarType;
-
-constexpr absl::string_view kLegacyMark = "# vtk DataFile Version";
-constexpr std::size_t kMaxLegacyArrays = 4096;
-constexpr std::int64_t kMaxLegacyComponents = 4096;
-
-// The types of VTK's writers; `long` has the 64 bits of Unix.
-struct LegacyType {
-  const char* name;
-  ScalarType scalar;
-  std::optional<WideType> wide = std::nullopt;
-};
-constexpr std::array<LegacyType, 14> kLegacyTypes{{
-    {"char", ScalarType::kInt8},
-    {"signed_char", ScalarType::kInt8},
-    {"unsigned_char", ScalarType::kUint8},
-    {"short", ScalarType::kInt16},
-    {"unsigned_short", ScalarType::kUint16},
-    {"int", ScalarType::kInt32},
-    {"unsigned_int", ScalarType::kUint32},
-    {"vtkidtype", ScalarType::kInt32},
-    {"float", ScalarType::kFloat32},
-    {"double", ScalarType::kFloat64},
-    {"long", ScalarType::kFloat64, WideType::kInt64},
-    {"vtktypeint64", ScalarType::kFloat64, WideType::kInt64},
-    {"unsigned_long", ScalarType::kFloat64, WideType::kUint64},
-    {"vtktypeuint64", ScalarType::kFloat64, WideType::kUint64},
-}};
-
-// VTK writes names without spaces: "%20" stands for one.
-std::string DecodedName(absl::string_view text) {
-  std::string name;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    int code = 0;
-    if (text[i] == '%' && i + 2 < text.size() &&
-        absl::SimpleHexAtoi(text.substr(i + 1, 2), &code)) {
-      name.push_back(static_cast<char>(code));
-      i += 2;
-    } else {
-      name.push_back(text[i]);
-    }
+LocatedField LegacyFieldOf(const LegacyVtkArray& array, const std::string& path, bool is_binary) {
+  LocatedField located;
+  located.field = {.name = array.name,
+                   .long_name = array.is_of_cells
+                                    ? absl::StrCat(array.name, " (of cells, at their centres)")
+                                    : "",
+                   .unit = array.unit,
+                   .components = ComponentNames(array.components)};
+  const std::set<std::string> distinct(array.component_names.begin(), array.component_names.end());
+  if (array.components > 1 && distinct.size() == static_cast<std::size_t>(array.components) &&
+      !distinct.contains("magnitude") && !distinct.contains("")) {
+    located.field.components = array.component_names;
   }
-  return name;
+  if (is_binary) {
+    located.location = SampleLocation{.files = {path},
+                                      .offset = array.offset,
+                                      .has_more_behind = true,
+                                      .is_big_endian = true,
+                                      .stored_type = array.type,
+                                      .components = array.components};
+    located.wide = array.wide;
+  } else {
+    located.location = TextLocation{.file = path,
+                                    .offset = array.offset,
+                                    .type = array.type,
+                                    .wide = array.wide,
+                                    .components = array.components};
+  }
+  return located;
 }
 
-struct LegacyArray {
-  std::string name;
-  const LegacyType* type = nullptr;
-  std::int64_t components = 1;
-  std::int64_t tuples = 0;
-  bool is_of_cells = false;
-  std::int64_t offset = 0;
-  std::vector<std::string> component_names{};
-  std::string unit{};
-};
-
-class LegacyParser {
- public:
-  LegacyParser(const io::RandomAccessFile* file, const GridRules& rules)
-      : words_(file), rules_(rules) {}
-
-  absl::StatusOr<LocatedFile> Parse() {
-    ISOSCOPE_RETURN_IF_ERROR(ParseHead());
-    while (true) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::string keyword, words_.NextKeyword());
-      if (keyword.empty()) {
-        break;
-      }
-      ISOSCOPE_RETURN_IF_ERROR(ParseSection(keyword));
-    }
-    return Located();
+absl::StatusOr<LocatedFile> LocateLegacyVtk(const LegacyVtkFile& file, const std::string& path,
+                                            const GridRules& rules) {
+  const bool has_points =
+      std::any_of(file.arrays.begin(), file.arrays.end(),
+                  [](const LegacyVtkArray& array) { return !array.is_of_cells; });
+  LocatedFile located;
+  ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid grid, file.grid.Locate(!has_points, rules));
+  located.geometry = grid.geometry;
+  located.distances = std::move(grid.distances);
+  located.fill = rules.fill;
+  if (file.time.has_value()) {
+    located.times = {*file.time};
   }
-
- private:
-  enum class Part { kGrid, kPoints, kCells };
-
-  absl::Status ParseHead() {
-    ISOSCOPE_ASSIGN_OR_RETURN(const absl::string_view mark, words_.NextLine());
-    if (!IsLegacyVtk(mark)) {
+  std::set<std::string> names;
+  for (const LegacyVtkArray& array : file.arrays) {
+    if (array.is_of_cells == has_points) {
+      continue;
+    }
+    if (!names.insert(array.name).second) {
       return absl::InvalidArgumentError(
-          absl::StrCat("no legacy VTK file: its first line is not \"", kLegacyMark, " 3.0\""));
+          absl::StrFormat("two arrays are called \"%s\"", array.name));
     }
-    ISOSCOPE_RETURN_IF_ERROR(words_.NextLine().status());  // the title
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string coding, words_.NextKeyword());
-    if (coding != "ASCII" && coding != "BINARY") {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("\"%s\" in its third line; expected ASCII or BINARY", coding));
-    }
-    is_binary_ = coding == "BINARY";
-    ISOSCOPE_ASSIGN_OR_RETURN(std::string keyword, words_.NextKeyword());
-    if (keyword == "FIELD") {  // a file of arrays without a grid
-      return NoPoints("FIELD");
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string kind, words_.NextKeyword());
-    if (keyword != "DATASET") {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("\"%s\" in its fourth line; expected DATASET", keyword));
-    }
-    if (kind == "RECTILINEAR_GRID") {
-      grid_.SetRectilinear();
-      return absl::OkStatus();
-    }
-    return kind == "STRUCTURED_POINTS" ? absl::OkStatus() : NoPoints(kind);
+    located.fields.push_back(LegacyFieldOf(array, path, file.is_binary));
   }
-
-  static absl::Status NoPoints(const std::string& kind) {
-    const bool has_samples = kind == "STRUCTURED_GRID" || kind == "UNSTRUCTURED_GRID";
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "a dataset of kind %s; expected STRUCTURED_POINTS or RECTILINEAR_GRID: %s", kind,
-        has_samples ? "resample it, as ParaView's filter \"Resample To Image\" does, and save it "
-                      "as .vti"
-                    : "it holds no samples in space"));
+  if (located.fields.empty()) {
+    return absl::InvalidArgumentError("no array of numbers in its POINT_DATA or CELL_DATA");
   }
+  return located;
+}
 
-  absl::Status ParseSection(const std::string& keyword) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const bool is_grid, grid_.Take(keyword, is_binary_, &words_));
-    if (is_grid) {
-      return absl::OkStatus();
-    }
-    if (keyword == "POINT_DATA" || keyword == "CELL_DATA") {
-      return BeginPart(keyword == "POINT_DATA" ? Part::kPoints : Part::kCells);
-    }
-    if (keyword == "METADATA") {
-      return ParseMetadata();
-    }
-    if (keyword == "FIELD") {
-      return ParseField();
-    }
-    if (part_ == Part::kGrid) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("\"%s\" before offset %d; expected DIMENSIONS, ORIGIN, SPACING, "
-                          "coordinates, FIELD, POINT_DATA or CELL_DATA",
-                          keyword, words_.position()));
-    }
-    return ParseAttribute(keyword);
-  }
-
-  absl::Status BeginPart(Part part) {
-    const math::Index3& dims = grid_.dims();
-    if (dims.x == 0) {
-      return absl::InvalidArgumentError("no DIMENSIONS before its arrays");
-    }
-    part_ = part;
-    tuples_ = 1;
-    for (int axis = 0; axis < 3; ++axis) {
-      // A plane of points has cells, too: one layer.
-      tuples_ *= part == Part::kCells ? std::max<std::int64_t>(dims[axis] - 1, 1) : dims[axis];
-      if (tuples_ > words_.file().size_bytes()) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("DIMENSIONS %d %d %d are more samples than its %d bytes hold", dims.x,
-                            dims.y, dims.z, words_.file().size_bytes()));
-      }
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count,
-                              words_.NextCount(part == Part::kCells ? "CELL_DATA" : "POINT_DATA", 0,
-                                               std::int64_t{1} << 60));
-    if (count != tuples_) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "arrays of %d %s; DIMENSIONS %d %d %d have %d", count,
-          part == Part::kCells ? "cells" : "points", dims.x, dims.y, dims.z, tuples_));
-    }
-    return absl::OkStatus();
-  }
-
-  // An array of the points' or cells' attributes, behind its keyword.
-  absl::Status ParseAttribute(const std::string& keyword) {
-    struct Attribute {
-      const char* keyword;
-      std::int64_t components;
-    };
-    constexpr std::array<Attribute, 7> kAttributes{{{"VECTORS", 3},
-                                                    {"NORMALS", 3},
-                                                    {"TENSORS", 9},
-                                                    {"TENSORS6", 6},
-                                                    {"GLOBAL_IDS", 1},
-                                                    {"PEDIGREE_IDS", 1},
-                                                    {"EDGE_FLAGS", 1}}};
-    LegacyArray array{.name = "", .tuples = tuples_, .is_of_cells = part_ == Part::kCells};
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string name, words_.NextText());
-    array.name = DecodedName(name);
-    if (keyword == "SCALARS") {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::string type, words_.NextText());
-      ISOSCOPE_ASSIGN_OR_RETURN(const absl::string_view rest, words_.NextLine());
-      const absl::string_view components = absl::StripAsciiWhitespace(rest);
-      if (!components.empty() &&
-          (!absl::SimpleAtoi(components, &array.components) || array.components < 1 ||
-           array.components > kMaxLegacyComponents)) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("SCALARS %s of \"%s\" components; expected a number from 1 to %d",
-                            array.name, components.substr(0, 64), kMaxLegacyComponents));
-      }
-      ISOSCOPE_RETURN_IF_ERROR(PassTableName());
-      return AddArray(std::move(array), type);
-    }
-    if (keyword == "LOOKUP_TABLE" || keyword == "COLOR_SCALARS") {
-      const bool is_table = keyword == "LOOKUP_TABLE";
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count,
-                                words_.NextCount(keyword, 0, std::int64_t{1} << 24));
-      ISOSCOPE_RETURN_IF_ERROR(words_.NextLine().status());
-      return words_.PassNumbers(is_table ? count * 4 : count, is_table ? 1 : tuples_, 8,
-                                is_binary_);
-    }
-    if (keyword == "TEXTURE_COORDINATES") {
-      ISOSCOPE_ASSIGN_OR_RETURN(array.components,
-                                words_.NextCount("TEXTURE_COORDINATES", 1, kMaxLegacyComponents));
-    } else {
-      const auto* const found =
-          std::find_if(kAttributes.begin(), kAttributes.end(),
-                       [&](const Attribute& known) { return keyword == known.keyword; });
-      if (found == kAttributes.end()) {
-        return absl::InvalidArgumentError(absl::StrFormat(
-            "\"%s\" before offset %d; expected an array, as SCALARS, VECTORS or FIELD",
-            absl::CHexEscape(keyword), words_.position()));
-      }
-      array.components = found->components;
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string type, words_.NextText());
-    ISOSCOPE_RETURN_IF_ERROR(words_.NextLine().status());
-    return AddArray(std::move(array), type);
-  }
-
-  // The line "LOOKUP_TABLE default", which some writers leave out.
-  absl::Status PassTableName() {
-    constexpr absl::string_view kTable = "LOOKUP_TABLE";
-    const std::int64_t begin = words_.position();
-    std::string next(kTable.size(), '\0');
-    if (words_.file().size_bytes() - begin >= static_cast<std::int64_t>(next.size())) {
-      ISOSCOPE_RETURN_IF_ERROR(words_.file().ReadAt(begin, next.size(), next.data()));
-    }
-    return absl::EqualsIgnoreCase(next, kTable) ? words_.NextLine().status() : absl::OkStatus();
-  }
-
-  absl::Status ParseField() {
-    ISOSCOPE_RETURN_IF_ERROR(words_.NextText().status());
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count,
-                              words_.NextCount("FIELD", 0, std::int64_t{kMaxLegacyArrays}));
-    for (std::int64_t i = 0; i < count; ++i) {
-      ISOSCOPE_ASSIGN_OR_RETURN(std::string name, words_.NextText());
-      while (absl::EqualsIgnoreCase(name, "METADATA")) {  // of the array before
-        ISOSCOPE_RETURN_IF_ERROR(ParseMetadata());
-        ISOSCOPE_ASSIGN_OR_RETURN(name, words_.NextText());
-      }
-      if (name == "NULL_ARRAY") {
-        continue;
-      }
-      LegacyArray array{.name = DecodedName(name), .is_of_cells = part_ == Part::kCells};
-      ISOSCOPE_ASSIGN_OR_RETURN(array.components,
-                                words_.NextCount("an array's components", 0, kMaxLegacyComponents));
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          array.tuples, words_.NextCount("an array's tuples", 0, words_.file().size_bytes()));
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::string type, words_.NextText());
-      ISOSCOPE_RETURN_IF_ERROR(words_.NextLine().status());
-      ISOSCOPE_RETURN_IF_ERROR(AddArray(std::move(array), type));
-    }
-    return absl::OkStatus();
-  }
-
-  // Takes the names of components and the unit of the last array, up to an empty line.
-  absl::Status ParseMetadata() {
-    ISOSCOPE_RETURN_IF_ERROR(words_.NextLine().status());
-    bool is_unit = false;
-    std::size_t names_left = 0;
-    while (!words_.is_at_end()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const absl::string_view line, words_.NextLine());
-      if (absl::StripAsciiWhitespace(line).empty()) {
-        break;
-      }
-      if (last_ == nullptr) {
-        continue;
-      }
-      if (names_left > 0) {
-        last_->component_names.push_back(DecodedName(line));
-        --names_left;
-      } else if (line == "COMPONENT_NAMES") {
-        last_->component_names.clear();
-        names_left = static_cast<std::size_t>(last_->components);
-      } else if (is_unit && absl::StartsWith(line, "DATA ")) {
-        constexpr std::size_t kMaxUnit = 64;
-        last_->unit = DecodedName(absl::StripAsciiWhitespace(line.substr(5))).substr(0, kMaxUnit);
-      }
-      is_unit = absl::StartsWith(line, "NAME UNITS_LABEL ");
-    }
-    return absl::OkStatus();
-  }
-
-  // The array begins here; passes it.
-  absl::Status AddArray(LegacyArray array, const std::string& type_name) {
-    last_ = nullptr;
-    const std::string type = absl::AsciiStrToLower(type_name);
-    array.offset = words_.position();
-    const auto* const known =
-        std::find_if(kLegacyTypes.begin(), kLegacyTypes.end(),
-                     [&](const LegacyType& candidate) { return type == candidate.name; });
-    if (type == "string" || type == "utf8_string") {
-      return words_.PassTexts(array.components * array.tuples, is_binary_);
-    }
-    if (known == kLegacyTypes.end() && type != "bit") {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "array \"%s\" is of type \"%s\"; expected char, short, int, long, each also unsigned, "
-          "float or double",
-          array.name, type.substr(0, 64)));
-    }
-    const std::int64_t bits =
-        type == "bit" ? 1 : 8 * static_cast<std::int64_t>(volume::SizeOf(known->scalar));
-    ISOSCOPE_RETURN_IF_ERROR(words_.PassNumbers(array.components, array.tuples, bits, is_binary_));
-    if (part_ == Part::kGrid) {
-      if ((array.name == "TIME" || array.name == "TimeValue") && array.components == 1 &&
-          array.tuples == 1 && type == "double") {
-        ISOSCOPE_RETURN_IF_ERROR(ReadTime(array.offset));
-      }
-      return absl::OkStatus();
-    }
-    if (array.tuples != tuples_) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("array \"%s\" has %d tuples; expected %d, one a sample", array.name,
-                          array.tuples, tuples_));
-    }
-    if (type == "bit" || array.components == 0 || array.name == "vtkGhostType") {
-      return absl::OkStatus();
-    }
-    if (arrays_.size() == kMaxLegacyArrays) {
-      return absl::InvalidArgumentError(absl::StrCat("more than ", kMaxLegacyArrays, " arrays"));
-    }
-    array.type = known;
-    last_ = arrays_.emplace_back(std::make_unique<LegacyArray>(std::move(array))).get();
-    return absl::OkStatus();
-  }
-
-  absl::Status ReadTime(std::int64_t offset) {
-    double time = 0;
-    if (is_binary_) {
-      std::array<char, 8> bytes{};
-      ISOSCOPE_RETURN_IF_ERROR(words_.file().ReadAt(offset, bytes.size(), bytes.data()));
-      std::reverse(bytes.begin(), bytes.end());
-      time = base::LoadLittleEndian<double>(bytes.data());
-    } else {
-      TextScanner scanner(&words_.file(), offset);
-      ISOSCOPE_ASSIGN_OR_RETURN(const absl::string_view word, scanner.NextWord());
-      if (!absl::SimpleAtod(word, &time)) {
-        time = std::nan("");
-      }
-    }
-    if (!std::isfinite(time)) {
-      return absl::InvalidArgumentError("its TIME is no finite number");
-    }
-    time_ = time;
-    return absl::OkStatus();
-  }
-
-  absl::StatusOr<LocatedFile> Located() {
-    const bool has_points = std::any_of(arrays_.begin(), arrays_.end(),
-                                        [](const auto& array) { return !array->is_of_cells; });
-    LocatedFile located;
-    ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid grid, grid_.Locate(!has_points, rules_));
-    located.geometry = grid.geometry;
-    located.distances = std::move(grid.distances);
-    located.fill = rules_.fill;
-    if (time_.has_value()) {
-      located.times = {*time_};
-    }
-    std::set<std::string> names;
-    for (const auto& array : arrays_) {
-      if (array->is_of_cells == has_points) {
-        continue;
-      }
-      if (!names.insert(array->name).second) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("two arrays are called \"%s\"", array->name));
-      }
-      located.fields.push_back(FieldOf(*array));
-    }
-    if (located.fields.empty()) {
-      return absl::InvalidArgumentError("no array of numbers in its POINT_DATA or CELL_DATA");
-    }
-    return located;
-  }
-
-  [[nodiscard]] LocatedField FieldOf(const LegacyArray& array) const {
-    LocatedField located;
-    located.field = {.name = array.name,
-                     .long_name = array.is_of_cells
-                                      ? absl::StrCat(array.name, " (of cells, at their centres)")
-                                      : "",
-                     .unit = array.unit,
-                     .components = ComponentNames(array.components)};
-    const std::set<std::string> distinct(array.component_names.begin(),
-                                         array.component_names.end());
-    if (array.components > 1 && distinct.size() == static_cast<std::size_t>(array.components) &&
-        !distinct.contains("magnitude") && !distinct.contains("")) {
-      located.field.components = array.component_names;
-    }
-    if (is_binary_) {
-      located.location = SampleLocation{.files = {words_.file().path()},
-                                        .offset = array.offset,
-                                        .has_more_behind = true,
-                                        .is_big_endian = true,
-                                        .stored_type = array.type->scalar,
-                                        .components = array.components};
-      located.wide = array.type->wide;
-    } else {
-      located.location = TextLocation{.file = words_.file().path(),
-                                      .offset = array.offset,
-                                      .type = array.type->scalar,
-                                      .wide = array.type->wide,
-                                      .components = array.components};
-    }
-    return located;
-  }
-
-  LegacyWords words_;
-  const GridRules rules_;
-  bool is_binary_ = false;
-  LegacyGrid grid_;
-  std::optional<double> time_;
-  Part part_ = Part::kGrid;
-  std::int64_t tuples_ = 0;  // of the part's arrays
-  std::vector<std::unique_ptr<LegacyArray>> arrays_;
-  LegacyArray* last_ = nullptr;  // to which METADATA belongs; null if it is passed over
-};
+absl::StatusOr<LocatedFile> ParseAndLocate(const io::RandomAccessFile& file,
+                                           const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const LegacyVtkFile parsed, ParseLegacyVtk(file));
+  return LocateLegacyVtk(parsed, file.path(), rules);
+}
 
 }  // namespace
-
-bool IsLegacyVtk(absl::string_view head) { return absl::StartsWith(head, kLegacyMark); }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenLegacyVtkSeries(const std::string& file,
                                                                   const std::string& /*field*/,
                                                                   const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
                             io::OpenRandomAccessFile(file));
-  auto located = LegacyParser(opened.get(), rules).Parse();
+  auto located = ParseAndLocate(*opened, rules);
   if (!located.ok()) {
     return absl::Status(located.status().code(),
                         absl::StrCat(file, ": ", located.status().message()));

@@ -7,15 +7,11 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 
 #include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
-
-// True if a file begins so.
-bool IsLegacyVtk(absl::string_view head);
 
 // Opens the file, binary or text, versions 1 to 5. Its fields are the arrays of points or, if none
 // of those has numbers, of cells, whose samples lie at the cells' centres. Vectors, normals,

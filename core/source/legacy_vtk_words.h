@@ -1,4 +1,4 @@
-// The words, numbers and arrays of a legacy VTK file, one after the other (legacy_vtk_series.h).
+// The words, numbers and arrays of a legacy VTK file, one after the other (legacy_vtk_parser.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_LEGACY_VTK_WORDS_H_
 #define ISOSCOPE_CORE_SOURCE_LEGACY_VTK_WORDS_H_

@@ -28,6 +28,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/pieces_source.h"
+#include "core/source/vti_grid.h"
 #include "core/source/vti_source.h"
 #include "core/source/vtk_image.h"
 #include "core/source/xml_tags.h"

@@ -19,6 +19,7 @@
 #include "core/source/file_start.h"
 #include "core/source/itk_image.h"
 #include "core/source/layout_formats.h"
+#include "core/source/legacy_vtk_parser.h"
 #include "core/source/legacy_vtk_series.h"
 #include "core/source/minc_source.h"
 #include "core/source/mrc_series.h"

@@ -11,6 +11,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/dicom_source.h"
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/hdf5_series.h"
@@ -67,6 +68,20 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path, "", rules));
   std::string field = FieldNameOf(volume->name());
   return std::make_unique<SingleSeries>(path, "", rules, std::move(field), std::move(volume));
+}
+
+// The meshes of a file, if it has some and the path names no dataset; else its datasets.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Path(const std::string& path,
+                                                           const Hdf5Path& parts,
+                                                           const std::string& axes) {
+  if (axes.empty() && !absl::StartsWith(parts.dataset, "/")) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
+                              OpenHdf5MeshSeries(parts.file, parts.dataset));
+    if (meshes != nullptr) {
+      return meshes;
+    }
+  }
+  return OpenHdf5Series(path, axes);
 }
 
 // Whatever the name and the content say.
@@ -133,14 +148,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   }
   Hdf5Path hdf5;
   if (SplitHdf5Path(path, &hdf5)) {
-    if (options.axes.empty() && !absl::StartsWith(hdf5.dataset, "/")) {
-      ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
-                                OpenHdf5MeshSeries(hdf5.file, hdf5.dataset));
-      if (meshes != nullptr) {
-        return meshes;
-      }
-    }
-    return OpenHdf5Series(path, options.axes);
+    return OpenHdf5Path(path, hdf5, options.axes);
   }
   if (const auto stack = FilesOfTiffStack(path); stack.has_value()) {
     return OpenTiffSeries(*stack, path, FieldNameOf(path), options.axes);

@@ -30,6 +30,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/dicom_source.h"
 #include "core/source/file_source.h"
 #include "core/source/file_start.h"

@@ -18,29 +18,23 @@
 //
 // expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an inline array
 // that is certain to be chosen: the text behind it may have gigabytes. Handlers get tags only, and
-// no text. An extent counts points, inclusive: "0 63" are 64 points and 63 cells. Source: VTK's
-// file format description, "XML File Formats", https://docs.vtk.org.
-
+// no text. Which array is chosen, and what grid the tags give, is told by vti_choice.h and
+// vti_grid.h. Source: VTK's file format description, "XML File Formats", https://docs.vtk.org.
 #include "core/source/vti_header.h"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
-#include <cstdlib>
-#include <limits>
-#include <type_traits>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
-#include "absl/strings/str_split.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/vti_choice.h"
 #include "expat.h"
 
 namespace isoscope::source {
@@ -52,32 +46,6 @@ constexpr std::size_t kMaxTextBytes = 4096;  // of a name
 constexpr std::size_t kMaxArrays = 4096;
 constexpr std::int64_t kMaxComponents = 4096;
 constexpr std::int64_t kMaxNamedComponents = 9;  // of a tensor; names of more are left out
-
-struct KnownType {
-  const char* name;
-  volume::ScalarType type;
-};
-constexpr std::array<KnownType, 8> kTypes{{{"UInt8", volume::ScalarType::kUint8},
-                                           {"Int8", volume::ScalarType::kInt8},
-                                           {"UInt16", volume::ScalarType::kUint16},
-                                           {"Int16", volume::ScalarType::kInt16},
-                                           {"UInt32", volume::ScalarType::kUint32},
-                                           {"Int32", volume::ScalarType::kInt32},
-                                           {"Float32", volume::ScalarType::kFloat32},
-                                           {"Float64", volume::ScalarType::kFloat64}}};
-
-const KnownType* FindType(const std::string& name) {
-  const auto* row = std::find_if(kTypes.begin(), kTypes.end(),
-                                 [&](const KnownType& known) { return name == known.name; });
-  return row == kTypes.end() ? nullptr : row;
-}
-
-// Whether an array may be the default. VTK marks ghost points and cells in an array of its own,
-// which may not.
-bool IsEligible(const VtiArray& array) {
-  return array.components == 1 && FindType(array.type) != nullptr && array.name != "vtkGhostType";
-}
-
 // Streams the file through expat until the samples are found.
 class HeaderParser {
  public:
@@ -272,7 +240,7 @@ class HeaderParser {
     if (!part_.empty()) {
       return array.name == part_;
     }
-    return IsEligible(array) &&
+    return IsDefaultVtiArray(array) &&
            (header_.point_scalars.empty() || header_.point_scalars == array.name);
   }
 
@@ -300,95 +268,6 @@ class HeaderParser {
   bool is_done_ = false;
   std::string problem_;
 };
-
-// `count` numbers in `text`.
-template <typename T>
-absl::StatusOr<std::vector<T>> ParseNumbers(const std::string& text, std::size_t count,
-                                            const char* what, const std::string& path) {
-  std::vector<T> numbers;
-  for (const absl::string_view part :
-       absl::StrSplit(text, absl::ByAnyChar(" \t\r\n"), absl::SkipEmpty())) {
-    T number{};
-    bool is_number = false;
-    if constexpr (std::is_same_v<T, double>) {
-      is_number = absl::SimpleAtod(part, &number);
-    } else {
-      is_number = absl::SimpleAtoi(part, &number);
-    }
-    if (!is_number) {
-      break;
-    }
-    numbers.push_back(number);
-  }
-  if (numbers.size() != count) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: %s=\"%s\"; expected %d numbers", path, what, text, count));
-  }
-  return numbers;
-}
-
-// The extent of the image, which its first piece must fill.
-absl::StatusOr<VtiExtent> WholeExtent(const VtiHeader& header, const std::string& path) {
-  const auto found = header.image.find("WholeExtent");
-  const std::string text = found == header.image.end() ? "" : found->second;
-  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, ParseVtiExtent(text, "WholeExtent", path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent piece,
-                            ParseVtiExtent(header.piece_extent, "Extent", path));
-  if (piece != extent) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: its first piece is %s of %s; expected the whole image in one piece",
-                        path, header.piece_extent, text));
-  }
-  return extent;
-}
-
-// "point array "velocity" of 3 components, cell array "p"".
-std::string Listed(const VtiHeader& header) {
-  constexpr std::size_t kMaxListed = 50;
-  std::vector<std::string> lines;
-  for (const VtiArray& array : header.arrays) {
-    if (lines.size() == kMaxListed) {
-      lines.emplace_back("and more");
-      break;
-    }
-    lines.push_back(absl::StrCat(
-        array.is_of_cells ? "cell" : "point", " array \"", array.name, "\"",
-        array.components > 1 ? absl::StrCat(" of ", array.components, " components") : ""));
-  }
-  return absl::StrJoin(lines, ", ");
-}
-
-const VtiArray* FindNamed(const VtiHeader& header, absl::string_view name) {
-  const VtiArray* found = nullptr;
-  for (const VtiArray& array : header.arrays) {
-    if (array.name == name && (found == nullptr || (found->is_of_cells && !array.is_of_cells))) {
-      found = &array;
-    }
-  }
-  return found;
-}
-
-const VtiArray* FindDefault(const VtiHeader& header) {
-  const VtiArray* found = nullptr;
-  const auto rank = [&](const VtiArray& array) {
-    return array.is_of_cells ? (array.name == header.cell_scalars ? 1 : 0)
-                             : (array.name == header.point_scalars ? 3 : 2);
-  };
-  for (const VtiArray& array : header.arrays) {
-    if (IsEligible(array) && (found == nullptr || rank(array) > rank(*found))) {
-      found = &array;
-    }
-  }
-  return found;
-}
-
-absl::Status WithoutChoice(const VtiHeader& header, const VtiArray& array,
-                           const std::string& path) {
-  return absl::InvalidArgumentError(absl::StrFormat(
-      "%s: array \"%s\" has %d components: choose one of 0 to %d, as in %s:%s:0; the file holds %s",
-      path, array.name, array.components, array.components - 1, path, array.name, Listed(header)));
-}
-
 }  // namespace
 
 absl::StatusOr<VtiHeader> ReadVtiHeader(const io::RandomAccessFile& file, const std::string& part) {
@@ -398,117 +277,4 @@ absl::StatusOr<VtiHeader> ReadVtiHeader(const io::RandomAccessFile& file, const 
 absl::StatusOr<VtiHeader> ReadWholeVtiHeader(const io::RandomAccessFile& file) {
   return HeaderParser().Parse(file);
 }
-
-absl::StatusOr<VtiChoice> ChooseVtiArray(const VtiHeader& header, const std::string& part,
-                                         const std::string& path) {
-  if (!header.is_image || header.piece_count < 1 || header.arrays.empty()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": no ImageData with an array in its PointData or CellData"));
-  }
-  if (part.empty()) {
-    const VtiArray* found = FindDefault(header);
-    if (found != nullptr) {
-      return VtiChoice{*found, 0};
-    }
-    const auto single = std::find_if(header.arrays.begin(), header.arrays.end(),
-                                     [](const VtiArray& array) { return array.components == 1; });
-    if (single != header.arrays.end()) {
-      return VtiChoice{*single, 0};  // its type is refused later, by name
-    }
-    return WithoutChoice(header, header.arrays.front(), path);
-  }
-  const VtiArray* found = FindNamed(header, part);
-  if (found != nullptr) {
-    return found->components == 1 ? absl::StatusOr<VtiChoice>(VtiChoice{*found, 0})
-                                  : WithoutChoice(header, *found, path);
-  }
-  const std::size_t colon = part.rfind(':');
-  std::int64_t component = -1;
-  if (colon != std::string::npos && absl::SimpleAtoi(part.substr(colon + 1), &component)) {
-    found = FindNamed(header, part.substr(0, colon));
-  }
-  if (found == nullptr) {
-    return absl::NotFoundError(
-        absl::StrFormat("%s: no array \"%s\"; it holds %s", path, part, Listed(header)));
-  }
-  if (component < 0 || component >= found->components) {
-    return WithoutChoice(header, *found, path);
-  }
-  return VtiChoice{*found, component};
-}
-
-absl::StatusOr<volume::ScalarType> VtiTypeOf(const VtiArray& array, const std::string& path) {
-  const KnownType* known = FindType(array.type);
-  if (known == nullptr) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: array \"%s\" is of type \"%s\"; expected (U)Int8, (U)Int16, (U)Int32, Float32 or "
-        "Float64",
-        path, array.name, array.type));
-  }
-  return known->type;
-}
-
-bool IsVtiNumber(const std::string& type) {
-  return FindType(type) != nullptr || type == "Int64" || type == "UInt64";
-}
-
-absl::StatusOr<VtiExtent> ParseVtiExtent(const std::string& text, const char* attribute,
-                                         const std::string& path) {
-  constexpr std::int64_t kMaxIndex = std::numeric_limits<std::int32_t>::max();  // VTK's own
-  VtiExtent extent{};
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::int64_t> numbers,
-                            ParseNumbers<std::int64_t>(text, extent.size(), attribute, path));
-  for (const std::int64_t index : numbers) {
-    if (index < -kMaxIndex || index > kMaxIndex) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%s: %s=\"%s\"; expected 32-bit numbers", path, attribute, text));
-    }
-  }
-  std::copy(numbers.begin(), numbers.end(), extent.begin());
-  return extent;
-}
-
-absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& image,
-                                               const VtiExtent& extent, bool is_of_cells,
-                                               const std::string& path) {
-  const auto get = [&](const char* name, const char* fallback) {
-    const auto found = image.find(name);
-    return found == image.end() ? std::string(fallback) : found->second;
-  };
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> origin,
-                            ParseNumbers<double>(get("Origin", "0 0 0"), 3, "Origin", path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> spacing,
-                            ParseNumbers<double>(get("Spacing", "1 1 1"), 3, "Spacing", path));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::vector<double> direction,
-      ParseNumbers<double>(get("Direction", "1 0 0 0 1 0 0 0 1"), 9, "Direction", path));
-  volume::GridGeometry geometry;
-  geometry.origin = {origin[0], origin[1], origin[2]};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const auto index = static_cast<int>(axis);
-    const std::int64_t point_count = extent[2 * axis + 1] - extent[2 * axis] + 1;
-    geometry.sample_dims[index] = point_count - (is_of_cells ? 1 : 0);
-    geometry.spacing[index] = spacing[axis];
-    geometry.direction.columns[axis] = {direction[axis], direction[3 + axis], direction[6 + axis]};
-    // VTK's origin is that of the point with index 0.
-    const double first = static_cast<double>(extent[2 * axis]) + (is_of_cells ? 0.5 : 0.0);
-    geometry.origin = geometry.origin + geometry.direction.columns[axis] * (spacing[axis] * first);
-  }
-  return geometry;
-}
-
-absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
-                                                 const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, WholeExtent(header, path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            VtiGridOf(header.image, extent, is_of_cells, path));
-  const absl::Status valid = volume::Validate(geometry);
-  if (!valid.ok()) {
-    return absl::Status(
-        valid.code(),
-        absl::StrCat(path, is_of_cells ? ": the centres of its cells: " : ": ", valid.message()));
-  }
-  return geometry;
-}
-
 }  // namespace isoscope::source

@@ -21,7 +21,9 @@
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/source/byte_order.h"
+#include "core/source/vti_choice.h"
 #include "core/source/vti_data.h"
+#include "core/source/vti_grid.h"
 #include "core/source/vti_header.h"
 #include "core/source/wide_source.h"
 

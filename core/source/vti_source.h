@@ -11,7 +11,9 @@
 
 #include "core/source/part_path.h"
 #include "core/source/volume_source.h"
+#include "core/source/vti_choice.h"
 #include "core/source/vti_header.h"
+#include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
 

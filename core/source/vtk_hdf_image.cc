@@ -21,6 +21,7 @@
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_mesh.h"
 #include "core/source/located_series.h"
+#include "core/source/vti_grid.h"
 #include "core/source/vti_header.h"
 #include "hdf5.h"
 
@@ -95,65 +96,82 @@ std::vector<std::int64_t> ReadVtkHdfOffsets(hid_t root, const std::string& path,
   return offsets;
 }
 
+// The arrays of PointData, or of CellData.
+struct VtkHdfPart {
+  std::string group;
+  bool is_of_cells = false;
+  volume::GridGeometry geometry{};
+  std::size_t step_count = 0;  // 0: no axis of time
+};
+
+// The field of one array of a part.
+absl::StatusOr<Hdf5MeshField> VtkHdfFieldOf(hid_t root, const VtkHdfPart& part,
+                                            const std::string& name, hid_t dataset) {
+  const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset);
+  const math::Index3& samples = part.geometry.sample_dims;
+  const std::size_t time_axes = part.step_count > 0 ? 1 : 0;
+  const std::size_t rank = dims.size();
+  if ((rank != 3 + time_axes && rank != 4 + time_axes) || dims[time_axes] != samples.z ||
+      dims[time_axes + 1] != samples.y || dims[time_axes + 2] != samples.x ||
+      (rank == 4 + time_axes && (dims.back() < 1 || dims.back() > kMaxVtkHdfComponents))) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("array %s/%s has %s elements; its WholeExtent needs %s%d x %d x %d",
+                        part.group, name, absl::StrJoin(dims, " x "),
+                        time_axes > 0 ? "steps x " : "", samples.z, samples.y, samples.x));
+  }
+  const std::int64_t components = rank == 4 + time_axes ? dims.back() : 1;
+  Hdf5MeshField field{
+      .field = {.name = name,
+                .long_name =
+                    part.is_of_cells ? absl::StrCat(name, " (of cells, at their centres)") : "",
+                .unit = Hdf5Text(dataset, {"units", "UNITS_LABEL"}),
+                .components = ComponentNames(components)},
+      .geometry = part.geometry};
+  AxisOrder axes{.z = time_axes, .y = time_axes + 1, .x = time_axes + 2};
+  std::vector<std::int64_t> offsets{0};
+  if (time_axes > 0) {
+    axes.t = 0;
+    offsets = ReadVtkHdfOffsets(root, absl::StrCat("Steps/", part.group, "Offsets/", name),
+                                part.step_count);
+  }
+  if (rank == 4 + time_axes) {
+    axes.c = rank - 1;
+  }
+  for (const std::int64_t offset : offsets) {
+    if (time_axes > 0 && (offset < 0 || offset >= dims[0])) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("array %s/%s has %d steps; a step is said to be number %d", part.group,
+                          name, dims[0], offset));
+    }
+    for (std::int64_t component = 0; component < components; ++component) {
+      field.volumes.push_back({.dataset = absl::StrCat("/VTKHDF/", part.group, "/", name),
+                               .axes = axes,
+                               .step = offset,
+                               .component = component});
+    }
+  }
+  return field;
+}
+
 // Adds the arrays of numbers in PointData or CellData.
 absl::Status AddVtkHdfArrays(hid_t root, const VtkHdfGrid& grid, bool is_of_cells,
                              Hdf5MeshFile* meshes) {
-  const std::string group_name = is_of_cells ? "CellData" : "PointData";
-  if (H5Lexists(root, group_name.c_str(), H5P_DEFAULT) <= 0) {
+  VtkHdfPart part{.group = is_of_cells ? "CellData" : "PointData",
+                  .is_of_cells = is_of_cells,
+                  .step_count = meshes->times.size()};
+  if (H5Lexists(root, part.group.c_str(), H5P_DEFAULT) <= 0) {
     return absl::OkStatus();
   }
-  const Hdf5Handle group(H5Gopen2(root, group_name.c_str(), H5P_DEFAULT), H5Gclose);
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+  const Hdf5Handle group(H5Gopen2(root, part.group.c_str(), H5P_DEFAULT), H5Gclose);
+  ISOSCOPE_ASSIGN_OR_RETURN(part.geometry,
                             VtiGridOf(grid.image, grid.extent, is_of_cells, "VTKHDF"));
-  const std::size_t time_axes = meshes->times.empty() ? 0 : 1;
   for (const std::string& name : Hdf5NamesIn(group.get())) {
     const Hdf5Handle dataset(H5Dopen2(group.get(), name.c_str(), H5P_DEFAULT), H5Dclose);
     if (!dataset.is_valid() || name == "vtkGhostType" ||
         !Hdf5SampleTypeOf(dataset.get(), Hdf5Types::kAll).ok()) {
       continue;
     }
-    const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset.get());
-    const math::Index3& samples = geometry.sample_dims;
-    const std::size_t rank = dims.size();
-    if ((rank != 3 + time_axes && rank != 4 + time_axes) || dims[time_axes] != samples.z ||
-        dims[time_axes + 1] != samples.y || dims[time_axes + 2] != samples.x ||
-        (rank == 4 + time_axes && (dims.back() < 1 || dims.back() > kMaxVtkHdfComponents))) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("array %s/%s has %s elements; its WholeExtent needs %s%d x %d x %d",
-                          group_name, name, absl::StrJoin(dims, " x "),
-                          time_axes > 0 ? "steps x " : "", samples.z, samples.y, samples.x));
-    }
-    const std::int64_t components = rank == 4 + time_axes ? dims.back() : 1;
-    Hdf5MeshField field{
-        .field = {.name = name,
-                  .long_name =
-                      is_of_cells ? absl::StrCat(name, " (of cells, at their centres)") : "",
-                  .unit = Hdf5Text(dataset.get(), {"units", "UNITS_LABEL"}),
-                  .components = ComponentNames(components)},
-        .geometry = geometry};
-    AxisOrder axes{.z = time_axes, .y = time_axes + 1, .x = time_axes + 2};
-    std::vector<std::int64_t> offsets{0};
-    if (time_axes > 0) {
-      axes.t = 0;
-      offsets = ReadVtkHdfOffsets(root, absl::StrCat("Steps/", group_name, "Offsets/", name),
-                                  meshes->times.size());
-    }
-    if (rank == 4 + time_axes) {
-      axes.c = rank - 1;
-    }
-    for (const std::int64_t offset : offsets) {
-      if (time_axes > 0 && (offset < 0 || offset >= dims[0])) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("array %s/%s has %d steps; a step is said to be number %d", group_name,
-                            name, dims[0], offset));
-      }
-      for (std::int64_t component = 0; component < components; ++component) {
-        field.volumes.push_back({.dataset = absl::StrCat("/VTKHDF/", group_name, "/", name),
-                                 .axes = axes,
-                                 .step = offset,
-                                 .component = component});
-      }
-    }
+    ISOSCOPE_ASSIGN_OR_RETURN(Hdf5MeshField field, VtkHdfFieldOf(root, part, name, dataset.get()));
     meshes->fields.push_back(std::move(field));
   }
   return absl::OkStatus();

@@ -11,6 +11,8 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/vti_choice.h"
+#include "core/source/vti_grid.h"
 #include "core/source/vti_source.h"
 
 namespace isoscope::source {

@@ -55,6 +55,13 @@ TEST_F(DicomScanTest, ImageIsWholeOnlyWithItsLastPixel) {
   }
 }
 
+TEST_F(DicomScanTest, ErrorOfACutFileNamesItAndSaysWhatToDo) {
+  EXPECT_THAT(DicomCutError("a/b.dcm"),
+              testing::StatusIs(absl::StatusCode::kInvalidArgument,
+                                ::testing::AllOf(::testing::HasSubstr("a/b.dcm: does not hold"),
+                                                 ::testing::HasSubstr("copy it again"))));
+}
+
 TEST_F(DicomScanTest, IndexReportAndFilesWithoutPixelsAreNoImages) {
   for (const char* storage_class : {kComprehensiveReport, kDirectory}) {
     EXPECT_EQ(Scan(WithoutPixels({.storage_class = storage_class})).content,

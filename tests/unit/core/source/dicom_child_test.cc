@@ -1,0 +1,141 @@
+// Asks the handler in this process, with files that do not end it.
+
+#include "core/source/dicom_child.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/math/vec.h"
+#include "core/source/silent_libraries.h"
+#include "core/volume/scalar_type.h"
+#include "tests/support/dicom_file.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::isoscope::testing::DicomBytes;
+using ::isoscope::testing::DicomElement;
+using ::isoscope::testing::DicomItem;
+using ::isoscope::testing::Noise;
+using ::isoscope::testing::WriteFile;
+using ::testing::ElementsAre;
+using volume::ScalarType;
+
+constexpr std::size_t kSliceBytes = 12 * 9 * 2;
+
+class DicomChildTest : public ::testing::Test {
+ protected:
+  DicomChildTest() { SilenceImageLibraries(); }
+
+  DicomAnswer Ask(DicomQuestion question, std::uint64_t slice_bytes = 0, std::uint64_t frame = 0,
+                  std::uint64_t is_counted = 1) {
+    DicomRequest request{};
+    path_.copy(request.path.data(), path_.size());
+    request.question = question;
+    request.slice_bytes = slice_bytes;
+    request.frame = frame;
+    request.is_counted = is_counted;
+    DicomAnswer answer{};
+    DecodeDicomInChild(&request, &answer, shared_.data());
+    return answer;
+  }
+  DicomFrameRecord Frame(std::size_t index) const {
+    DicomFrameRecord record;
+    std::memcpy(&record, shared_.data() + index * sizeof(record), sizeof(record));
+    return record;
+  }
+
+  testing::TempDir dir_;
+  const std::string path_ = dir_.Sub("a.dcm");
+  const std::string pixels_ = Noise({12, 9, 2}, ScalarType::kInt16);
+  std::string shared_ = std::string(kDicomFramesBytes, '?');
+};
+
+TEST_F(DicomChildTest, SliceIsItsHeaderAndPixelsOnlyOfTheSizeThatIsAskedFor) {
+  const std::string pixels = pixels_.substr(0, kSliceBytes);
+  WriteFile(path_, DicomBytes({}, pixels));
+  for (const std::uint64_t bytes : {std::uint64_t{0}, std::uint64_t{kSliceBytes - 2}}) {
+    const DicomAnswer header = Ask(DicomQuestion::kSlice, bytes);
+    EXPECT_EQ(header.outcome, DicomOutcome::kHeader);
+    EXPECT_EQ(header.components, 1U);
+    EXPECT_THAT(header.dims, ElementsAre(12, 9, 1));
+    EXPECT_THAT(header.origin, ElementsAre(10, 20, 30));
+    EXPECT_EQ(header.spacing[0], 0.5);
+    EXPECT_EQ(header.spacing[1], 2);
+    EXPECT_THAT(header.direction, ElementsAre(1, 0, 0, 0, 1, 0, 0, 0, 1));
+    EXPECT_EQ(std::string(header.series.data(), 6), std::string("1.2.3\0", 6));
+    EXPECT_EQ(shared_[0], '?');
+  }
+  EXPECT_EQ(Ask(DicomQuestion::kSlice, kSliceBytes).outcome, DicomOutcome::kPixels);
+  EXPECT_TRUE(shared_.substr(0, kSliceBytes) == pixels);
+  EXPECT_EQ(shared_[kSliceBytes], '?');
+}
+
+TEST_F(DicomChildTest, PixelsThatNobodyCountedAreCounted) {
+  WriteFile(path_, DicomBytes({}, pixels_.substr(0, 100)));
+  EXPECT_EQ(Ask(DicomQuestion::kSlice, kSliceBytes, 0, 0).outcome, DicomOutcome::kNotDecoded);
+  EXPECT_EQ(shared_[0], '?');
+  EXPECT_EQ(Ask(DicomQuestion::kSlice, kSliceBytes, 0, 1).outcome, DicomOutcome::kPixels);
+  EXPECT_TRUE(shared_.substr(0, kSliceBytes) ==
+              pixels_.substr(0, 100) + std::string(kSliceBytes - 100, '\0'));
+}
+
+TEST_F(DicomChildTest, FramesAreListedAndDecodedOneByOne) {
+  std::string frames;
+  for (const int z : {34, 30}) {
+    const std::string position = DicomElement(0x20, 0x32, "DS", absl::StrCat("10\\20\\", z));
+    const std::string values =
+        DicomElement(0x28, 0x1052, "DS", "-5") + DicomElement(0x28, 0x1053, "DS", "0.5");
+    frames += DicomItem(DicomElement(0x20, 0x9113, "SQ", DicomItem(position)) +
+                        (z == 30 ? DicomElement(0x28, 0x9145, "SQ", DicomItem(values)) : ""));
+  }
+  WriteFile(path_, DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.4.1",
+                               .more = DicomElement(0x5200, 0x9230, "SQ", frames),
+                               .frames = 2},
+                              pixels_));
+  const DicomAnswer answer = Ask(DicomQuestion::kFrames);
+  EXPECT_EQ(answer.outcome, DicomOutcome::kHeader);
+  EXPECT_THAT(answer.dims, ElementsAre(12, 9, 2));
+  EXPECT_EQ(answer.components, 1U);
+  EXPECT_EQ(answer.stored_type, static_cast<std::uint32_t>(ScalarType::kInt16) + 1);
+  EXPECT_THAT(Frame(0).position, ElementsAre(10, 20, 34));
+  EXPECT_THAT(Frame(1).position, ElementsAre(10, 20, 30));
+  for (const std::size_t i : {0U, 1U}) {
+    EXPECT_EQ(Frame(i).has_position, 1U);
+    EXPECT_EQ(Frame(i).has_directions, 1U);
+    EXPECT_EQ(Frame(i).has_spacing, 1U);
+    EXPECT_THAT(Frame(i).directions, ElementsAre(1, 0, 0, 0, 1, 0));
+    EXPECT_THAT(Frame(i).spacing, ElementsAre(0.5, 2, 0));
+    EXPECT_EQ(Frame(i).echo_time.is_set, 0U);
+  }
+  EXPECT_EQ(Frame(0).slope, 1);
+  EXPECT_EQ(Frame(0).intercept, 0);
+  EXPECT_EQ(Frame(1).slope, 0.5);
+  EXPECT_EQ(Frame(1).intercept, -5);
+  for (const std::uint64_t i : {std::uint64_t{1}, std::uint64_t{0}}) {
+    EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes, i).outcome, DicomOutcome::kPixels);
+    EXPECT_TRUE(shared_.substr(0, kSliceBytes) == pixels_.substr(i * kSliceBytes, kSliceBytes));
+  }
+  EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes - 2, 0).outcome, DicomOutcome::kNotDecoded);
+}
+
+TEST_F(DicomChildTest, BytesThatAreNoDicomFileAreNotDecoded) {
+  WriteFile(path_, "Doe^Jane");
+  for (const DicomQuestion question :
+       {DicomQuestion::kSlice, DicomQuestion::kFrames, DicomQuestion::kFrame}) {
+    const DicomAnswer answer = Ask(question, kSliceBytes);
+    EXPECT_EQ(answer.outcome, DicomOutcome::kNotDecoded);
+    EXPECT_EQ(answer.series[0], '\0');
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::source
