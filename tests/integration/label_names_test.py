@@ -198,6 +198,16 @@ class LabelNamesTest(unittest.TestCase):
         done = self.call('render', self.plain, '--label-names', self.path('wrong.csv'), '--labels', 'all', '-o', 'n.png')
         self.assertIn('wrong.csv: line 2: "liver"', done.stderr)
 
+    def test_flags_of_a_volume_are_refused_for_a_dataset_folder(self):
+        directory = self.path('made')
+        self.output_of('partition', self.seg, '--output', directory, '--shards', '1')
+        for command in (('info', directory), ('render', directory, '--isovalue', '1', '-o', self.path('no.png'))):
+            for flags, has in ((('--label-names', self.names), 'names'), (('--stride', '2'), 'samples')):
+                done = self.call(*command, *flags)
+                self.assertEqual(done.returncode, 2, done.stderr)
+                self.assertIn(f"{flags[0]} is for a volume; '{directory}' is a dataset, which has the {has} it was made with: "
+                              'partition the volume anew with this flag', done.stderr)
+
     def test_a_label_that_no_sample_has_is_told(self):
         done = self.call('render', self.seg, '--label', '9', '--width', '8', '--height', '8', '-o', self.path('9.png'))
         self.assertEqual(done.returncode, 0, done.stderr)

@@ -1159,6 +1159,34 @@ class RealTest(PageTest):
         self.until('isoscope.view.isExact')
         self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
 
+    def test_the_labels_of_isoscope_view_are_those_of_the_command_line(self):
+        ball = os.path.join(self.folder, 'ball.nrrd')
+        subprocess.run([self.program, 'generate', 'labels', '--dims', '40,40,40', '--regions', '7', '--output', ball], check=True,
+                       stdout=subprocess.DEVNULL, env=self.environment)
+        for flags, labels in ((['--labels', 'all'], [[1], [2], [3], [4], [5], [6], [7]]),
+                              (['--isovalue', '6.5', '--label', 'core', '--label', '2-4,cell 6:teal:0.5', '--label', '5::0.25'],
+                               [6.5, [1], [2, 3, 4, 6], [5]])):
+            server = subprocess.Popen([self.program, 'view', ball, *flags, '--no-open', '--listen', '127.0.0.1:0', '--renderer', 'cpu'],
+                                      stdout=subprocess.PIPE, text=True, env=self.environment)
+            try:
+                page = server.stdout.readline().strip()
+                self.browser.get('about:blank')
+                self.browser.get(f'{page}&max-side=420&theme=dark')
+                self.until('isoscope.view.isExact && isoscope.view.state.backgroundColor')
+                self.assertEqual(labels, self.js('return isoscope.view.state.surfaces.map((one) => one.labels ?? one.isovalue)'))
+                self.assertEqual(len([one for one in labels if one != 6.5 and len(one) == 1]),
+                                 len(self.browser.find_elements(By.CSS_SELECTOR, '#label-list :checked')))
+                shown = self.picture()
+                subprocess.run([self.program, 'render', ball, '--renderer', 'cpu', *flags, '--width', str(shown[0]), '--height', str(shown[1]),
+                                '--background', '#0b0e14', '--output', 'labels.png'], check=True, cwd=self.folder,
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
+                with open(os.path.join(self.folder, 'labels.png'), 'rb') as file:
+                    self.assertGreater(self.share_of_equal(shown, decode_png(file.read()), tolerance=1), 0.9999)
+            finally:
+                server.terminate()
+                server.wait()
+                server.stdout.close()
+
     def test_without_a_link_it_begins_as_the_command_line_does(self):
         run = {'check': True, 'cwd': self.folder, 'env': self.environment, 'stderr': subprocess.DEVNULL}
         histogram = json.loads(subprocess.run([self.program, 'info', self.volume, '--histogram', '--json'], stdout=subprocess.PIPE, **run).stdout)
