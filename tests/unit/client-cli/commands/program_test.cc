@@ -264,7 +264,7 @@ std::vector<WrongUsage> GenerateRows() {
        {"v.vti", "unknown kind of volume file", ".nrrd", ".nhdr", ".mha", ".raw"}},
       {{"generate", "gyroid", "--dims", "4,4", "--output", "v.nrrd"}, {"--dims", "'4,4'"}},
       Generate("noise", {},
-               {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing, flow"}),
+               {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing, labels, flow"}),
       Generate("random", {"--type", "byte"}, {"--type", "\"byte\"", "uint8"}),
       Generate("random", {"--seed", "-1"}, {"--seed", "'-1'"}),
       Generate("random", {"--waves", "0"}, {"--waves", "'0'"}),
