@@ -5,6 +5,7 @@
 // field is checked, so that a flag without effect is wrong usage.
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -32,6 +33,7 @@
 #include "core/math/vec.h"
 #include "core/source/flow_file.h"
 #include "core/source/flow_generator.h"
+#include "core/source/generated_regions.h"
 #include "core/source/volume_file.h"
 #include "core/source/volume_generator.h"
 #include "core/volume/scalar_type.h"
@@ -46,7 +48,7 @@ struct FieldRow {
   const char* name;
   const char* summary;  // for --help: the field, and the isovalues of its surfaces
 };
-constexpr std::array<FieldRow, 6> kFields{{
+constexpr std::array<FieldRow, 7> kFields{{
     {GeneratedField::kRandom, "random",
      "waves of a seeded power spectrum: many sheets; 0.5 cuts it in halves, 0.7 leaves blobs"},
     {GeneratedField::kGyroid, "gyroid", "one sheet all over the volume at 0.5; tubes at 0.2, 0.8"},
@@ -55,6 +57,8 @@ constexpr std::array<FieldRow, 6> kFields{{
     {GeneratedField::kShells, "shells", "nested spheres, each hiding the next: 0.5 (any in 0..1)"},
     {GeneratedField::kMixing, "mixing",
      "two fluids stirred where they meet, bubbles and spikes: 0.5 (0.1, 0.9 are their rims)"},
+    {GeneratedField::kLabels, "labels",
+     "a segmentation: a core within cells that touch each other, with names: --labels all"},
     {std::nullopt, "flow",
      "a series of time steps: pressure, temperature and velocity of a vortex; see below"},
 }};
@@ -95,6 +99,7 @@ struct GenerateFlags {
   std::optional<double> alpha;
   std::optional<std::int64_t> shell_count;
   std::optional<double> thickness;
+  std::optional<std::int64_t> region_count;
   std::optional<std::int64_t> step_count;
   std::optional<double> time_step;
   std::optional<std::int64_t> thread_count;
@@ -115,6 +120,10 @@ absl::StatusOr<std::int64_t> ParseWaveCount(absl::string_view text) {
 
 absl::StatusOr<std::int64_t> ParseShellsInBall(absl::string_view text) {
   return client::ParseInteger(text, 1, 1000);
+}
+
+absl::StatusOr<std::int64_t> ParseRegionCount(absl::string_view text) {
+  return client::ParseInteger(text, 2, source::GeneratedRegions::kMaxRegions);
 }
 
 absl::StatusOr<std::int64_t> ParseStepCount(absl::string_view text) {
@@ -138,7 +147,8 @@ absl::Status CheckOutput(const GenerateFlags& flags, bool is_flow) {
 
 absl::Status CheckUsage(const GenerateFlags& flags) {
   if (!flags.field) {
-    return UsageError("FIELD is missing: random, gyroid, marschner-lobb, shells, mixing or flow");
+    return UsageError(
+        "FIELD is missing: random, gyroid, marschner-lobb, shells, mixing, labels or flow");
   }
   if (!flags.dims) {
     return UsageError("--dims X,Y,Z is missing: the samples on each axis");
@@ -160,6 +170,7 @@ absl::Status CheckUsage(const GenerateFlags& flags) {
       {"--alpha", flags.alpha.has_value(), field == GeneratedField::kMarschnerLobb},
       {"--shells", flags.shell_count.has_value(), field == GeneratedField::kShells},
       {"--thickness", flags.thickness.has_value(), field == GeneratedField::kMixing},
+      {"--regions", flags.region_count.has_value(), field == GeneratedField::kLabels},
       {"--type", flags.type.has_value(), !is_flow},
       {"--seed", flags.seed.has_value(), !is_flow},
       {"--spacing", flags.spacing.has_value(), !is_flow},
@@ -190,6 +201,7 @@ source::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
   p.alpha = flags.alpha.value_or(p.alpha);
   p.shell_count = static_cast<int>(flags.shell_count.value_or(p.shell_count));
   p.thickness = flags.thickness.value_or(p.thickness);
+  p.region_count = static_cast<int>(flags.region_count.value_or(p.region_count));
   return p;
 }
 
@@ -205,6 +217,13 @@ double MiddleOf(volume::ScalarType type) {
   });
 }
 
+// Says which values show something.
+std::string ValuesOf(const source::VolumeGenerator& generator) {
+  const std::size_t label_count = generator.labels().size();
+  return label_count > 0 ? absl::StrCat("labels 1 to ", label_count)
+                         : absl::StrFormat("middle value %.10g", MiddleOf(generator.type()));
+}
+
 // Begins the line about what was written.
 std::string FileAndDims(const GenerateFlags& flags) {
   const math::Index3& dims = *flags.dims;
@@ -217,7 +236,9 @@ using Progress = std::function<void(std::int64_t done_bytes, std::int64_t total_
 // Writes the volume. Returns a text that says what was written.
 absl::StatusOr<std::string> GenerateVolume(const GenerateFlags& flags, const Progress& progress,
                                            const base::Cancellation& cancellation) {
-  const volume::ScalarType type = flags.type.value_or(volume::ScalarType::kUint16);
+  const volume::ScalarType type = flags.type.value_or(
+      (*flags.field)->field == GeneratedField::kLabels ? volume::ScalarType::kUint8
+                                                       : volume::ScalarType::kUint16);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeGenerator> generator,
                             source::VolumeGenerator::Make(ParametersOf(flags), *flags.dims, type));
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -229,8 +250,7 @@ absl::StatusOr<std::string> GenerateVolume(const GenerateFlags& flags, const Pro
                                .progress = progress},
                               cancellation));
   return absl::StrCat(FileAndDims(flags), " of ", volume::NameOf(type), ", ",
-                      FormatMebibytes(bytes), ", middle value ",
-                      absl::StrFormat("%.10g", MiddleOf(type)));
+                      FormatMebibytes(bytes), ", ", ValuesOf(*generator));
 }
 
 // Writes the series of a flow. Returns a text that says what was written.
@@ -279,15 +299,17 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
 Action RegisterGenerateFlags(FlagSet* set) {
   const auto flags = std::make_shared<GenerateFlags>();
   AddFlag(set, "field", "FIELD", &flags->field, ParseField,
-          "random, gyroid, marschner-lobb, shells, mixing or flow; see below");
+          "random, gyroid, marschner-lobb, shells, mixing, labels or flow; see below");
   AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
           "the volume: .nrrd, .mha, .nhdr with a .raw beside it, or .raw; of a flow: .pvd");
   AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,
           "samples on each axis, x fastest");
-  AddFlag(set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
-          "uint8, int8, uint16, int16, uint32, int32, float32 or float64 (default: uint16)");
+  AddFlag(
+      set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
+      "uint8, int8, uint16, int16, uint32, int32, float32 or float64 (default: uint16, of labels "
+      "uint8)");
   AddFlag(set, "--seed", "S", &flags->seed, client::ParseUnsigned,
-          "of the fields with chance in them: random, mixing (default: 1)");
+          "of the fields with chance in them: random, mixing, labels (default: 1)");
   AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, client::ParsePositiveVector,
           "world units between samples, for the header (default: 1,1,1)");
   AddFlag(set, "--origin", "X,Y,Z", &flags->origin, client::ParseVector,
@@ -313,6 +335,8 @@ Action RegisterGenerateFlags(FlagSet* set) {
   add(AddFlag(set, "--thickness", "H", &flags->thickness, client::ParsePositiveNumber,
               "mixing: half the height of the stirred layer, 1 being half the longest axis "
               "(default: 0.4)"));
+  add(AddFlag(set, "--regions", "N", &flags->region_count, ParseRegionCount,
+              "labels: the core and the cells around it, 2 to 100 (default: 12)"));
   add(AddFlag(set, "--steps", "N", &flags->step_count, ParseStepCount,
               "flow: time steps, the first at 0 s"));
   add(AddFlag(set, "--time-step", "DT", &flags->time_step, client::ParsePositiveNumber,
@@ -328,6 +352,8 @@ std::string HelpOfFields() {
       "  isoscope generate random --dims 512,512,512 --seed 7 --output random.nrrd\n"
       "  isoscope generate shells --dims 256,256,256 --type uint8 --output s.nrrd\n"
       "  isoscope render s.nrrd --isovalue 127.5 --output s.png\n"
+      "  isoscope generate labels --dims 128,128,128 --output ball.nrrd\n"
+      "  isoscope render ball.nrrd --labels all --output b.png\n"
       "  isoscope generate flow --dims 128,128,128 --steps 50 --output flow.pvd\n"
       "  isoscope render flow_00020.vti:temperature --isovalue 300 --output f.png\n"
       "\nFields, and levels that show something:\n";
@@ -337,7 +363,9 @@ std::string HelpOfFields() {
   absl::StrAppend(
       &text,
       "Levels are fractions of the type's range: of uint8 0.5 is 127.5, of uint16 32767.5,\n"
-      "of signed types the middle is -0.5; float32 and float64 hold 0 to 1 themselves.\n",
+      "of signed types the middle is -0.5; float32 and float64 hold 0 to 1 themselves.\n"
+      "Labels are 0 outside, 1, 2, ... of every type; .nrrd and .nhdr have their names and "
+      "colours.\n",
       kHelpOfFlow);
   return text;
 }

@@ -425,6 +425,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   } else {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
     if (store::IsDatasetDirectory(*flags.input)) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckUsageWithDataset(flags.source, *flags.input));
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
     } else if (!flags.draws_histogram) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeFile(flags, context));

@@ -1,9 +1,9 @@
-// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT]
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--label SET] [--listen HOST:PORT]
 //   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 //
 // 1. A session connects to the server, or starts a cluster in this process.
-// 2. The isovalue to begin with is chosen from the histogram, unless it is given.
+// 2. The isovalue to begin with is chosen from the histogram, unless it or labels are given.
 // 3. --terminal runs the viewer of this terminal (terminal/terminal_viewer). Otherwise a gateway
 //    starts, and a browser opens its page, through a RedirectFile because the address holds a
 //    token.
@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cstddef>
 #include <cstdlib>
 #include <memory>
 #include <ostream>
@@ -28,6 +29,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/time/time.h"
 #include <sys/wait.h>
 
@@ -36,8 +38,12 @@
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "client-cli/terminal/terminal_viewer.h"
+#include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/dataset_fields.h"
+#include "clients/cpp/request/label_flags.h"
 #include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
@@ -62,6 +68,7 @@ constexpr absl::Duration kClosingGrace = absl::Seconds(2);
 struct ViewFlags {
   SessionFlags session;
   std::optional<double> isovalue;
+  client::LabelFlags label;
   std::optional<std::string> listen_address;
   std::optional<std::string> published_address;
   std::string gateway_token_file;
@@ -155,6 +162,12 @@ std::string PageOf(const ViewFlags& flags, const gateway::GatewayOptions& option
                               has_tls);
 }
 
+// The surfaces to begin with.
+struct FirstSurfaces {
+  std::optional<double> isovalue = std::nullopt;
+  client::LabelFlags label = {};  // resolved
+};
+
 // Returns the isovalue to begin with. Without a histogram any value will do: the page can change
 // it.
 absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
@@ -170,6 +183,20 @@ absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset&
   return FirstIsovalue(histogram, dataset);
 }
 
+absl::StatusOr<FirstSurfaces> ChooseSurfaces(const ViewFlags& flags, const v1::Dataset& dataset,
+                                             Session* session, const Context& context) {
+  FirstSurfaces first{.label = flags.label};
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
+      dataset, /*selection=*/{}, session->question_timeout(), &session->client(), &first.label));
+  WarnIfNoLabel(client::DatasetOfField(dataset, /*selection=*/{}), first.label, context);
+  if (flags.isovalue || flags.label.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(first.isovalue, ChooseIsovalue(flags, dataset, session, context));
+    ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(first.isovalue, /*surfaces=*/{},
+                                                   /*color=*/std::nullopt, first.label));
+  }
+  return first;
+}
+
 absl::Status CheckTerminalUsage(const ViewFlags& flags) {
   if (flags.show && !flags.is_in_terminal) {
     return UsageError("--show says how --terminal draws: give that too");
@@ -180,6 +207,8 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
   const char* const for_browser = flags.listen_address                ? "--listen"
                                   : flags.has_no_open                 ? "--no-open"
                                   : !flags.gateway_token_file.empty() ? "--gateway-token-file"
+                                  : flags.label.wants_all             ? "--labels"
+                                  : !flags.label.empty()              ? "--label"
                                                                       : nullptr;
   if (flags.is_in_terminal && for_browser != nullptr) {
     return UsageError(
@@ -188,20 +217,36 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
   return absl::OkStatus();
 }
 
+// "3,7:0.5,0.25,1:0.4", as the page and --label take it.
+std::string TextOf(const client::LabelSurface& surface, const client::LabelValue& given) {
+  std::string text = absl::StrJoin(surface.values, ",", [](std::string* out, double value) {
+    absl::StrAppendFormat(out, "%.17g", value);
+  });
+  if (given.color) {
+    absl::StrAppendFormat(&text, ":%.9g,%.9g,%.9g", given.color->red, given.color->green,
+                          given.color->blue);
+  }
+  if (given.opacity) {
+    absl::StrAppendFormat(&text, "%s:%.9g", given.color ? "" : ":", *given.opacity);
+  }
+  return text;
+}
+
 absl::Status Run(const ViewFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckListen(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckTerminalUsage(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.label));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, view::kCommonViewport, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const double isovalue,
-                            ChooseIsovalue(flags, dataset, session.get(), context));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FirstSurfaces first,
+                            ChooseSurfaces(flags, dataset, session.get(), context));
   if (flags.is_in_terminal) {
-    return RunTerminalViewer(dataset, isovalue, flags.show.value_or(ShowMode::kAuto), session.get(),
-                             context);
+    return RunTerminalViewer(dataset, first.isovalue.value_or(0),
+                             flags.show.value_or(ShowMode::kAuto), session.get(), context);
   }
   gateway::GatewayOptions options;
   options.channel = session->channel();
@@ -214,8 +259,9 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
                             StartGateway(flags, &options));
   // Without the token, which GetCapabilities must not reveal.
   session->SetGatewayAddress(PageOf(flags, options, server->port(), /*token=*/""));
-  const std::string address = ViewAddress(
-      PageOf(flags, options, server->port(), options.access.token), dataset.name(), isovalue);
+  const std::string address =
+      ViewAddress(PageOf(flags, options, server->port(), options.access.token), dataset.name(),
+                  first.isovalue, first.label);
   *context.out << address << std::endl;
   if (context.err_is_terminal) {
     *context.err << "the page is at this address until Ctrl-C" << std::endl;
@@ -241,7 +287,9 @@ Action RegisterViewFlags(FlagSet* set) {
   AddSessionFlags(set, &flags->session);
   AddRendererFlag(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
-          "the level to begin with, in field units (default: one that the samples suggest)");
+          "the level to begin with, in field units (default: one that the samples suggest, unless "
+          "labels are given)");
+  client::AddLabelFlags(set, &flags->label);
   const auto parse_address = [](absl::string_view text) {
     return rpc::ParseAddress(text, rpc::kGatewayPort);
   };
@@ -279,10 +327,21 @@ double FirstIsovalue(const v1::GetHistogramResponse& histogram, const v1::Datase
   return dataset.value_range().min() / 2 + dataset.value_range().max() / 2;
 }
 
-std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue) {
-  return absl::StrCat(page, page.find('?') == absl::string_view::npos ? "?" : "&",
-                      "dataset=", gateway::EscapeQueryValue(dataset),
-                      "&isovalue=", gateway::EscapeQueryValue(absl::StrFormat("%.9g", isovalue)));
+std::string ViewAddress(absl::string_view page, const std::string& dataset,
+                        const std::optional<double>& isovalue, const client::LabelFlags& label) {
+  std::string address = absl::StrCat(page, page.find('?') == absl::string_view::npos ? "?" : "&",
+                                     "dataset=", gateway::EscapeQueryValue(dataset));
+  if (isovalue) {
+    absl::StrAppend(&address,
+                    "&isovalue=", gateway::EscapeQueryValue(absl::StrFormat("%.9g", *isovalue)));
+  }
+  for (std::size_t i = 0; i < label.surfaces.size(); ++i) {
+    absl::StrAppend(
+        &address, "&label=",
+        gateway::EscapeQueryValue(
+            TextOf(label.surfaces[i], label.wants_all ? client::LabelValue{} : label.sets[i])));
+  }
+  return address;
 }
 
 Command ViewCommand() {
@@ -293,6 +352,7 @@ Command ViewCommand() {
               "  isoscope view head.nii.gz\n"
               "  isoscope view head.nii.gz --isovalue 60 --listen 127.0.0.1:9000 --no-open\n"
               "  isoscope view --server localhost:50051 --dataset head\n"
+              "  isoscope view body.seg.nrrd --labels all\n"
               "  isoscope view head.nii.gz --terminal\n"
               "\nStarts everything in this process and prints the address of the page, alone, on\n"
               "standard output. The address has a token that the page asks for: whoever is to see\n"

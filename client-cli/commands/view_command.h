@@ -8,6 +8,7 @@
 
 #include "absl/strings/string_view.h"
 
+#include "clients/cpp/request/label_flags.h"
 #include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
@@ -21,8 +22,11 @@ Command ViewCommand();
 double FirstIsovalue(const isoscope::v1::GetHistogramResponse& histogram,
                      const isoscope::v1::Dataset& dataset);
 
-// Returns `page` with "dataset=NAME&isovalue=V" in its query.
-std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue);
+// Returns `page` with "dataset=NAME&isovalue=V" in its query, and "label=VALUES:COLOR:OPACITY" for
+// each surface of labels; colour and opacity only as they are given, for the page knows the
+// dataset. REQUIRES: `label` is resolved.
+std::string ViewAddress(absl::string_view page, const std::string& dataset,
+                        const std::optional<double>& isovalue, const client::LabelFlags& label);
 
 }  // namespace isoscope::cli
 

@@ -126,11 +126,7 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
 // A dataset directory, as it is.
 absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
   const std::string& input = *flags.input;
-  if (flags.source.label_names) {
-    return UsageError(absl::StrCat("--label-names is for a volume; '", input,
-                                   "' is a dataset, which has the names it was made with: "
-                                   "partition the volume anew with this flag"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsageWithDataset(flags.source, input));
   if (flags.shard_count) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
                               store::ShardDirectoriesOf(input));

@@ -159,6 +159,16 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   return absl::OkStatus();
 }
 
+absl::Status CheckUsageWithDataset(const SourceFlags& flags, const std::string& directory) {
+  const char* const given = flags.FirstGiven();
+  return given == nullptr
+             ? absl::OkStatus()
+             : UsageError(absl::StrCat(
+                   given, " is for a volume; '", directory, "' is a dataset, which has the ",
+                   absl::string_view(given) == "--label-names" ? "names" : "samples",
+                   " it was made with: partition the volume anew with this flag"));
+}
+
 absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path) {
   return flags.dicom_series ? source::FindDicomSeriesFile(path, *flags.dicom_series)
                             : absl::StatusOr<std::string>(path);

@@ -63,6 +63,9 @@ bool HasSelfDescribingName(const std::string& path);
 // UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 
+// UsageError if any flag is given: the samples and names of a dataset in a folder stay as they are.
+absl::Status CheckUsageWithDataset(const SourceFlags& flags, const std::string& directory);
+
 // The path to open: that of a file of the DICOM series that --series chooses, else `path`. Errors
 // as source::FindDicomSeriesFile.
 absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path);

@@ -85,7 +85,7 @@ export function listenToDownloads(series) {
   byId('save-mesh', HTMLElement).onclick = (event) => {
     const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
     const state = series.pinned(shown.getState());
-    const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => ({ isovalue, color: color && { ...color, alpha: 1 } })), clip: state.clip });
+    const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, labels, color }) => ({ isovalue, labels, color: color && { ...color, alpha: 1 } })), clip: state.clip });
     download(button, page.meshNote, 'Extracting …', `${state.dataset || 'isoscope'}.glb`,
       () => client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`));
   };

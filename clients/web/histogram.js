@@ -1,7 +1,8 @@
-// The histogram: its counts, and its chart with a handle for each surface.
+// The histogram: its counts, and its chart with a handle for each isovalue.
 // @ts-check
 
 import { afterKey, byId, describeSlider, page, svg } from './elements.js';
+import { MAX_SURFACES, asShown, isOfLabels } from './label-sets.js';
 import { say } from './messages.js';
 import { change, client, redraw, samplesOf, shown } from './page-view.js';
 import { histogramWords } from './series.js';
@@ -95,6 +96,13 @@ function fromChart(x) {
   return Number((Math.round(value / step) * step).toPrecision(12));
 }
 
+/**
+ * The surfaces of isovalues, with their places in the state.
+ * @returns {{surface: any, index: number}[]}
+ */
+const levelsNow = () => (shown.state.surfaces ?? []).map((/** @type {any} */ surface, /** @type {number} */ index) => ({ surface, index }))
+  .filter((/** @type {any} */ level) => !isOfLabels(level.surface));
+
 export function drawHistogram() {
   CHART.width = page.histogram.clientWidth || CHART.width;
   const bins = histogram?.bins ?? [];
@@ -121,15 +129,15 @@ export function drawHistogram() {
   }
   page.histogram.setAttribute('viewBox', `0 0 ${CHART.width} ${CHART.height}`);
   page.chart.replaceChildren(...parts);
-  const { surfaces = [] } = shown.state;
+  const levels = levelsNow();
   // A focused handle must not be replaced: screen readers would read it again.
-  if (page.handles.children.length !== surfaces.length) {
-    page.handles.replaceChildren(...surfaces.map((/** @type {any} */ _, /** @type {number} */ i) =>
-      svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'data-surface': i, 'aria-label': `Isovalue ${i + 1}`,
+  if (page.handles.children.length !== levels.length) {
+    page.handles.replaceChildren(...levels.map((_, i) => svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'aria-label': `Isovalue ${i + 1}`,
         'aria-orientation': 'horizontal' }, svg('line', { y1: 10, y2: floor }), svg('circle', { cy: 9, r: 6.5 }))));
   }
-  surfaces.forEach((/** @type {any} */ { isovalue = 0, color }, /** @type {number} */ i) => {
+  levels.forEach(({ surface: { isovalue = 0, color }, index }, i) => {
     const handle = page.handles.children[i];
+    handle.setAttribute('data-surface', String(index));
     const [line, circle] = handle.children;
     const x = String(toChart(isovalue));
     const paint = toHex(color ?? fromHex(PALETTE[0]));
@@ -152,11 +160,12 @@ export function changeSurface(index, part, isMoving = false) {
 
 /** @param {number} isovalue */
 function addSurface(isovalue) {
-  const surfaces = structuredClone(shown.state.surfaces ?? []);
-  if (surfaces.length >= 16) {
-    say('A picture has at most 16 surfaces.', true);
+  const all = structuredClone(shown.state.surfaces ?? []);
+  if (all.length >= MAX_SURFACES) {
+    say(`A picture has at most ${MAX_SURFACES} surfaces.`, true);
     return;
   }
+  const surfaces = all.filter((/** @type {any} */ one) => !isOfLabels(one));
   const color = PALETTE.find((one) => surfaces.every((/** @type {any} */ surface) => toHex(surface.color) !== one)) ?? PALETTE[0];
   // The outer surface becomes translucent, so that the new one is visible.
   for (const surface of surfaces) {
@@ -167,12 +176,12 @@ function addSurface(isovalue) {
   }
   const isClear = surfaces.some((/** @type {any} */ surface) => isovalue < (surface.isovalue ?? 0));
   surfaces.push({ isovalue, color: fromHex(color, isClear ? 0.4 : 1), ...(surfaces[0]?.colorBy ? { colorBy: surfaces[0].colorBy } : {}) });
-  change({ surfaces });
+  change({ surfaces: asShown([...surfaces, ...all.filter(isOfLabels)], samplesOf(shown.dataset, shown.state.selection).valueRange) });
 }
 
 /** Adds a surface at a suggestion that has none near it, else above the others. */
 function addSuggestedSurface() {
-  const values = (shown.state.surfaces ?? []).map((/** @type {any} */ surface) => surface.isovalue ?? 0);
+  const values = levelsNow().map(({ surface }) => surface.isovalue ?? 0);
   const { min, max } = valueRange();
   const free = (histogram?.suggestions ?? []).map((/** @type {any} */ one) => one.isovalue ?? 0)
     .find((/** @type {number} */ value) => values.every((/** @type {number} */ used) => Math.abs(used - value) > (max - min) / 50));
@@ -188,9 +197,9 @@ export function listenToHistogram() {
     return (event.clientX - box.left) / box.width * CHART.width;
   };
   chart.addEventListener('pointerdown', (event) => {
-    const distances = (shown.state.surfaces ?? []).map((/** @type {any} */ surface) => Math.abs(toChart(surface.isovalue ?? 0) - x(event)));
+    const distances = levelsNow().map(({ surface }) => Math.abs(toChart(surface.isovalue ?? 0) - x(event)));
     const nearest = distances.indexOf(Math.min(...distances));
-    dragged = distances[nearest] < 12 ? nearest : -1;
+    dragged = distances[nearest] < 12 ? levelsNow()[nearest].index : -1;
     if (dragged >= 0) {
       chart.setPointerCapture(event.pointerId);
       event.preventDefault();

@@ -4,6 +4,7 @@
 import { COLOR_MAP_POINTS } from './color-maps.js';
 import { make, page } from './elements.js';
 import { basisOf } from './isoscope-view.js';
+import { isOfLabels } from './label-sets.js';
 import { say } from './messages.js';
 import { change, shown } from './page-view.js';
 import { titleOfColoring } from './series.js';
@@ -24,7 +25,8 @@ function changeColorBy(isMoving) {
   const surfaces = structuredClone(shown.state.surfaces ?? []);
   for (const surface of surfaces) {
     delete surface.colorBy;
-    if (quantity !== 'none') {
+    // A surface of labels has no gradient.
+    if (quantity !== 'none' && !(quantity === 'gradient' && isOfLabels(surface))) {
       surface.colorBy = { ...colorByFromKey(quantity), ...(isMapped ? { colorMap: colorMapToJson(page.map.value) } : {}),
         ...(isRange ? { range: { min, max } } : {}), ...(isMapped && atMin * atMax < 1 ? { opacity: { atMin, atMax } } : {}) };
     }

@@ -6,6 +6,7 @@
 
 import { Client, lengthUnitOf, mount } from './isoscope-view.js';
 import { stateFromHash } from './view-state.js';
+import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
 import { byId } from './elements.js';
 import { announcer } from './messages.js';
@@ -71,13 +72,15 @@ export function stateOfAddress() {
   if (location.hash.length > 1) {
     return stateFromHash(location.hash);
   }
-  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'field', 'component', 'step', 'time'].includes(name));
+  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'label', 'field', 'component', 'step', 'time'].includes(name));
   return stateFromHash(new URLSearchParams(words).toString());
 }
 
 export const start = stateOfAddress();
 
-export const shown = mount(byId('view', HTMLElement), { state: start.state.surfaces ? start.state : undefined, renderer,
+export const shown = mount(byId('view', HTMLElement), { renderer,
+  // Without colours that only the dataset knows, `open` sets it later.
+  state: start.state.surfaces && !start.state.surfaces.some(needsColor) ? start.state : undefined,
   maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.

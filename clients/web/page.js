@@ -15,6 +15,8 @@ import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
 import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
+import { withColors } from './label-sets.js';
+import { drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, listenToLook } from './look.js';
 import { say } from './messages.js';
 import { client, drawControlsBy, redraw, shown, start, stateOfAddress, theme } from './page-view.js';
@@ -106,7 +108,7 @@ async function loadDatasets() {
 }
 
 /**
- * Shows a state. If it has no isovalue, the histogram suggests one; if it has no camera, the server
+ * Shows a state. If it has no surface, the histogram suggests an isovalue; if it has no camera, the server
  * chooses it, as for every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
@@ -128,6 +130,7 @@ async function open(state, problems) {
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
   filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
+  filled.surfaces = withColors(filled.surfaces, dataset);
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
@@ -157,6 +160,7 @@ function drawControls() {
   followHistogram(series.isPlaying);
   drawHistogram();
   drawSurfaces();
+  drawLabels();
   drawLook();
   drawClip();
   drawViews();
@@ -224,6 +228,7 @@ function drawPill() {
 
 drawControlsBy(drawControls);
 listenToHistogram();
+listenToLabels();
 listenToLook();
 listenToClip();
 listenToPoints(series);

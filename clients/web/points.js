@@ -48,13 +48,20 @@ function distanceOfPicks() {
   return `${format(Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 5)}${unit()}`;
 }
 
+/**
+ * "left lung (3)".
+ * @param {any} point
+ */
+const textOfLabel = ({ label, labelName }) => labelName ? `${labelName} (${label})` : String(label);
+
 /** The newest point, for screen readers. */
 function sentenceOfPicks() {
   const pick = picks.at(-1);
   const distance = distanceOfPicks();
   const values = pick ? valuesOf(pick.point, shown.dataset, format).map(({ name, text }) => ` ${name}: ${text}.`).join('') : '';
   return !pick ? 'There is no surface at this point.' : `Point ${'AB'[picks.length - 1]}: position ` +
-    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. Value ${format(pick.isovalue)}.${values}` +
+    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. ${
+      pick.point.label === undefined ? `Value ${format(pick.isovalue)}` : `Label ${textOfLabel(pick.point)}`}.${values}` +
     (distance ? ` A to B: ${distance}.` : '');
 }
 
@@ -73,7 +80,8 @@ function drawPoints() {
     const steepness = gradient ? Math.hypot(gradient.x ?? 0, gradient.y ?? 0, gradient.z ?? 0) : null;
     return [make('h3', {}, `Point ${'AB'[i]}`, ...(i === 0 ? [make('button', { className: 'small', onclick: clearPoints }, 'Clear')] : [])),
       make('dl', {}, make('dt', {}, 'position'), make('dd', { className: 'position' }, text({ x: pick.position[0], y: pick.position[1], z: pick.position[2] })),
-        make('dt', {}, 'value'), make('dd', {}, format(pick.isovalue)),
+        ...(pick.point.label === undefined ? [make('dt', {}, 'value'), make('dd', {}, format(pick.isovalue))]
+          : [make('dt', {}, 'label'), make('dd', { className: 'label' }, textOfLabel(pick.point))]),
         ...valuesOf(pick.point, shown.dataset, format).flatMap(({ name, text }) => [make('dt', { className: 'field' }, name), make('dd', {}, text)]),
         ...(normal ? [make('dt', {}, 'normal'), make('dd', {}, ['x', 'y', 'z'].map((axis) => (normal[axis] ?? 0).toFixed(3)).join(', '))] : []),
         ...(steepness !== null ? [make('dt', {}, 'gradient'), make('dd', {}, format(steepness, 4))] : []),

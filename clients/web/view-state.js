@@ -5,6 +5,7 @@
 // @ts-check
 
 import { colorFromText } from './css-colors.js';
+import { MAX_SURFACES, inOrder, isOfLabels, textOfValues, valuesOfText } from './label-sets.js';
 
 /** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
 
@@ -61,6 +62,15 @@ const vec = (v) => `${v?.x ?? 0},${v?.y ?? 0},${v?.z ?? 0}`;
 /** @param {any} c */
 const rgb = (c) => `${c?.red ?? 0},${c?.green ?? 0},${c?.blue ?? 0}`;
 
+/**
+ * ":0.5,0.25,1:0.4", or '' without a colour.
+ * @param {any} color
+ */
+function paintToWords(color) {
+  const alpha = color?.alpha ?? 0;
+  return color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : '';
+}
+
 /** @param {any} colorBy */
 function colorByToWords(colorBy) {
   const quantity = colorBy?.quantity === 'QUANTITY_FIELD' ? fieldToWord(colorBy) : quantityFromJson(colorBy?.quantity);
@@ -82,12 +92,12 @@ const FLAG_VALUES = {
   field: ({ selection }) => selection?.field ? [fieldToWord(selection)] : [],
   step: ({ selection }) => selection?.timeStep == null ? [] : [selection.timeStep < 0 ? 'last' : String(selection.timeStep)],
   time: ({ selection }) => selection?.time == null || selection.timeStep != null ? [] : [String(selection.time)],
-  surface: ({ surfaces }) => (surfaces ?? []).map((/** @type {any} */ { isovalue, color }) => {
-    const alpha = color?.alpha ?? 0;
-    return `${isovalue ?? 0}${color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : ''}`;
-  }),
+  surface: ({ surfaces }) => (surfaces ?? []).filter((/** @type {any} */ one) => !isOfLabels(one))
+    .map((/** @type {any} */ { isovalue, color }) => `${isovalue ?? 0}${paintToWords(color)}`),
+  label: ({ surfaces }) => (surfaces ?? []).filter(isOfLabels)
+    .map((/** @type {any} */ { labels, color }) => `${textOfValues(labels)}${paintToWords(color)}`),
   'color-by': ({ surfaces }) => (surfaces ?? []).some((/** @type {any} */ surface) => surface.colorBy)
-    ? surfaces.map((/** @type {any} */ surface) => colorByToWords(surface.colorBy)) : [],
+    ? inOrder(surfaces).map((/** @type {any} */ surface) => colorByToWords(surface.colorBy)) : [],
   eye: ({ camera }) => camera ? [vec(camera.eye)] : [],
   target: ({ camera }) => camera ? [vec(camera.target)] : [],
   up: ({ camera }) => camera ? [vec(camera.up)] : [],
@@ -221,8 +231,22 @@ const WORDS = {
     }
   },
   isovalue: (link, value) => {
-    for (const isovalue of link.numbers('isovalue', value, 1, 16) ?? []) {
+    for (const isovalue of link.numbers('isovalue', value, 1, MAX_SURFACES) ?? []) {
       (link.state.surfaces ??= []).push({ isovalue });
+    }
+  },
+  label: (link, value) => {
+    const [set, color, opacity] = value.split(':');
+    const labels = valuesOfText(set, []);
+    if (!labels) {
+      link.refuse('label', value, 'it needs values of labels, or ranges as 3-7, with commas between them, at most 256.');
+      return;
+    }
+    const alpha = opacity === undefined ? [1] : link.numbers('label', opacity, 1);
+    const mixed = color ? link.color('label', color, alpha?.[0]) : undefined;
+    if (alpha && mixed !== null) {
+      // The page knows the colours of the dataset, the link does not.
+      (link.state.surfaces ??= []).push({ labels, ...(mixed ? { color: mixed } : opacity === undefined ? {} : { color: { alpha: alpha[0] } }) });
     }
   },
   color: (link, value) => { link.plain = link.color('color', value); },
@@ -368,8 +392,11 @@ export function stateFromHash(hash) {
     problems.push('time of this link was left out: it has a step, too.');
     delete state.selection.time;
   }
+  if (state.surfaces) {
+    state.surfaces = inOrder(state.surfaces);
+  }
   (state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
-    if (link.plain) {
+    if (link.plain && !isOfLabels(surface)) {
       surface.color ??= { ...link.plain };
     }
     const coloring = colorings.length === 1 ? colorings[0] : colorings[i];

@@ -21,6 +21,7 @@
 #include "core/io/atomic_file.h"
 #include "core/source/generated_file.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/label.h"
 
 namespace isoscope::source {
 namespace {
@@ -69,6 +70,22 @@ std::string NrrdTypeOf(volume::ScalarType type) {
   }
 }
 
+// The labels as 3D Slicer has them in a .seg.nrrd: keys and values after the fields.
+std::string SegmentsOf(const VolumeGenerator& generator) {
+  constexpr double kMaxByte = 255;
+  std::string text;
+  for (const volume::Label& label : generator.labels()) {
+    const std::string key =
+        absl::StrFormat("Segment%d_", static_cast<int>(label.value) - 1);  // from 0
+    const volume::LabelColor color = label.color.value_or(volume::DefaultLabelColor(label.value));
+    absl::StrAppendFormat(
+        &text, "%sID:=%s%d\n%sName:=%s\n%sColor:=%.6g %.6g %.6g\n%sLabelValue:=%g\n%sLayer:=0\n",
+        key, "Segment_", static_cast<int>(label.value), key, label.name, key, color.red / kMaxByte,
+        color.green / kMaxByte, color.blue / kMaxByte, key, label.value, key);
+  }
+  return text;
+}
+
 // NRRD: http://teem.sourceforge.net/nrrd/format.html. `data_file`: "" if the samples follow.
 std::string NrrdHeader(const VolumeGenerator& generator, const VolumeFileOptions& options,
                        const std::string& data_file) {
@@ -78,9 +95,9 @@ std::string NrrdHeader(const VolumeGenerator& generator, const VolumeFileOptions
   return absl::StrFormat(
       "NRRD0004\ntype: %s\ndimension: 3\nspace dimension: 3\nsizes: %d %d %d\n"
       "space directions: (%.17g,0,0) (0,%.17g,0) (0,0,%.17g)\nspace origin: (%.17g,%.17g,%.17g)\n"
-      "kinds: domain domain domain\nendian: little\nencoding: raw\n%s\n",
+      "kinds: domain domain domain\nendian: little\nencoding: raw\n%s%s\n",
       NrrdTypeOf(generator.type()), dims.x, dims.y, dims.z, s.x, s.y, s.z, o.x, o.y, o.z,
-      data_file.empty() ? "" : absl::StrCat("data file: ", data_file, "\n"));
+      data_file.empty() ? "" : absl::StrCat("data file: ", data_file, "\n"), SegmentsOf(generator));
 }
 
 // MetaImage: https://itk.org/Wiki/ITK/MetaIO/Documentation.

@@ -16,6 +16,8 @@
 
 namespace isoscope::source {
 
+// NRRD headers have the names and colours of labels, as segments of 3D Slicer; the others have no
+// place for them.
 enum class VolumeFileKind {
   kNrrd,          // .nrrd: header and samples in one file
   kDetachedNrrd,  // .nhdr: the header; the samples lie beside it, in a file that ends in .raw

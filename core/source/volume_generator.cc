@@ -5,7 +5,8 @@
 // - Gyroid gets the sines and cosines along x by rotation, from sample to sample.
 // - Shells and marschner-lobb interpolate a table by radius; marschner-lobb adds a function of z.
 //
-// Then Quantize clamps values to [0, 1] and scales them to the sample type.
+// Then Quantize clamps values to [0, 1] and scales them to the sample type. Labels are whole
+// numbers that every type has, and are stored as they are.
 //
 // Invariant: a sample is computed by the same operations in the same order, however rows are
 // grouped, so the bytes do not depend on threads or on calls.
@@ -93,6 +94,12 @@ void Quantize(const float* __restrict values, std::int64_t count, char* __restri
   }
 }
 
+template <typename T>
+void Store(const float* values, std::int64_t count, char* out) {
+  std::vector<T> samples(values, values + count);
+  std::copy_n(reinterpret_cast<const char*>(samples.data()), samples.size() * sizeof(T), out);
+}
+
 absl::Status Validate(const GeneratorParameters& p) {
   const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
   if (p.wave_count < 1 || p.wave_count > GeneratorParameters::kMaxWaves) {
@@ -112,6 +119,10 @@ absl::Status Validate(const GeneratorParameters& p) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "periods %g, frequency %g, alpha %g, thickness %g, %d shells: expected numbers above 0",
         p.periods, p.frequency, p.alpha, p.thickness, p.shell_count));
+  }
+  if (p.region_count < 2 || p.region_count > GeneratedRegions::kMaxRegions) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%d regions: expected 2 to %d", p.region_count, GeneratedRegions::kMaxRegions));
   }
   return absl::OkStatus();
 }
@@ -138,6 +149,9 @@ absl::StatusOr<std::unique_ptr<VolumeGenerator>> VolumeGenerator::Make(
     case GeneratedField::kShells:
       generator->MakeRadialTable();
       break;
+    case GeneratedField::kLabels:
+      generator->regions_.emplace(parameters.seed, parameters.region_count);
+      break;
     case GeneratedField::kGyroid:
       break;
   }
@@ -147,6 +161,10 @@ absl::StatusOr<std::unique_ptr<VolumeGenerator>> VolumeGenerator::Make(
 VolumeGenerator::VolumeGenerator(const GeneratorParameters& parameters, const math::Index3& dims,
                                  volume::ScalarType type)
     : parameters_(parameters), dims_(dims), type_(type) {}
+
+std::vector<volume::Label> VolumeGenerator::labels() const {
+  return regions_ ? regions_->Labels() : std::vector<volume::Label>();
+}
 
 double VolumeGenerator::Coordinate(int axis, std::int64_t i) const {
   const std::int64_t longest = std::max({dims_.x, dims_.y, dims_.z});
@@ -332,6 +350,14 @@ void VolumeGenerator::FillRadial(std::int64_t row, float* values) const {
   }
 }
 
+void VolumeGenerator::FillLabels(std::int64_t row, float* values) const {
+  const double y = Coordinate(1, row % dims_.y);
+  const double z = Coordinate(2, row / dims_.y);
+  for (std::int64_t i = 0; i < dims_.x; ++i) {
+    values[i] = static_cast<float>(regions_->At({Coordinate(0, i), y, z}));
+  }
+}
+
 void VolumeGenerator::FillValues(std::int64_t row, std::int64_t count, float* values) const {
   switch (parameters_.field) {
     case GeneratedField::kRandom:
@@ -353,6 +379,11 @@ void VolumeGenerator::FillValues(std::int64_t row, std::int64_t count, float* va
         FillRadial(row + r, values + r * dims_.x);
       }
       return;
+    case GeneratedField::kLabels:
+      for (std::int64_t r = 0; r < count; ++r) {
+        FillLabels(row + r, values + r * dims_.x);
+      }
+      return;
   }
 }
 
@@ -363,7 +394,9 @@ void VolumeGenerator::FillRows(std::int64_t begin, std::int64_t end, char* out) 
     const std::int64_t count = std::min(kRowsAtOnce, end - row);
     FillValues(row, count, values.data());
     const std::int64_t samples = count * dims_.x;
-    volume::VisitScalarType(type_, [&]<typename T>() { Quantize<T>(values.data(), samples, out); });
+    volume::VisitScalarType(type_, [&]<typename T>() {
+      regions_ ? Store<T>(values.data(), samples, out) : Quantize<T>(values.data(), samples, out);
+    });
     out += static_cast<std::size_t>(samples) * volume::SizeOf(type_);
   }
 }

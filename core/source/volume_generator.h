@@ -5,11 +5,14 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
 
 #include "core/math/vec.h"
+#include "core/source/generated_regions.h"
+#include "core/volume/label.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -22,11 +25,12 @@ enum class GeneratedField {
   kMarschnerLobb,  // Marschner and Lobb 1994, "An evaluation of reconstruction filters ..."
   kShells,         // (1 - cos 2 pi n r) / 2 within the unit ball, 0 outside: nested spheres
   kMixing,         // two fluids, one above the other, stirred where they meet: bubbles and spikes
+  kLabels,         // a ball of labelled regions that touch each other (GeneratedRegions)
 };
 
 struct GeneratorParameters {
   GeneratedField field = GeneratedField::kRandom;
-  std::uint64_t seed = 1;  // random, mixing
+  std::uint64_t seed = 1;  // random, mixing, labels
 
   // Random, mixing: plane waves of wave numbers (half-periods over the longest axis) from 2 to
   // max_wave_number, spread evenly over their logarithm, with energy E(k) ~ k^-spectrum_exponent.
@@ -39,6 +43,7 @@ struct GeneratorParameters {
   double alpha = 0.25;     // marschner-lobb, > 0
   int shell_count = 8;     // shells, >= 1: 2 * n nested spheres at the middle value
   double thickness = 0.4;  // mixing, > 0: half the height of the stirred layer
+  int region_count = 12;   // labels, 2 .. GeneratedRegions::kMaxRegions
 
   static constexpr int kMaxWaves = 4096;
 };
@@ -46,6 +51,7 @@ struct GeneratorParameters {
 // A generated value f lies in [0, 1] (beyond it is clamped) and is scaled to the sample type:
 // floats hold f, integers lowest + f * (highest - lowest), rounded to nearest. Random and gyroid
 // are 0.5 where the sum of waves is 0; f = 0.5 + sum / 7 with a sum of unit variance, 0.5 + g / 3.
+// Labels are not scaled: samples of every type are 0, 1, ... region_count.
 //
 // The same bytes for the same parameters for any number of threads and order of calls (on one
 // machine; another may round sines differently). Immutable, thread-safe.
@@ -58,6 +64,8 @@ class VolumeGenerator {
 
   [[nodiscard]] const math::Index3& dims() const { return dims_; }
   [[nodiscard]] volume::ScalarType type() const { return type_; }
+  // Names and colours of the values; empty for fields other than labels.
+  [[nodiscard]] std::vector<volume::Label> labels() const;
   // Rows of the volume: row = z * dims.y + y.
   [[nodiscard]] std::int64_t row_count() const { return dims_.y * dims_.z; }
 
@@ -85,6 +93,7 @@ class VolumeGenerator {
   void FillMixing(std::int64_t row, std::int64_t count, float* values) const;
   void FillGyroid(std::int64_t row, float* values) const;
   void FillRadial(std::int64_t row, float* values) const;
+  void FillLabels(std::int64_t row, float* values) const;
   [[nodiscard]] float AtRadius(float radius) const;
 
   const GeneratorParameters parameters_;
@@ -95,6 +104,7 @@ class VolumeGenerator {
   Phases along_y_;  // amplitude included
   Phases along_z_;
   std::vector<float> radial_;  // by radius, kRadialSteps + 2 of them
+  std::optional<GeneratedRegions> regions_;
 };
 
 }  // namespace isoscope::source

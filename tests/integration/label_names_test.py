@@ -164,6 +164,26 @@ class LabelNamesTest(unittest.TestCase):
         objects = [line.strip() for line in open(path) if line.startswith('o ')]
         self.assertEqual(objects, ['o surface_0_left_box', 'o surface_1_right_box'])
 
+    def test_a_generated_segmentation_shows_all_its_labels_in_their_colours(self):
+        ball = self.path('ball.nrrd')
+        self.assertIn('labels 1 to 9', self.output_of('generate', 'labels', '--regions', '9', '--dims', '48,48,48', '-o', ball))
+        labels = json.loads(self.output_of('info', ball, '--json'))['volume']['labels']
+        self.assertEqual([label['name'] for label in labels], ['core'] + [f'cell {i}' for i in range(2, 10)])
+        # Each cell reaches the rim, so one of six views shows it; the core shows where the others are left out.
+        seen = {}
+        for view in ('front', 'back', 'left', 'right', 'top', 'bottom'):
+            text = self.output_of('pick', ball, '--labels', 'all', '--width', '64', '--height', '64', '--view', view, '--json',
+                                  *[word for x in range(0, 64, 4) for y in range(0, 64, 4) for word in ('--pixel', f'{x},{y}')])
+            seen.update((point['label'], point['label_name']) for point in json.loads(text)['points'] if 'label' in point)
+        self.assertEqual(seen, {label['value']: label['name'] for label in labels[1:]})
+        _, rows = read_png(self.picture('core.png', ball, '--label', 'core', '--light', '0,0,1'))
+        self.assertGreater(min(rows[48][48]), 200)
+        # Together they hide the core, and leave no gap to the black behind them.
+        _, rows = read_png(self.picture('ball.png', ball, '--labels', 'all'))
+        self.assertNotIn((0, 0, 0), [rows[y][x] for y in range(40, 57) for x in range(40, 57)])
+        done = self.call('generate', 'gyroid', '--regions', '9', '--dims', '8,8,8', '-o', self.path('no.nrrd'))
+        self.assertIn('--regions has no meaning for the field gyroid', done.stderr)
+
     def test_wrong_labels_are_answered_with_what_to_do(self):
         for flags, words in ((('--label', 'left bxo'), "did you mean 'left box'?"),
                              (('--label', '3:redd'), 'SET:COLOR'),
@@ -177,6 +197,16 @@ class LabelNamesTest(unittest.TestCase):
             file.write('1,a\nliver\n')
         done = self.call('render', self.plain, '--label-names', self.path('wrong.csv'), '--labels', 'all', '-o', 'n.png')
         self.assertIn('wrong.csv: line 2: "liver"', done.stderr)
+
+    def test_flags_of_a_volume_are_refused_for_a_dataset_folder(self):
+        directory = self.path('made')
+        self.output_of('partition', self.seg, '--output', directory, '--shards', '1')
+        for command in (('info', directory), ('render', directory, '--isovalue', '1', '-o', self.path('no.png'))):
+            for flags, has in ((('--label-names', self.names), 'names'), (('--stride', '2'), 'samples')):
+                done = self.call(*command, *flags)
+                self.assertEqual(done.returncode, 2, done.stderr)
+                self.assertIn(f"{flags[0]} is for a volume; '{directory}' is a dataset, which has the {has} it was made with: "
+                              'partition the volume anew with this flag', done.stderr)
 
     def test_a_label_that_no_sample_has_is_told(self):
         done = self.call('render', self.seg, '--label', '9', '--width', '8', '--height', '8', '-o', self.path('9.png'))

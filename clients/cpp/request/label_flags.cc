@@ -198,8 +198,9 @@ absl::StatusOr<std::vector<double>> AllLabels(const v1::Dataset& dataset,
     return absl::InvalidArgumentError(
         absl::StrCat("--labels all: ",
                      present ? "all samples are 0, which is no label"
-                             : "the values of the samples are not known, because they are no "
-                               "integers of at most 4096 different values, and no names list them",
+                             : "the dataset has no names of labels, and the values of its samples "
+                               "are not counted: a command counts integers of at most 4096 "
+                               "different values, a gateway none",
                      ": give --label with values"));
   }
   if (values.size() > frame::kMaxSurfaces) {

@@ -438,6 +438,95 @@ class ControlTest(PageTest):
         self.assertEqual(self.js('return isoscope.view.getState().camera'), render['camera'])
 
 
+class LabelTest(PageTest):
+    """The dataset organs has a sphere for each of its labels."""
+
+    def labels(self):
+        return self.js('return isoscope.view.state.surfaces.map((one) => one.labels ?? one.isovalue)')
+
+    def check(self, value):
+        self.browser.find_element(By.CSS_SELECTOR, f'#label-list [data-label="{value}"] input[type=checkbox]').click()
+
+    def until_labels(self, labels):
+        self.until(f'isoscope.view.isExact && JSON.stringify(isoscope.view.state.surfaces.map((one) => one.labels ?? one.isovalue)) === {json.dumps(json.dumps(labels, separators=(",", ":")))}')
+
+    def test_each_label_is_shown_and_hidden_by_its_box_in_its_colour(self):
+        self.open_and_wait('#dataset=organs&surface=40')
+        self.until('!document.getElementById("labels").hidden')
+        self.assertEqual(['left lung', 'right lung', '<b>heart</b>'],
+                         [name.text for name in self.browser.find_elements(By.CSS_SELECTOR, '#label-list .name')])
+        self.check(2)
+        self.until_labels([40, [2]])
+        self.browser.find_element(By.CSS_SELECTOR, '#surfaces .remove').click()
+        self.until_labels([[2]])
+        self.check(1)
+        self.until_labels([[2], [1]])
+        self.assertEqual({'red': 1, 'green': 0, 'blue': 0, 'alpha': 1}, self.js('return isoscope.view.state.surfaces[1].color'))
+        self.assertEqual(['#ff0000', '#d0dc51', '#ec83d4'], self.js(
+            'return [...document.querySelectorAll("#label-list input[type=color]")].map((one) => one.value)'))
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        self.until('/label=2:[^&]*&label=1:1,0,0&/.test(location.hash + "&")')
+        both = self.picture()
+        self.browser.refresh()
+        self.until('isoscope.view.isExact && document.querySelectorAll("#label-list :checked").length === 2')
+        self.assertEqual(1, self.share_of_equal(self.picture(), both))
+        self.check(2)
+        self.until_labels([[1]])
+        self.assertEqual([True, False, False], self.js(
+            'return [...document.querySelectorAll("#label-list input[type=checkbox]")].map((one) => one.checked)'))
+
+    def test_all_and_none_and_the_last_box_leave_a_picture_that_can_be_asked_for(self):
+        self.open_and_wait('#dataset=organs&surface=40')
+        self.until('!document.getElementById("labels").hidden')
+        self.browser.find_element(By.ID, 'labels-all').click()
+        self.until_labels([[1], [2], [3]])
+        self.assertEqual(0, len(self.browser.find_elements(By.CSS_SELECTOR, '#surfaces li, #histogram .handle')))
+        self.browser.find_element(By.ID, 'labels-none').click()
+        self.until_labels([[-1]])
+        self.assertEqual(1, len({pixel for row in self.picture()[2] for pixel in row}))
+        self.assertEqual(0, len(self.browser.find_elements(By.CSS_SELECTOR, '#surfaces li, #label-list :checked')))
+        self.check(3)
+        self.until_labels([[3]])
+        self.check(3)
+        self.until_labels([[-1]])
+        self.browser.find_element(By.ID, 'add').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.length === 1 && isoscope.view.state.surfaces[0].isovalue > 0')
+
+    def test_a_set_is_one_surface_with_its_names_and_a_wrong_one_is_said(self):
+        self.open_and_wait('#dataset=organs&label=1')
+        self.until('!document.getElementById("labels").hidden')
+        field = self.browser.find_element(By.ID, 'label-set')
+        field.send_keys('Right lung,3', Keys.ENTER)
+        self.until_labels([[1], [2, 3]])
+        self.assertEqual('right lung, <b>heart</b>', self.browser.find_element(By.CSS_SELECTOR, '#surfaces .name').text)
+        self.js("""const opacity = document.querySelector('#surfaces input[type=range]'); opacity.value = '0.5';
+            opacity.dispatchEvent(new Event('input'));""")
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[1].color.alpha === 0.5')
+        field.send_keys('lnug', Keys.ENTER)
+        self.until('/A set of labels has values/.test(document.getElementById("toast").textContent)')
+        self.assertEqual([[1], [2, 3]], self.labels())
+        self.browser.find_element(By.CSS_SELECTOR, '#surfaces .remove').click()
+        self.until_labels([[1]])
+
+    def test_a_point_has_the_name_of_its_label(self):
+        self.open_and_wait('#dataset=organs&label=3')
+        self.until('isoscope.view.state.surfaces[0].color.red > 0.9')
+        camera = self.js('return isoscope.view.camera')
+        self.js('isoscope.view.setCamera({ ...arguments[0], target: [75, 50, 50] })', camera)
+        self.until_exact()
+        view = self.browser.find_element(By.ID, 'view')
+        ActionChains(self.browser).move_to_element_with_offset(view, 3, 3).click().perform()
+        self.until('isoscope.view.loop.overlay.pins.length === 1')
+        self.assertEqual('<b>heart</b> (3)', self.browser.find_element(By.CSS_SELECTOR, '#points .label').text)
+
+    def test_without_labels_there_is_no_list_of_them_until_a_link_has_some(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.assertTrue(self.js('return document.getElementById("labels").hidden'))
+        self.open_and_wait('#dataset=ball&surface=40&label=7')
+        self.until('!document.getElementById("labels").hidden')
+        self.until('document.querySelector("#surfaces .name")?.textContent === "label 7"')
+
+
 class SeriesTest(PageTest):
     STEP = 'isoscope.view.state.selection?.timeStep'
     IS_RESTING = 'document.getElementById("play").getAttribute("aria-label") === "Play"'
@@ -1069,6 +1158,34 @@ class RealTest(PageTest):
         self.browser.refresh()
         self.until('isoscope.view.isExact')
         self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+    def test_the_labels_of_isoscope_view_are_those_of_the_command_line(self):
+        ball = os.path.join(self.folder, 'ball.nrrd')
+        subprocess.run([self.program, 'generate', 'labels', '--dims', '40,40,40', '--regions', '7', '--output', ball], check=True,
+                       stdout=subprocess.DEVNULL, env=self.environment)
+        for flags, labels in ((['--labels', 'all'], [[1], [2], [3], [4], [5], [6], [7]]),
+                              (['--isovalue', '6.5', '--label', 'core', '--label', '2-4,cell 6:teal:0.5', '--label', '5::0.25'],
+                               [6.5, [1], [2, 3, 4, 6], [5]])):
+            server = subprocess.Popen([self.program, 'view', ball, *flags, '--no-open', '--listen', '127.0.0.1:0', '--renderer', 'cpu'],
+                                      stdout=subprocess.PIPE, text=True, env=self.environment)
+            try:
+                page = server.stdout.readline().strip()
+                self.browser.get('about:blank')
+                self.browser.get(f'{page}&max-side=420&theme=dark')
+                self.until('isoscope.view.isExact && isoscope.view.state.backgroundColor')
+                self.assertEqual(labels, self.js('return isoscope.view.state.surfaces.map((one) => one.labels ?? one.isovalue)'))
+                self.assertEqual(len([one for one in labels if one != 6.5 and len(one) == 1]),
+                                 len(self.browser.find_elements(By.CSS_SELECTOR, '#label-list :checked')))
+                shown = self.picture()
+                subprocess.run([self.program, 'render', ball, '--renderer', 'cpu', *flags, '--width', str(shown[0]), '--height', str(shown[1]),
+                                '--background', '#0b0e14', '--output', 'labels.png'], check=True, cwd=self.folder,
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
+                with open(os.path.join(self.folder, 'labels.png'), 'rb') as file:
+                    self.assertGreater(self.share_of_equal(shown, decode_png(file.read()), tolerance=1), 0.9999)
+            finally:
+                server.terminate()
+                server.wait()
+                server.stdout.close()
 
     def test_without_a_link_it_begins_as_the_command_line_does(self):
         run = {'check': True, 'cwd': self.folder, 'env': self.environment, 'stderr': subprocess.DEVNULL}

@@ -46,6 +46,8 @@ const STATES = {
   'an isovalue of zero, and one below': { surfaces: [{ isovalue: 0 }, { isovalue: -1e-7 }] },
   'translucent surfaces': { surfaces: [{ isovalue: 60, color: { ...SURFACE.color, alpha: 0.35 } }, SURFACE], maxLayers: 12 },
   'one coloured surface of two': { surfaces: [colored('POSITION_X'), SURFACE] },
+  'labels, one a set': { surfaces: [{ labels: [100], color: SURFACE.color }, { labels: [3, 4, 5, 90.5], color: { ...SURFACE.color, alpha: 0.4 } }] },
+  'an isovalue and no label': { surfaces: [SURFACE, { labels: [-1], color: SURFACE.color }] },
   normal: { surfaces: [colored('NORMAL')] },
   gradient: { surfaces: [colored('GRADIENT_MAGNITUDE', { opacity: { atMin: 0.2, atMax: 1 } })] },
   ...Object.fromEntries(COLOR_MAPS.map((name) => [name, { surfaces: [colored('POSITION_Y',

@@ -1,5 +1,5 @@
-// A gateway for tests, without a server behind it: it serves clients/web, answers /v1/... for three
-// datasets, one with fields and steps, and draws their surface, a sphere with a bump, by casting rays, with exact depths. Its
+// A gateway for tests, without a server behind it: it serves clients/web, answers /v1/... for four
+// datasets, one with fields and steps, one with labels, and draws their surface, a sphere with a bump, by casting rays, with exact depths. Its
 // pictures are PNG also while the view moves (`isExact` tells). What goes wrong is asked for by POST
 // /control.
 //
@@ -90,6 +90,12 @@ function selectionOf(request) {
   return { field: choice.field.name, component: choice.component.name, timeStep: steps[series.indexOfStep(steps, request.selection)].number };
 }
 
+// A sphere for each label from 1 to 3, side by side; one of them has its colour.
+const ORGANS = { ...DATASETS[0], name: 'organs', datasetId: '3'.repeat(32), valueRange: { max: 3 },
+  labels: [{ value: 1, name: 'left lung', color: { red: 1 } }, { value: 2, name: 'right lung' }, { value: 3, name: '<b>heart</b>' }] };
+const spheresOfLabels = (labels) => labels.filter((value) => value >= 1 && value <= 3)
+  .map((value) => ({ center: [25 * value, 50, 50], radius: 12 }));
+
 const BOX = view.boxOfDataset(DATASETS[0]);
 
 // Two spheres; the greater the isovalue, the smaller they are.
@@ -128,7 +134,7 @@ function cast(request, camera, basis, aspect, x, y) {
     planes.every(([normal, offset]) => view.dot(normal, p) >= offset);
   let best = null;
   surfacesOf(request).forEach((surface, index) => {
-    for (const { center, radius } of spheresOf(surface.isovalue ?? 0)) {
+    for (const { center, radius } of surface.labels ? spheresOfLabels(surface.labels) : spheresOf(surface.isovalue ?? 0)) {
       const q = view.sub(from, center);
       const a = view.dot(ray, ray);
       const b = view.dot(q, ray);
@@ -351,7 +357,7 @@ async function respond(request, body, reply) {
   const parts = url.pathname.split('/').slice(1).map(decodeURIComponent);
   const send = (value) => reply(200, 'application/json', JSON.stringify(value));
   const fail = (status, code, message) => reply(status, 'application/json', JSON.stringify({ code, message }));
-  const datasets = [...DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one), flow()];
+  const datasets = [...DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one), flow(), ORGANS];
   if (parts[0] === 'v1' && !isAdmitted(request, [])) {
     fail(401, 'UNAUTHENTICATED', 'a token is asked for here: open the address that was printed');
   } else if (url.pathname === '/control') {
@@ -394,7 +400,7 @@ async function respond(request, body, reply) {
       send({ points: pixels.map(({ x = 0, y = 0 }) => {
         const hit = cast(frame, camera, view.basisOf(camera), widthPx / heightPx, 2 * (x + 0.5) / widthPx - 1, 1 - 2 * (y + 0.5) / heightPx);
         return hit ? { isHit: true, position: { x: hit.position[0], y: hit.position[1], z: hit.position[2] }, depth: hit.depth,
-          surfaceIndex: hit.index, normal: { x: hit.normal[0], y: hit.normal[1], z: hit.normal[2] }, blockId: '7', shardIndex: 1,
+          surfaceIndex: hit.index, ...(hit.surface.labels ? { label: hit.surface.labels[0], labelName: ORGANS.labels[hit.surface.labels[0] - 1].name } : {}), normal: { x: hit.normal[0], y: hit.normal[1], z: hit.normal[2] }, blockId: '7', shardIndex: 1,
           ...(withFieldValues ? { fieldValues: [{ field: 'pressure', unit: 'Pa', value: 40 }, ...['x', 'y', 'z', 'magnitude'].map((component, i) =>
             ({ field: 'velocity', component, unit: 'm/s', value: 0.5 * i }))] } : {}) } : {};
       }) });

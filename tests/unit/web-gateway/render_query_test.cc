@@ -1,6 +1,7 @@
 #include "web-gateway/render_query.h"
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -13,6 +14,7 @@ namespace isoscope::gateway {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::IsOk;
 using ::testing::Not;
@@ -80,6 +82,53 @@ TEST(RenderQueryTest, SurfacesAreInTheOrderOfTheAddress) {
   EXPECT_EQ(request->surfaces(1).isovalue(), 30);
   EXPECT_EQ(request->output().image_format(), v1::OutputOptions::IMAGE_FORMAT_JPEG);
   EXPECT_EQ(request->output().jpeg_quality(), 80);
+}
+
+v1::Dataset MakeSegmentation() {
+  v1::Dataset dataset = MakeDataset();
+  for (const auto& [value, name] : {std::pair{0, "air"}, {3, "left lung"}, {7, "liver"}}) {
+    v1::Label* const label = dataset.add_labels();
+    label->set_value(value);
+    label->set_name(name);
+  }
+  dataset.mutable_labels(1)->mutable_color()->set_green(1);
+  return dataset;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceRequest> ParseLabels(const std::string& query) {
+  return RenderRequestFromQuery(ParseTarget(absl::StrCat("/?", query))->query, MakeSegmentation());
+}
+
+TEST(RenderQueryTest, LabelsAreSurfacesByTheNamesOfTheDataset) {
+  const auto all = ParseLabels("labels=all&width=8");
+  ASSERT_THAT(all, IsOk());
+  ASSERT_EQ(all->surfaces_size(), 2);  // not the air, whose value is 0
+  EXPECT_THAT(all->surfaces(0).labels(), ElementsAre(3));
+  EXPECT_EQ(all->surfaces(0).color().green(), 1);
+  EXPECT_EQ(all->surfaces(0).color().red(), 0);
+  EXPECT_THAT(all->surfaces(1).labels(), ElementsAre(7));
+  const auto sets = ParseLabels("isovalue=60&label=Left%20Lung::0.5&label=3,5-6,liver:red");
+  ASSERT_THAT(sets, IsOk());
+  ASSERT_EQ(sets->surfaces_size(), 3);
+  EXPECT_EQ(sets->surfaces(0).isovalue(), 60);
+  EXPECT_THAT(sets->surfaces(1).labels(), ElementsAre(3));
+  EXPECT_EQ(sets->surfaces(1).color().alpha(), 0.5F);
+  EXPECT_EQ(sets->surfaces(1).color().green(), 1);
+  EXPECT_THAT(sets->surfaces(2).labels(), ElementsAre(3, 5, 6, 7));
+  EXPECT_EQ(sets->surfaces(2).color().red(), 1);
+}
+
+TEST(RenderQueryTest, WrongLabelsAreNamedInTheWordsOfAnAddress) {
+  const auto expect = [](const absl::StatusOr<v1::RenderIsosurfaceRequest>& request,
+                         const std::string& said) {
+    EXPECT_THAT(request.status(), StatusIs(absl::StatusCode::kInvalidArgument,
+                                           AllOf(HasSubstr(said), Not(HasSubstr("--label")))));
+  };
+  expect(ParseLabels("label=livr"), "did you mean 'liver'?");
+  expect(ParseLabels("labels=3,7"), "'3,7' is not all; label 3,7 draws the surface of a set");
+  expect(ParseLabels("labels=all&label=3"), "leave label out");
+  expect(Parse("labels=all"), "a gateway none: give label with values");
+  expect(Parse("label=liver"), "dataset 'head' has no names of labels");
 }
 
 TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {

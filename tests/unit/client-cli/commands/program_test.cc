@@ -263,8 +263,9 @@ std::vector<WrongUsage> GenerateRows() {
       {{"generate", "gyroid", "--dims", "4,4,4", "--output", "v.vti"},
        {"v.vti", "unknown kind of volume file", ".nrrd", ".nhdr", ".mha", ".raw"}},
       {{"generate", "gyroid", "--dims", "4,4", "--output", "v.nrrd"}, {"--dims", "'4,4'"}},
-      Generate("noise", {},
-               {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing, flow"}),
+      Generate(
+          "noise", {},
+          {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing, labels, flow"}),
       Generate("random", {"--type", "byte"}, {"--type", "\"byte\"", "uint8"}),
       Generate("random", {"--seed", "-1"}, {"--seed", "'-1'"}),
       Generate("random", {"--waves", "0"}, {"--waves", "'0'"}),

@@ -1,6 +1,7 @@
 #include "client-cli/commands/view_command.h"
 
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -42,10 +43,26 @@ TEST(ViewCommandTest, TheMiddleOfAWideRangeIsFinite) {
 }
 
 TEST(ViewCommandTest, TheAddressHasDatasetAndIsovalue) {
-  EXPECT_EQ(ViewAddress("http://h:1/", "a b&c", 60.25),
+  EXPECT_EQ(ViewAddress("http://h:1/", "a b&c", 60.25, {}),
             "http://h:1/?dataset=a%20b%26c&isovalue=60.25");
-  EXPECT_EQ(ViewAddress("http://h:1/?token=x", "a", -1e-7),
+  EXPECT_EQ(ViewAddress("http://h:1/?token=x", "a", -1e-7, {}),
             "http://h:1/?token=x&dataset=a&isovalue=-1e-07");
+}
+
+TEST(ViewCommandTest, TheAddressHasTheLabelsWithWhatIsGivenOfTheirColours) {
+  const client::LabelSurface left{.values = {3}, .color = {.red = 1}};
+  const client::LabelSurface both{.values = {-2, 7.5}, .color = {.red = 1}};
+  EXPECT_EQ(
+      ViewAddress("http://h:1/", "a", std::nullopt, {.wants_all = true, .surfaces = {left, both}}),
+      "http://h:1/?dataset=a&label=3&label=-2,7.5");
+  const frame::Color color{.red = 0.5, .green = 0.25, .blue = 1};
+  EXPECT_EQ(ViewAddress("http://h:1/", "a", 60,
+                        {.sets = {{.set = "left", .opacity = 0.5F},
+                                  {.set = "both", .color = color, .opacity = 0.25F},
+                                  {.set = "left", .color = color}},
+                         .surfaces = {left, both, left}}),
+            "http://h:1/?dataset=a&isovalue=60&label=3::0.5&label=-2,7.5:0.5,0.25,1:0.25"
+            "&label=3:0.5,0.25,1");
 }
 
 TEST(ViewCommandTest, WrongUsageIsNamed) {
@@ -59,6 +76,9 @@ TEST(ViewCommandTest, WrongUsageIsNamed) {
       {{"view", "a", "--listen", "8080"}, "--listen"},
       {{"view", "a", "--published", "8080"}, "--published"},
       {{"view", "a", "--isovale", "1"}, "--isovalue"},
+      {{"view", "a", "--labels", "3,7"}, "--label 3,7"},
+      {{"view", "a", "--labels", "all", "--label", "3"}, "leave --label out"},
+      {{"view", "a", "--terminal", "--label", "3"}, "--terminal can't be used with --label"},
       {{"view", "a", "--terminal", "--gateway-token-file", "t"}, "--gateway-token-file"},
   };
   for (const auto& c : cases) {

@@ -14,6 +14,7 @@
 #include <sys/resource.h>
 
 #include "core/io/file.h"
+#include "core/source/source_labels.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -82,6 +83,24 @@ TEST_F(VolumeFileTest, EveryKindAndTypeComesBackAsItWasGenerated) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, 4));
       EXPECT_TRUE(samples == SamplesOf(*generator));
     }
+  }
+}
+
+TEST_F(VolumeFileTest, NamesAndColoursOfLabelsComeBackFromNrrd) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto generator,
+      VolumeGenerator::Make({.field = GeneratedField::kLabels, .region_count = 100}, {20, 11, 9},
+                            ScalarType::kUint8));
+  for (const char* ending : {".nrrd", ".nhdr", ".mha"}) {
+    const std::string path = dir_.Sub(absl::StrCat("v", ending));
+    ISOSCOPE_ASSERT_OK(WriteVolumeFile(*generator, {.path = path}, never_).status());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<volume::Label> labels, ReadSourceLabels(path));
+    EXPECT_EQ(labels,
+              ending == std::string(".mha") ? std::vector<volume::Label>() : generator->labels())
+        << ending;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, 4));
+    EXPECT_TRUE(samples == SamplesOf(*generator)) << ending;
   }
 }
 

@@ -12,6 +12,7 @@
 #include <cstring>
 #include <limits>
 #include <numbers>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -32,9 +33,9 @@ using ::testing::HasSubstr;
 using volume::ScalarType;
 
 constexpr double kPi = std::numbers::pi;
-constexpr GeneratedField kAllFields[] = {GeneratedField::kRandom, GeneratedField::kGyroid,
+constexpr GeneratedField kAllFields[] = {GeneratedField::kRandom,        GeneratedField::kGyroid,
                                          GeneratedField::kMarschnerLobb, GeneratedField::kShells,
-                                         GeneratedField::kMixing};
+                                         GeneratedField::kMixing,        GeneratedField::kLabels};
 
 template <typename T>
 std::vector<T> Generate(const GeneratorParameters& parameters, const math::Index3& dims,
@@ -185,10 +186,40 @@ TEST(VolumeGeneratorTest, BothEndsOfTheRangeAreReachedExactlyWhereTheFieldIsClam
   EXPECT_EQ(integers.back(), std::numeric_limits<std::int32_t>::max());
 }
 
+template <typename T>
+void ExpectLabels(ScalarType type) {
+  const GeneratedRegions regions(3, 5);
+  const math::Index3 dims{19, 24, 15};
+  const GeneratorParameters parameters{
+      .field = GeneratedField::kLabels, .seed = 3, .region_count = 5};
+  std::set<int> found;
+  ForEachSample(Generate<T>(parameters, dims, type), dims, [&](T sample, const math::Vec3d& p) {
+    ASSERT_EQ(sample, static_cast<T>(regions.At(p)));
+    found.insert(static_cast<int>(sample));
+  });
+  EXPECT_THAT(found, ::testing::ElementsAre(0, 1, 2, 3, 4, 5));
+}
+
+TEST(VolumeGeneratorTest, LabelsAreTheSameNumbersInEveryType) {
+  ExpectLabels<std::uint8_t>(ScalarType::kUint8);
+  ExpectLabels<std::int8_t>(ScalarType::kInt8);
+  ExpectLabels<std::uint16_t>(ScalarType::kUint16);
+  ExpectLabels<std::int32_t>(ScalarType::kInt32);
+  ExpectLabels<float>(ScalarType::kFloat32);
+  ExpectLabels<double>(ScalarType::kFloat64);
+  for (const GeneratedField field : kAllFields) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto generator,
+        VolumeGenerator::Make({.field = field}, {4, 4, 4}, ScalarType::kUint8));
+    EXPECT_EQ(generator->labels().size(), field == GeneratedField::kLabels ? 12u : 0u);
+  }
+}
+
 TEST(VolumeGeneratorTest, SeedChangesFieldsWithChanceAndNoOthers) {
   const math::Index3 dims{24, 24, 24};
   for (const GeneratedField field : kAllFields) {
-    const bool has_chance = field == GeneratedField::kRandom || field == GeneratedField::kMixing;
+    const bool has_chance = field == GeneratedField::kRandom || field == GeneratedField::kMixing ||
+                            field == GeneratedField::kLabels;
     const auto first = Generate<float>({.field = field, .seed = 1}, dims, ScalarType::kFloat32);
     const auto again = Generate<float>({.field = field, .seed = 1}, dims, ScalarType::kFloat32);
     const auto other = Generate<float>({.field = field, .seed = 2}, dims, ScalarType::kFloat32);
@@ -256,6 +287,8 @@ TEST(VolumeGeneratorTest, BadParametersSayWhatIsAllowed) {
   expect([](auto* p, auto*) { p->thickness = 0; }, "thickness 0");
   expect([](auto* p, auto*) { p->alpha = -1; }, "alpha -1");
   expect([](auto* p, auto*) { p->shell_count = 0; }, "0 shells");
+  expect([](auto* p, auto*) { p->region_count = 1; }, "1 regions: expected 2 to 100");
+  expect([](auto* p, auto*) { p->region_count = 101; }, "101 regions");
   expect([](auto*, auto* d) { d->y = 1; }, "1");
   expect([](auto*, auto* d) { *d = {1 << 20, 1 << 20, 1 << 20}; }, "more than any file holds");
 }

@@ -1,0 +1,87 @@
+// Surfaces of labels in a state: text, colours, names, and which labels are shown.
+import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
+import { test } from 'node:test';
+
+import {
+  LABEL_COLORS, allLabels, asShown, colorOfLabel, inOrder, indexOfLabel, isNothing, nameOfLabels, nothingOf, textOfValues,
+  valuesOfText, withColors, withLabels,
+} from '../../../clients/web/label-sets.js';
+import { stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
+
+// As the gateway writes it: what is 0 or empty is left out.
+const BODY = { name: 'body', labels: [{ name: 'air' }, { value: 1, name: 'Left lung', color: { red: 1, blue: 0.2 } },
+  { value: 2, name: 'left lung' }, { value: 3, name: 'liver, old' }, { value: 17.5 }] };
+const RANGE = { min: -3.5, max: 17.5 };
+
+test('sets are written as the command line takes them, and read again', () => {
+  for (const [text, values] of Object.entries({ '3': [3], '3,4': [3, 4], '3-5': [3, 4, 5], '-2,-1,0-2,7,9.5': [-2, -1, 0, 1, 2, 7, 9.5],
+    '1e+21': [1e21] })) {
+    assert.equal(textOfValues(values), text);
+    assert.deepEqual(valuesOfText(text, []), values);
+  }
+  assert.deepEqual(valuesOfText(' 7 , 3-5,4,-0', []), [0, 3, 4, 5, 7]);
+  for (const text of ['', ',', '3,', 'lung', '5-3', '0-256', '1.5-3', 'NaN', 'Infinity', [...Array(257).keys()].join()]) {
+    assert.equal(valuesOfText(text, []), null, text.slice(0, 20));
+  }
+  assert.equal(valuesOfText('0-255', []).length, 256);
+});
+
+test('names stand for values: the whole text first, and upper and lower case only where two names differ', () => {
+  assert.deepEqual(valuesOfText('liver, old', BODY.labels), [3]);
+  assert.deepEqual(valuesOfText('left lung', BODY.labels), [2]);
+  assert.deepEqual(valuesOfText('AIR,Left lung,7', BODY.labels), [0, 1, 7]);
+  assert.equal(valuesOfText('LEFT LUNG', BODY.labels), null);
+  assert.equal(valuesOfText('spleen', BODY.labels), null);
+  assert.equal(nameOfLabels(BODY, [1]), 'Left lung');
+  assert.equal(nameOfLabels(BODY, [17.5, 2, 99]), 'label 17.5, left lung, 99');
+});
+
+test('a label has the colour of the dataset, else one of sixteen by its value', () => {
+  assert.deepEqual(colorOfLabel(BODY, 1, 0.5), { red: 1, green: 0, blue: 0.2, alpha: 0.5 });
+  assert.deepEqual(colorOfLabel(BODY, 17.5), { red: 0.164705882, green: 0.537254902, blue: 0.88627451, alpha: 1 });
+  assert.deepEqual(colorOfLabel(null, -1), colorOfLabel(null, 15));
+  const table = readFileSync(new URL('../../../docs/labels.md', import.meta.url), 'utf8');
+  LABEL_COLORS.forEach((color, i) => assert.match(table, new RegExp(`\\| ${i} \`${color}\``)));
+});
+
+test('a label is shown and hidden, and a picture of none has a surface that is nowhere', () => {
+  const nothing = asShown([], RANGE);
+  assert.deepEqual(nothing.map(({ labels }) => labels), [[-5]]);
+  assert.ok(isNothing(nothing[0], RANGE));
+  const one = withLabels(nothing, [2], BODY, RANGE);
+  assert.deepEqual(one, [{ labels: [2], color: colorOfLabel(BODY, 2) }]);
+  const three = withLabels([...one, { isovalue: 60 }], [1, 3], BODY, RANGE);
+  assert.deepEqual(three.map(({ isovalue, labels }) => isovalue ?? labels), [60, [2], [1, 3]]);
+  assert.equal(indexOfLabel(three, 2), 1);
+  assert.equal(indexOfLabel(three, 1), -1);
+  assert.deepEqual(asShown([{ isovalue: 60 }, nothingOf(RANGE)], RANGE), [{ isovalue: 60 }]);
+  assert.deepEqual(allLabels(BODY).map(({ labels }) => labels[0]), [1, 2, 3, 17.5]);
+  assert.deepEqual(inOrder([{ labels: [1] }, { isovalue: 1 }, { labels: [0] }]), [{ isovalue: 1 }, { labels: [1] }, { labels: [0] }]);
+});
+
+test('surfaces of labels come back from their link, behind those of isovalues', () => {
+  const state = { surfaces: [{ isovalue: 60 }, { labels: [3, 4, 5, 9], color: { red: 1, green: 0.25, blue: 0, alpha: 0.4 },
+    colorBy: { quantity: 'QUANTITY_NORMAL' } }, { labels: [0], color: { red: 0, green: 0, blue: 0, alpha: 1 } }] };
+  const hash = 'surface=60&label=3-5,9:1,0.25,0:0.4&label=0:0,0,0&color-by=none&color-by=normal&color-by=none';
+  assert.equal(stateToHash(state), hash);
+  assert.deepEqual(stateFromHash(hash), { state, problems: [] });
+  const mixed = stateFromHash('#label=7&isovalue=60&color=red&label=1:teal').state;
+  assert.deepEqual(mixed.surfaces.map(({ isovalue, labels, color }) => [isovalue ?? labels, color?.red]), [[60, 1], [[7], undefined], [[1], 0]]);
+  assert.equal(stateToHash({ surfaces: [state.surfaces[1], state.surfaces[0]] }),
+    'surface=60&label=3-5,9:1,0.25,0:0.4&color-by=none&color-by=normal');
+  assert.match(stateToCommand(state, 'p.png'), /--surface 60 .*--label 3-5,9:1,0.25,0:0.4/s);
+});
+
+test('what isoscope view names gets its colour from the dataset, and keeps its opacity', () => {
+  const { surfaces } = stateFromHash('label=1&label=17.5::0.5&label=2:1,0,0').state;
+  assert.deepEqual(withColors(surfaces, BODY), [{ labels: [1], color: colorOfLabel(BODY, 1) }, { labels: [17.5], color: colorOfLabel(BODY, 17.5, 0.5) },
+    { labels: [2], color: { red: 1, green: 0, blue: 0, alpha: 1 } }]);
+});
+
+test('a wrong label of a link is left out with a sentence', () => {
+  const { state, problems } = stateFromHash('#label=lung&label=3:1,2&label=3::x&label=5-3&label=4');
+  assert.deepEqual(state.surfaces, [{ labels: [4] }]);
+  assert.equal(problems.length, 4);
+  problems.forEach((sentence) => assert.match(sentence, /^label=.+ of this link was left out: .+\.$/));
+});
