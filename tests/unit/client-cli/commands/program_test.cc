@@ -282,6 +282,8 @@ std::vector<WrongUsage> GenerateRows() {
       Generate("shells", {"--frequency", "3"}, {"--frequency has no meaning for the field shells"}),
       Generate("mixing", {"--alpha", "1"}, {"--alpha has no meaning for the field mixing"}),
       Generate("mixing", {"--shells", "3"}, {"--shells has no meaning for the field mixing"}),
+      Generate("mixing", {"--regions", "3"}, {"--regions has no meaning for the field mixing"}),
+      Generate("labels", {"--regions", "101"}, {"--regions", "'101'"}),
       Generate("random", {"--steps", "3"}, {"--steps has no meaning for the field random"}),
       Generate("random", {"--time-step", "3"}, {"--time-step has no meaning for the field random"}),
       Generate("random", {"--threads", "0"}, {"--threads", "'0'"}),
@@ -416,7 +418,7 @@ class GenerateTest : public ::testing::Test {
 };
 
 TEST_F(GenerateTest, EveryFieldInEveryKindOfFileIsAVolumeForPartition) {
-  for (const char* field : {"random", "gyroid", "marschner-lobb", "shells", "mixing"}) {
+  for (const char* field : {"random", "gyroid", "marschner-lobb", "shells", "mixing", "labels"}) {
     for (const char* ending : {".nrrd", ".nhdr", ".mha", ".raw"}) {
       SCOPED_TRACE(absl::StrCat(field, ending));
       const std::string path = folder_.Sub(absl::StrCat(field, ending));
@@ -428,7 +430,8 @@ TEST_F(GenerateTest, EveryFieldInEveryKindOfFileIsAVolumeForPartition) {
       const Outcome generated = RunCli(generate);
       ASSERT_EQ(generated.exit_code, 0) << generated.err;
       EXPECT_THAT(generated.out, HasSubstr("24 x 20 x 16 samples of uint8"));
-      EXPECT_THAT(generated.out, HasSubstr("middle value 127.5"));
+      EXPECT_THAT(generated.out, HasSubstr(field == std::string("labels") ? "labels 1 to 12"
+                                                                          : "middle value 127.5"));
 
       std::vector<std::string> partition{"partition", path, "--output", dataset};
       if (absl::EndsWith(path, ".raw")) {
@@ -444,8 +447,9 @@ TEST_F(GenerateTest, EveryFieldInEveryKindOfFileIsAVolumeForPartition) {
       EXPECT_EQ(manifest.geometry.spacing, (math::Vec3d{1, 0.5, 2}));
       EXPECT_EQ(manifest.geometry.origin, (math::Vec3d{-3, 4, 5}));
       // There is a surface at the level that the command names.
-      EXPECT_LT(manifest.value_range.min, 127);
-      EXPECT_GT(manifest.value_range.max, 128);
+      const double level = field == std::string("labels") ? 11.5 : 127.5;
+      EXPECT_LT(manifest.value_range.min, level);
+      EXPECT_GT(manifest.value_range.max, level);
     }
   }
 }
@@ -512,6 +516,9 @@ TEST_F(GenerateTest, EveryFlagOfAFieldChangesIt) {
       {"marschner-lobb", {"--frequency", "3"}},
       {"marschner-lobb", {"--alpha", "0.5"}},
       {"shells", {"--shells", "2"}},
+      {"labels", {"--regions", "3"}},
+      {"labels", {"--seed", "2"}},
+      {"labels", {"--type", "uint16"}},
       {"gyroid", {"--type", "float32"}},
   };
   for (const auto& [field, flags] : rows) {
