@@ -64,7 +64,7 @@ std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
     ++round_;
     last_motion_ = std::exchange(motion_, {});
     is_slider_moving_.store(false, std::memory_order_relaxed);
-    absl::erase_if(asked_, [this](const auto& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    std::erase_if(asked_, [this](const auto& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
       return asked.second + kRecentRounds < round_;
     });
   }
@@ -91,8 +91,10 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number,
     return found->second->table;
   }
   auto table = std::make_shared<MeshTable>(block_count);
-  tables_.push_front({shard_number, rule, values, table});
-  table_index_[{shard_number, &tables_.front().rule, values}] = tables_.begin();
+  std::list<KeyedTable> added;  // so that memory that runs out leaves list and index as they are
+  added.push_front({shard_number, rule, values, table});
+  table_index_.emplace(TableKey{shard_number, &added.front().rule, values}, added.begin());
+  tables_.splice(tables_.begin(), added);
   table_bytes_ += tables_.front().size_bytes();
   while (table_bytes_ > max_bytes_ / kTableShare) {  // the new table goes last
     const KeyedTable& oldest = tables_.back();

@@ -15,11 +15,12 @@
 #include <cstdint>
 #include <list>
 #include <memory>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/container/flat_hash_map.h"
+#include "absl/hash/hash.h"
 
 #include "core/base/memory_pool.h"
 #include "core/base/mutex.h"
@@ -206,12 +207,14 @@ class MeshCache {
   // Those with room. Its capacity is enough for all kept ones.
   std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);
   std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // most recently used first
-  absl::flat_hash_map<TableKey, std::list<KeyedTable>::iterator> table_index_
+  // absl's maps break where memory runs out while they grow.
+  std::unordered_map<TableKey, std::list<KeyedTable>::iterator, absl::Hash<TableKey>> table_index_
       ABSL_GUARDED_BY(mutex_);
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
   // The rules of the last kRecentRounds, with the last round that asked for each.
-  absl::flat_hash_map<volume::InsideRule, std::uint64_t> asked_ ABSL_GUARDED_BY(mutex_);
+  std::unordered_map<volume::InsideRule, std::uint64_t, absl::Hash<volume::InsideRule>> asked_
+      ABSL_GUARDED_BY(mutex_);
   Motion motion_ ABSL_GUARDED_BY(mutex_);       // of this round
   Motion last_motion_ ABSL_GUARDED_BY(mutex_);  // of the round before
   std::atomic<bool> is_slider_moving_{false};
