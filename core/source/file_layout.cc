@@ -20,6 +20,7 @@ namespace {
 
 constexpr std::int64_t kMaxFileSteps = 100'000;
 constexpr std::size_t kMaxFileFields = 1000;
+constexpr std::int64_t kMaxFileComponents = 4096;
 
 class LayoutSeries final : public VolumeSeries {
  public:
@@ -143,6 +144,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string
   if (layout.fields.size() > kMaxFileFields) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %d fields; expected at most %d", path,
                                                       layout.fields.size(), kMaxFileFields));
+  }
+  if (layout.components > kMaxFileComponents) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: %d components; expected at most %d",
+                                                      path, layout.components, kMaxFileComponents));
   }
   return std::make_unique<LayoutSeries>(path, field, std::move(layout));
 }

@@ -56,7 +56,8 @@ struct FileLayout {
 };
 
 // A series of these volumes; `path` is for messages, `field` the name of the only field.
-// INVALID_ARGUMENT: more than 100 000 steps, or 1000 fields; a shear, unless the rules ignore it.
+// INVALID_ARGUMENT: more than 100 000 steps, 1000 fields or 4096 components; a shear, unless the
+// rules ignore it.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string& path,
                                                                const std::string& field,
                                                                FileLayout layout,

@@ -397,14 +397,14 @@ class ReadinessTest : public CoordinatorOperationsTest {
 };
 
 TEST_F(ReadinessTest, ItIsLiveAtOnceAndReadyOnceAllAgentsWereAsked) {
-  absl::Notification may_answer;
+  const auto may_answer = std::make_shared<absl::Notification>();  // agents outlive this body
   AddAgent({MakeShard("head", 0, 2)});  // one of two shards: never complete
-  AddAgent({})->on_describe = [&] { may_answer.WaitForNotification(); };
+  AddAgent({})->on_describe = [may_answer] { may_answer->WaitForNotification(); };
   options_.listen_address = "127.0.0.1:0";
   Start(/*waits=*/false);
   EXPECT_THAT(Probe(rpc::Probe::kLive), IsOk());
   EXPECT_THAT(Probe(rpc::Probe::kReady), StatusIs(absl::StatusCode::kUnavailable));
-  may_answer.Notify();
+  may_answer->Notify();
   const absl::Time limit = absl::Now() + kLong;
   while (!Probe(rpc::Probe::kReady).ok() && absl::Now() < limit) {
     absl::SleepFor(absl::Milliseconds(5));

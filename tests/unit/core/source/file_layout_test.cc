@@ -77,5 +77,11 @@ TEST_F(FileLayoutTest, TooManySteps) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("100001 steps")));
 }
 
+TEST_F(FileLayoutTest, TooManyComponents) {
+  layout_.components = 5000;
+  EXPECT_THAT(MakeLayoutSeries("a", "f", layout_),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("5000 components")));
+}
+
 }  // namespace
 }  // namespace isoscope::source
