@@ -124,13 +124,6 @@ absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, ImageLayout layo
       .geometry = layout.geometry, .type = type, .patient_frame = layout.patient_frame};
 }
 
-// "too many axes" of "ITK ERROR: NrrdImageIO(0x55ae): too many axes".
-absl::string_view WithoutAddress(absl::string_view message) {
-  const std::size_t begin = message.find("(0x");
-  const std::size_t end = begin == absl::string_view::npos ? begin : message.find("): ", begin);
-  return end == absl::string_view::npos ? message : message.substr(end + 3);
-}
-
 // Without a check of the number of axes.
 ImageLayout LayoutOf(const itk::ImageIOBase& io) {
   ImageLayout layout;
@@ -183,17 +176,21 @@ absl::StatusOr<Result> ReadHeader(
       layout.patient_frame.emplace();
     }
     return convert(*io, std::move(layout));
-  } catch (const itk::ExceptionObject& error) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: can't be read as %s: %s", path,
-                                                      NameOf(format),
-                                                      WithoutAddress(error.GetDescription())));
   } catch (const std::exception& error) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: can't be read as %s: %s", path, NameOf(format), error.what()));
+        absl::StrFormat("%s: can't be read as %s: %s", path, NameOf(format), TextOfItk(error)));
   }
 }
 
 }  // namespace
+
+std::string TextOfItk(const std::exception& error) {
+  const auto* const of_itk = dynamic_cast<const itk::ExceptionObject*>(&error);
+  const std::string text = of_itk == nullptr ? error.what() : of_itk->GetDescription();
+  const std::size_t begin = text.find("(0x");
+  const std::size_t end = begin == std::string::npos ? begin : text.find("): ", begin);
+  return end == std::string::npos ? text : text.substr(end + 3);
+}
 
 absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnum component,
                                                 const std::string& path) {

@@ -140,7 +140,7 @@ absl::StatusOr<ItkHeader> ReadHeader(const std::string& path) {
     header.io->ReadImageInformation();
   } catch (const std::exception& error) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: can't be read as %s: %s", path, format->name, error.what()));
+        absl::StrFormat("%s: can't be read as %s: %s", path, format->name, TextOfItk(error)));
   }
   const itk::ImageIOBase& io = *header.io;
   if (io.GetNumberOfComponents() != 1 || !HasGreyPalette(io)) {
@@ -185,7 +185,7 @@ absl::Status ReadImage(const ItkHeader& header, const std::string& path, char* o
     header.io->Read(out);
   } catch (const std::exception& error) {
     return absl::DataLossError(
-        absl::StrFormat("%s: can't be read, the file may be cut: %s", path, error.what()));
+        absl::StrFormat("%s: can't be read, the file may be cut: %s", path, TextOfItk(error)));
   }
   return absl::OkStatus();
 }

@@ -1,8 +1,10 @@
-// ITK's sample types as ours. Includes ITK, which is slow to compile: for source files only.
+// ITK's sample types and errors as ours. Includes ITK, which is slow to compile: for source files
+// only.
 
 #ifndef ISOSCOPE_CORE_SOURCE_ITK_TYPES_H_
 #define ISOSCOPE_CORE_SOURCE_ITK_TYPES_H_
 
+#include <exception>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -15,6 +17,9 @@ namespace isoscope::source {
 // INVALID_ARGUMENT, naming `path`, for 64-bit integers and anything that is no number.
 absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnum component,
                                                 const std::string& path);
+
+// "too many axes" of "ITK ERROR: NrrdImageIO(0x55ae): too many axes"; of other errors, all.
+std::string TextOfItk(const std::exception& error);
 
 }  // namespace isoscope::source
 

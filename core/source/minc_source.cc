@@ -60,7 +60,7 @@ class MincSource final : public VolumeSource {
       }
     } catch (const std::exception& error) {
       return absl::DataLossError(
-          absl::StrFormat("%s: can't be read as MINC: %s", name_, error.what()));
+          absl::StrFormat("%s: can't be read as MINC: %s", name_, TextOfItk(error)));
     }
     return absl::OkStatus();
   }
@@ -139,7 +139,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincFile(const std::string& pa
     return std::make_unique<MincSource>(std::move(io), geometry, type, path);
   } catch (const std::exception& error) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: can't be read as MINC: %s", path, error.what()));
+        absl::StrFormat("%s: can't be read as MINC: %s", path, TextOfItk(error)));
   }
 }
 

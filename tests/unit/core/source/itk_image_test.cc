@@ -30,8 +30,10 @@ using ::isoscope::testing::ReadFile;
 using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::TempDir;
 using ::isoscope::testing::WriteFile;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 // Writes an image with ITK; `samples` in the order of the file.
 template <typename Io, typename T>
@@ -156,6 +158,10 @@ TEST(ItkImageTest, ColoursMixedSlicesAndSingleOnesAreRefused) {
   EXPECT_THAT(ReadAll(*source, 1).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("1.png: 3 x 4")));
   EXPECT_FALSE(OpenVolumeFile(dir.Sub("0.png")).ok());
+  WriteFile(dir.Sub("b.pic"), std::string(100, 'a'));
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("b.pic")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("b.pic: can't be read as BioRad: "), Not(HasSubstr("0x")))));
   EXPECT_THAT(OpenVolumeFile(dir.Sub("x*.png")).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no slices")));
 }
