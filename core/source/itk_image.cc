@@ -73,6 +73,11 @@ absl::StatusOr<std::int64_t> LeastBmpBytes(const std::string& path, std::int64_t
   }
   const std::int64_t width = std::abs(std::int64_t{header.Load<std::int32_t>(18)});
   const std::int64_t height = std::abs(std::int64_t{header.Load<std::int32_t>(22)});
+  if (width > kMaxAxisSamples || height > kMaxAxisSamples) {  // ITK read another kind of header
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: a BMP header of %d x %d samples; expected at most %d along each axis",
+                        path, width, height, kMaxAxisSamples));
+  }
   const std::int64_t row = (width * header.Load<std::uint16_t>(28) + 31) / 32 * 4;
   return std::int64_t{header.Load<std::uint32_t>(10)} + row * height;
 }

@@ -178,7 +178,8 @@ std::uint64_t RawOffset(TIFF* tiff) {
     return 0;
   }
   const std::uint64_t first = TIFFGetStrileOffset(tiff, 0);
-  const std::uint32_t strips = TIFFNumberOfStrips(tiff);
+  // Without an offset a header of billions of strips would be walked through.
+  const std::uint32_t strips = first == 0 ? 0 : TIFFNumberOfStrips(tiff);
   std::uint64_t end = first;
   for (std::uint32_t strip = 0; strip < strips; ++strip) {
     if (TIFFGetStrileOffset(tiff, strip) != end) {

@@ -12,10 +12,10 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 import grpc
 
 from isoscope._channel import Target
+from isoscope._process_channel import ProcessChannel
 from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
-from isoscope._process_channel import ProcessChannel
 from isoscope._retry import Retries
 from isoscope.data import Capabilities
 from isoscope.errors import CancelledError, InternalError, InvalidArgumentError, printable, raise_explained

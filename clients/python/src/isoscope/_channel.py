@@ -12,16 +12,14 @@ import dataclasses
 import ipaddress
 import json
 import os
-import threading
-import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import grpc
 
 from isoscope._version import __version__
-from isoscope.errors import CancelledError, InvalidArgumentError
+from isoscope.errors import InvalidArgumentError
 
 
 DEFAULT_PORT = 50051

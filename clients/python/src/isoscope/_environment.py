@@ -7,6 +7,7 @@ environment is as it was. A variable of the user's wins.
 import os
 import sys
 
+
 def _import_grpc() -> None:
     is_ours = "GRPC_VERBOSITY" not in os.environ
     if is_ours:
