@@ -25,6 +25,13 @@ if(ISOSCOPE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   set(CMAKE_CXX_COMPILER_LAUNCHER env CCACHE_SLOPPINESS=pch_defines,time_macros "${ISOSCOPE_CCACHE}")
 endif()
 
+# Some 500 programs of tests are linked. GNU's ld took 4.9 s for one of a release build and 11.5 s with
+# AddressSanitizer, lld 0.6 and 3.5 s.
+find_program(ISOSCOPE_LLD ld.lld)
+if(ISOSCOPE_LLD)
+  add_link_options(-fuse-ld=lld)
+endif()
+
 add_library(isoscope_warnings INTERFACE)
 add_library(isoscope::warnings ALIAS isoscope_warnings)
 target_compile_options(isoscope_warnings INTERFACE

@@ -30,7 +30,7 @@ ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff
 
 # Packages to build tests and benchmarks; to run the unit tests and the guards of the promises; to run the other tests:
 # the Python client, shells, manuals.
-ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev)
+ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev lld)
 ISOSCOPE_UNIT_TEST_PACKAGES=(git python3 openssl procps)
 ISOSCOPE_CLIENT_TEST_PACKAGES=(
   python3-grpcio python3-protobuf python3-numpy python3-pytest python3-mypy python3-pip python3-setuptools
