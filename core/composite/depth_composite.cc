@@ -24,7 +24,9 @@ void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_color
   std::uint32_t is_tied = 0;
   for (int x = 0; x < count; ++x) {
     is_nearer |= std::uint32_t{from_keys[x] < keys[x]};
-    is_tied |= std::uint32_t{image::AreTied(from_keys[x], keys[x])};
+    // image::AreTied without a branch: only owners differ, the low halves.
+    constexpr std::uint64_t kAllOwners = 0xFFFFFFFF;
+    is_tied |= std::uint32_t{(from_keys[x] ^ keys[x]) - 1 < kAllOwners};
   }
   if (is_tied != 0) [[unlikely]] {
     for (int x = 0; x < count; ++x) {
