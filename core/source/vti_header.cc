@@ -16,10 +16,12 @@
 //    <AppendedData encoding="raw">_...</AppendedData>    bytes: no XML from the underscore on
 //   </VTKFile>
 //
-// expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an inline array
-// that is certain to be chosen: the text behind it may have gigabytes. Handlers get tags only, and
-// no text. Which array is chosen, and what grid the tags give, is told by vti_choice.h and
-// vti_grid.h. Source: VTK's file format description, "XML File Formats", https://docs.vtk.org.
+// A RectilinearGrid has no origin and spacing, but three arrays in a tag Coordinates behind
+// CellData. expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an
+// inline array that is certain to be chosen: the text behind it may have gigabytes. Handlers get
+// tags only, and no text. Which array is chosen, and what grid the tags give, is told by
+// vti_choice.h and vti_grid.h. Source: VTK's file format description, "XML File Formats",
+// https://docs.vtk.org.
 #include "core/source/vti_header.h"
 
 #include <algorithm>
@@ -80,14 +82,14 @@ class HeaderParser {
                     offset == file.size_bytes() ? 1 : 0) == XML_STATUS_ERROR &&
           !is_done_) {
         return absl::InvalidArgumentError(
-            absl::StrFormat("%s: line %d: %s: no VTK ImageData file, or it is cut", file.path(),
+            absl::StrFormat("%s: line %d: %s: no VTK file, or it is cut", file.path(),
                             static_cast<std::int64_t>(XML_GetCurrentLineNumber(parser_)),
                             XML_ErrorString(XML_GetErrorCode(parser_))));
       }
       // expat buffers an unfinished tag.
       if (!is_done_ && offset - XML_GetCurrentByteIndex(parser_) > kMaxTagBytes) {
         return absl::InvalidArgumentError(absl::StrFormat(
-            "%s: a tag of more than %d bytes: no VTK ImageData file", file.path(), kMaxTagBytes));
+            "%s: a tag of more than %d bytes: no VTK file", file.path(), kMaxTagBytes));
       }
     }
     if (!problem_.empty()) {
@@ -97,7 +99,7 @@ class HeaderParser {
   }
 
  private:
-  enum class Data { kNone, kField, kPoints, kCells };
+  enum class Data { kNone, kField, kPoints, kCells, kCoordinates };
 
   static void XMLCALL OnStart(void* self, const XML_Char* name, const XML_Char** attributes) {
     VtiHeader::Attributes map;
@@ -117,7 +119,7 @@ class HeaderParser {
   }
 
   void End(const std::string& name) {
-    if (name == "PointData" || name == "CellData" || name == "FieldData") {
+    if (name == "PointData" || name == "CellData" || name == "FieldData" || name == "Coordinates") {
       data_ = Data::kNone;
     } else if (name == "DataArray") {
       array_ = nullptr;
@@ -134,8 +136,8 @@ class HeaderParser {
       header_.is_big_endian = attributes["byte_order"] == "BigEndian";
       header_.has_long_sizes = attributes["header_type"] == "UInt64";
       header_.compressor = attributes["compressor"];
-    } else if (name == "ImageData") {
-      header_.is_image = true;
+    } else if (name == "ImageData" || name == "RectilinearGrid") {
+      (name == "ImageData" ? header_.is_image : header_.is_rectilinear) = true;
       header_.image = std::move(attributes);
     } else if (name == "Piece") {
       ++header_.piece_count;
@@ -149,10 +151,14 @@ class HeaderParser {
         (name == "PointData" ? header_.point_scalars : header_.cell_scalars) =
             attributes["Scalars"];
       }
+    } else if (name == "Coordinates") {
+      data_ = is_whole_ && header_.piece_count == 1 ? Data::kCoordinates : Data::kNone;
     } else if (name == "FieldData") {
       data_ = is_whole_ ? Data::kField : Data::kNone;
     } else if (name == "DataArray" && data_ == Data::kField) {
       StartField(std::move(attributes));
+    } else if (name == "DataArray" && data_ == Data::kCoordinates) {
+      StartCoordinates(std::move(attributes));
     } else if (name == "DataArray" && data_ != Data::kNone) {
       StartArray(std::move(attributes));
     } else if (name == "InformationKey" && array_ != nullptr) {
@@ -215,6 +221,18 @@ class HeaderParser {
     if (array_->format == "ascii") {
       kept_text_ = &array_->text;
     }
+  }
+
+  void StartCoordinates(VtiHeader::Attributes attributes) {
+    if (header_.coordinates.size() == 3) {
+      return Fail("more than three arrays in its Coordinates");
+    }
+    header_.coordinates.push_back({.name = attributes["Name"].substr(0, kMaxTextBytes),
+                                   .type = attributes["type"].substr(0, kMaxTextBytes),
+                                   .format = attributes["format"].substr(0, kMaxTextBytes),
+                                   .offset = attributes["offset"].substr(0, kMaxTextBytes),
+                                   .inline_start = EndOfTag()});
+    array_ = &header_.coordinates.back();  // a key may follow
   }
 
   // One name each, or none.
