@@ -112,9 +112,13 @@ class HeaderParser {
     static_cast<HeaderParser*>(self)->End(name);
   }
   static void XMLCALL OnText(void* self, const XML_Char* text, int size) {
-    std::string* const kept = static_cast<HeaderParser*>(self)->kept_text_;
+    auto* const parser = static_cast<HeaderParser*>(self);
+    const absl::string_view all(text, static_cast<std::size_t>(size));
+    parser->has_data_ = parser->has_data_ ||
+                        (!parser->is_in_key_ && !absl::StripLeadingAsciiWhitespace(all).empty());
+    std::string* const kept = parser->kept_text_;
     if (kept != nullptr) {
-      kept->append(text, std::min(static_cast<std::size_t>(size), kMaxTextBytes - kept->size()));
+      kept->append(text, std::min(all.size(), kMaxTextBytes - kept->size()));
     }
   }
 
@@ -126,8 +130,11 @@ class HeaderParser {
       kept_text_ = nullptr;
     } else if (name == "InformationKey" && array_ != nullptr) {
       kept_text_ = text_of_array_;
+      is_in_key_ = false;
       array_->unit = std::string(absl::StripAsciiWhitespace(array_->unit));
-      array_->inline_start = EndOfTag();
+      if (!has_data_) {  // VTK writes the keys of some arrays behind the samples
+        array_->inline_start = EndOfTag();
+      }
     }
   }
 
@@ -155,13 +162,10 @@ class HeaderParser {
       data_ = is_whole_ && header_.piece_count == 1 ? Data::kCoordinates : Data::kNone;
     } else if (name == "FieldData") {
       data_ = is_whole_ ? Data::kField : Data::kNone;
-    } else if (name == "DataArray" && data_ == Data::kField) {
-      StartField(std::move(attributes));
-    } else if (name == "DataArray" && data_ == Data::kCoordinates) {
-      StartCoordinates(std::move(attributes));
-    } else if (name == "DataArray" && data_ != Data::kNone) {
-      StartArray(std::move(attributes));
+    } else if (name == "DataArray") {
+      StartAnyArray(std::move(attributes));
     } else if (name == "InformationKey" && array_ != nullptr) {
+      is_in_key_ = true;
       text_of_array_ = kept_text_;  // goes on behind the key
       kept_text_ = nullptr;
       if (attributes["name"] == "UNITS_LABEL") {
@@ -172,6 +176,17 @@ class HeaderParser {
       header_.appended_encoding = attributes["encoding"];
       header_.appended_start = EndOfTag();
       Stop();  // the rest need not be XML
+    }
+  }
+
+  void StartAnyArray(VtiHeader::Attributes attributes) {
+    has_data_ = false;
+    if (data_ == Data::kField) {
+      StartField(std::move(attributes));
+    } else if (data_ == Data::kCoordinates) {
+      StartCoordinates(std::move(attributes));
+    } else if (data_ != Data::kNone) {
+      StartArray(std::move(attributes));
     }
   }
 
@@ -283,6 +298,8 @@ class HeaderParser {
   VtiArray* array_ = nullptr;             // the open one, if is_whole_
   std::string* kept_text_ = nullptr;      // where text of the header goes
   std::string* text_of_array_ = nullptr;  // where it goes behind a key
+  bool has_data_ = false;                 // of the open array, text in front of or between its keys
+  bool is_in_key_ = false;
   bool is_done_ = false;
   std::string problem_;
 };

@@ -130,6 +130,27 @@ TEST_F(VtrImageTest, PointsLieAtTheirCoordinatesInEachFormat) {
   }
 }
 
+// VTK 9 writes such keys of vectors behind the samples, others before.
+TEST_F(VtrImageTest, KeysMayStandBehindTheSamplesOrBefore) {
+  const std::string key =
+      "<InformationKey name=\"L2_NORM_RANGE\" location=\"vtkDataArray\" length=\"1\"><Value "
+      "index=\"0\">2.5</Value></InformationKey>\n";
+  for (const Format format : {Format::kAscii, Format::kBinary}) {
+    const std::string whole = VtrBytes({.format = format});
+    for (const std::string& bytes :
+         {absl::StrReplaceAll(whole, {{"</DataArray>", "\n" + key + key + "</DataArray>"}}),
+          absl::StrReplaceAll(whole, {{"format=\"ascii\">", "format=\"ascii\">\n" + key},
+                                      {"format=\"binary\">", "format=\"binary\">\n" + key}})}) {
+      const std::string path = Write(bytes);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, OpenVolumeFile(path + ":p"));
+      EXPECT_EQ(p->geometry().origin, (math::Vec3d{1, 10, 0}));
+      EXPECT_EQ(Values(*p), Counted(24, 0));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto v, OpenVolumeFile(path + ":v:0"));
+      EXPECT_EQ(Values(*v)[23], 169);
+    }
+  }
+}
+
 TEST_F(VtrImageTest, CellsLieBetweenThePoints) {
   const std::string path =
       Write(VtrBytes({.x = {1, 1.5, 2, 2.5}, .z = {0, 1, 2}, .has_points = false}));
