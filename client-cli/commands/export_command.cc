@@ -115,6 +115,9 @@ absl::Status CheckUsage(const ExportFlags& flags) {
   if (!flags.output) {
     return UsageError("--output FILE is missing: the mesh to write");
   }
+  if (*flags.output == "-") {
+    return UsageError("--output -: a mesh is written to a file, not to standard output: name one");
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.selection));
   return CheckUsage(flags.clip);
 }

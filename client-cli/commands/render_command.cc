@@ -85,8 +85,9 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   return subject;
 }
 
-PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
+PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject, const Context& context) {
   return PictureOutput({.path = flags.output.value_or(""),
+                        .out = context.out,
                         .frame_count = flags.sweep.frame_count(),
                         .fps = flags.sweep.fps(),
                         .has_metadata = !flags.has_no_metadata,
@@ -150,8 +151,8 @@ std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
   if (flags.is_quiet) {
     return *QuietContext(context).out;
   }
-  const bool is_taken =
-      flags.stats == "-" || (IsFormat(flags.show_mode()) && context.out_columns == 0);
+  const bool is_taken = flags.stats == "-" || flags.is_to_stdout() ||
+                        (IsFormat(flags.show_mode()) && context.out_columns == 0);
   return is_taken ? *context.err : *context.out;
 }
 
@@ -280,7 +281,8 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
 // Describes the picture: its file, its size, and the number of frames of an animation.
 std::string DescribeResult(const RenderFlags& flags) {
   const int frame_count = flags.sweep.frame_count();
-  const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
+  const std::string name = flags.is_to_stdout() ? "standard output"
+                           : flags.output       ? FrameFileName(*flags.output, frame_count - 1)
                            : flags.planes.files.any_plane() ? "planes"
                                                             : "picture";
   return absl::StrCat(
@@ -346,7 +348,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
         MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
     return RunPoster(flags, whole, display, session, context);
   }
-  PictureOutput output = MakeOutput(flags, subject);
+  PictureOutput output = MakeOutput(flags, subject, context);
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse last,
                             DrawFrames(flags, dataset, camera, session, &frames, &output, context));
@@ -373,7 +375,7 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
                             RenderFrame(request, flags.trace, session, &frames,
                                         /*says_waiting=*/true, context));
-  PictureOutput output = MakeOutput(flags, subject);
+  PictureOutput output = MakeOutput(flags, subject, context);
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
   ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, response, context));
@@ -384,8 +386,9 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
       const std::string text,
       client::DescribeComparison(comparison, *flags.like, recorded.record.picture_revision,
                                  subject.picture_revision));
-  TextOut(flags, context) << FrameFileName(*flags.output, 0) << ": " << base::Printable(text)
-                          << "\n";
+  TextOut(flags, context) << (flags.is_to_stdout() ? "standard output"
+                                                   : FrameFileName(*flags.output, 0))
+                          << ": " << base::Printable(text) << "\n";
   return absl::OkStatus();
 }
 
@@ -442,7 +445,8 @@ Command RenderCommand() {
               "  isoscope render head.nii.gz --isovalue 60 --light -1,1,2 --color-by z:turbo "
               "--legend \\\n"
               "    --output height.png\n"
-              "  isoscope render head.nii.gz --like head.png --output again.png\n",
+              "  isoscope render head.nii.gz --like head.png --output again.png\n"
+              "  isoscope render head.nii.gz --isovalue 60 --output - | display\n",
           .register_flags = RegisterRenderFlags};
 }
 

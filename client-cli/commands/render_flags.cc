@@ -49,6 +49,8 @@ absl::Status CheckPoster(const RenderFlags& flags) {
   } rules[] = {
       {!flags.output,
        absl::StrCat("--output FILE.png is missing: ", picture, " is written while it is drawn")},
+      {flags.is_to_stdout(),
+       absl::StrCat(in_regions, " into a file: name one, or ask for at most ", limit)},
       {flags.is_jpeg(), absl::StrCat(in_regions, " into a PNG: --output must end in .png")},
       {flags.planes.files.any_plane(),
        absl::StrCat(in_regions, " into a PNG: planes are written of a --region of it")},
@@ -79,6 +81,17 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
   if (flags.stats == "-" && mode != ShowMode::kNever) {
     return UsageError("--show and --stats - both write to standard output: leave one out");
   }
+  if (flags.is_to_stdout()) {
+    if (flags.stats == "-" || mode != ShowMode::kNever) {
+      return UsageError(absl::StrCat("--output - and ", flags.stats == "-" ? "--stats -" : "--show",
+                                     " both write to standard output: leave one out"));
+    }
+    if (context.out_columns > 0) {
+      return UsageError(
+          "--output - writes a PNG to standard output, which is this terminal: redirect it, or "
+          "leave --output out to see the picture");
+    }
+  }
   const bool may_show = IsFormat(mode) || (mode == ShowMode::kAuto && context.out_columns > 0);
   if (!flags.output && (flags.like || (!flags.planes.files.any_plane() && !may_show))) {
     return UsageError("--output FILE.png is missing: the picture to write");
@@ -106,7 +119,7 @@ view::Viewport RenderFlags::drawn_size() const {
 bool RenderFlags::is_jpeg() const { return output && IsJpegName(FrameFileName(*output, 0)); }
 
 ShowMode RenderFlags::show_mode() const {
-  return show.value_or(stats == "-" ? ShowMode::kNever : ShowMode::kAuto);
+  return show.value_or(stats == "-" || is_to_stdout() ? ShowMode::kNever : ShowMode::kAuto);
 }
 
 void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
@@ -115,7 +128,7 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
   AddFlag(set, "-o,--output", "FILE.png", &flags->output, ParseText,
           "the picture: a PNG, or a JPEG if it ends in .jpg; with %d or %03d in its name one for "
           "each frame, numbered from 0, else the last one; all "
-          "frames as one animation if it ends in .apng or .webp");
+          "frames as one animation if it ends in .apng or .webp; - is a PNG on standard output");
   client::AddRequestFlags(set, &flags->request);
   AddSweepFlags(set, &flags->sweep, &flags->request);
   AddPlaneFlags(set, &flags->planes);
@@ -177,7 +190,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
 }
 
 absl::Status CheckOutputs(const RenderFlags& flags) {
-  if (flags.output) {
+  if (flags.output && !flags.is_to_stdout()) {
     ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(FrameFileName(*flags.output, 0)));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));

@@ -8,6 +8,7 @@
 
 #include "absl/status/status.h"
 
+#include "client-cli/output/picture_output.h"
 #include "client-cli/output/plane_flags.h"
 #include "client-cli/output/sweep.h"
 #include "client-cli/session/session.h"
@@ -49,6 +50,8 @@ struct RenderFlags {
   // The size of the frames that agents draw.
   [[nodiscard]] view::Viewport drawn_size() const;
   [[nodiscard]] bool is_jpeg() const;
+  // The PNG goes to standard output.
+  [[nodiscard]] bool is_to_stdout() const { return output == kStandardOutput; }
   // Standard output takes either the statistics or the picture.
   [[nodiscard]] ShowMode show_mode() const;
 };

@@ -104,6 +104,9 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
 }  // namespace
 
 absl::Status CheckPicturePath(const std::string& path, const view::Viewport& viewport) {
+  if (path == kStandardOutput) {
+    return absl::OkStatus();
+  }
   const std::string first = FrameFileName(path, 0);
   if (client::IsAnimationName(first)) {
     ISOSCOPE_RETURN_IF_ERROR(
@@ -141,7 +144,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   // available. No record could reproduce it.
   if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK ||
       response.statistics().missing_shards_size() > 0) {
-    return io::WriteFileAtomically(path, png);
+    return WritePng(path, png);
   }
   client::PictureRecord record{.picture_revision = options_.picture_revision,
                                .samples_digest = options_.dataset.samples_digest(),
@@ -151,7 +154,17 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   *record.request.mutable_camera() = response.camera();
   record.request.clear_camera_fit();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string with_record, client::AddPictureRecord(png, record));
-  return io::WriteFileAtomically(path, with_record);
+  return WritePng(path, with_record);
+}
+
+absl::Status PictureOutput::WritePng(const std::string& path, const std::string& png) const {
+  if (path != kStandardOutput) {
+    return io::WriteFileAtomically(path, png);
+  }
+  *options_.out << png << std::flush;
+  return options_.out->good()
+             ? absl::OkStatus()
+             : absl::DataLossError("the picture can't be written to standard output");
 }
 
 absl::Status PictureOutput::AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,

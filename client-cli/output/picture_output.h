@@ -5,6 +5,7 @@
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_PICTURE_OUTPUT_H_
 
 #include <memory>
+#include <ostream>
 #include <string>
 #include <utility>
 
@@ -18,9 +19,13 @@
 
 namespace isoscope::cli {
 
+// The path that stands for standard output.
+inline constexpr char kStandardOutput[] = "-";
+
 struct PictureOutputOptions {
   // With a number (FrameFileName) it names one picture for each frame. Empty: none is written.
   std::string path;
+  std::ostream* out = nullptr;  // for kStandardOutput
   int frame_count = 1;
   double fps = 12;  // of an animation
   bool has_metadata = true;
@@ -49,6 +54,7 @@ class PictureOutput {
   [[nodiscard]] const std::string& last_png() const { return last_png_; }
 
  private:
+  absl::Status WritePng(const std::string& path, const std::string& png) const;
   absl::Status AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,
                               const std::string& png);
 

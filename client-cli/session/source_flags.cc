@@ -17,6 +17,7 @@
 #include "core/source/dicom_folder.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/label_names.h"
+#include "core/source/refused_formats.h"
 #include "core/source/series_format.h"
 #include "core/source/source_labels.h"
 #include "core/source/vti_source.h"
@@ -127,8 +128,8 @@ bool HasSelfDescribingName(const std::string& path) {
     return true;
   }
   const std::string name = absl::AsciiStrToLower(path);
-  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".img", ".img.gz", ".nrrd", ".nhdr", ".mha",
-                             ".mhd", ".vti", ".dcm", ".tif", ".tiff"}) {
+  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz", ".nrrd",
+                             ".nhdr", ".mha", ".mhd", ".vti", ".dcm", ".tif", ".tiff"}) {
     if (absl::EndsWith(name, ending)) {
       return true;
     }
@@ -211,7 +212,7 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   if (files.ok()) {
     files->insert(files->end(), names.begin(), names.end());
   }
-  if (!files.ok() && io::IsDirectory(path)) {
+  if (!files.ok() && io::IsDirectory(path) && !source::WhyRefused(path).has_value()) {
     return absl::NotFoundError(
         absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
                      store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"

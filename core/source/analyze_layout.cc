@@ -1,5 +1,5 @@
-// Analyze 7.5 is a header of 348 bytes, .hdr, beside the samples, .img or .img.gz. Its first
-// number, 348, shows the byte order:
+// Analyze 7.5 is a header of 348 bytes, .hdr, beside the samples, .img; either may be a gzip stream
+// of .hdr.gz or .img.gz. Its first number, 348, shows the byte order:
 //
 //   byte   0  int32     348
 //   byte  40  int16[8]  number of axes, x, y, z, t
@@ -20,9 +20,9 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/binary_header.h"
-#include "core/source/data_files.h"
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
+#include "core/source/nifti_layout.h"
 
 namespace isoscope::source {
 namespace {
@@ -104,11 +104,7 @@ absl::StatusOr<FileLayout> ReadAnalyzeLayout(const std::string& path) {
   location.volume_count = layout.steps;
   ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type,
                             AnalyzeTypeOf(header.Load<std::int16_t>(70), path));
-  const std::string stem = path.substr(path.rfind('/') + 1);
-  const std::string image = stem.substr(0, stem.rfind('.')) + ".img";
-  auto files = SingleFile(path, image);
-  auto packed = files.ok() ? files : SingleFile(path, image + ".gz");
-  ISOSCOPE_ASSIGN_OR_RETURN(location.files, packed.ok() ? packed : files);
+  ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
   if (absl::EndsWithIgnoreCase(location.files.front(), ".gz")) {
     location.encoding = SampleEncoding::kDeflate;
   }

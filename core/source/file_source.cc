@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -34,6 +35,10 @@ namespace {
 
 // The tuples read at once to pick one component; more only if a single tuple is larger.
 constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
+
+// The bytes that may stand before samples at the end of an encoded file, which are decoded to find
+// out.
+constexpr std::int64_t kMaxSkipBytes = base::kGiB;
 
 bool IsRescaled(const SampleLocation& location) {
   return location.is_always_rescaled || location.slope != 1 || location.intercept != 0;
@@ -92,7 +97,8 @@ class StoredBytes {
       stream_ = MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
                                   location_.offset);
     }
-    const std::int64_t position = location_.decoded_skip + begin;
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t skip, DecodedSkip());
+    const std::int64_t position = skip + begin;
     if (position < stream_->position()) {
       stream_->Rewind();
     }
@@ -109,8 +115,7 @@ class StoredBytes {
           location_.encoding == SampleEncoding::kText || location_.encoding == SampleEncoding::kHex
               ? "text"
               : "compressed data",
-          file_->size_bytes(),
-          std::max<std::int64_t>(stream_->position() - location_.decoded_skip, 0)));
+          file_->size_bytes(), std::max<std::int64_t>(stream_->position() - skip, 0)));
     }
     if (begin + static_cast<std::int64_t>(size) == bytes_per_file_) {
       return stream_->VerifyEnd();
@@ -118,8 +123,32 @@ class StoredBytes {
     return absl::OkStatus();
   }
 
+  // Returns the decoded bytes before the samples of the open file. If the samples are its last
+  // bytes, it is decoded once to count them. REQUIRES: stream_ is set.
+  absl::StatusOr<std::int64_t> DecodedSkip() {
+    if (!location_.at_file_end) {
+      return location_.decoded_skip;
+    }
+    if (const auto known = end_skips_.find(open_index_); known != end_skips_.end()) {
+      return known->second;
+    }
+    stream_->Rewind();
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t size,
+                              stream_->Skip(bytes_per_file_ + kMaxSkipBytes + 1));
+    ISOSCOPE_RETURN_IF_ERROR(stream_->VerifyEnd());
+    if (size < bytes_per_file_ || size > bytes_per_file_ + kMaxSkipBytes) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: %s%d bytes of compressed data; expected %d bytes of samples at their end, and at "
+          "most %d before",
+          file_->path(), size < bytes_per_file_ ? "" : "more than ",
+          std::min(size, bytes_per_file_ + kMaxSkipBytes), bytes_per_file_, kMaxSkipBytes));
+    }
+    return end_skips_.emplace(open_index_, size - bytes_per_file_).first->second;
+  }
+
   SampleLocation location_;
   std::int64_t bytes_per_file_;
+  std::map<std::size_t, std::int64_t> end_skips_;  // of DecodedSkip, by file
   std::size_t open_index_ = 0;
   std::unique_ptr<io::RandomAccessFile> file_;
   std::unique_ptr<DecodedStream> stream_;

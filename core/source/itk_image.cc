@@ -6,8 +6,6 @@
 
 #include "core/source/itk_image.h"
 
-#include <glob.h>
-
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -15,9 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
-#include <filesystem>
 #include <optional>
-#include <system_error>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -34,8 +30,9 @@
 #include "core/source/binary_header.h"
 #include "core/source/file_start.h"
 #include "core/source/itk_types.h"
-#include "core/source/natural_order.h"
+#include "core/source/named_files.h"
 #include "core/source/silent_libraries.h"
+#include "core/source/single_series.h"
 #include "core/source/slice_source.h"
 #include "core/source/walled_source.h"
 
@@ -273,7 +270,7 @@ class ItkSliceReader final : public SliceReader {
 // In the child.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path,
                                                          const std::string& /*part*/) {
-  std::vector<std::string> files = ItkSlicesOf(path);
+  std::vector<std::string> files = FilesNamed(path, IsItkSliceName);
   if (files.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": no slices (.png .bmp)"));
   }
@@ -290,33 +287,10 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path
       std::make_unique<ItkSliceReader>(std::move(files), first.type, first.dims));
 }
 
-class ItkSeries final : public VolumeSeries {
- public:
-  ItkSeries(std::string path, const std::string& field, std::unique_ptr<VolumeSource> volume)
-      : path_(std::move(path)), fields_{{.name = field}}, volume_(std::move(volume)) {}
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return no_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return no_unit_; }
-  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    ISOSCOPE_CHECK(field == 0 && component == 0 && step == 0);
-    return volume_ != nullptr ? std::move(volume_) : OpenChild(path_);
-  }
-
-  static absl::StatusOr<std::unique_ptr<VolumeSource>> OpenChild(const std::string& path) {
-    SilenceImageLibraries();  // first, so that its lock is free when the process forks
-    return OpenWalled({.name = "ITK", .open = OpenWhole}, path);
-  }
-
- private:
-  const std::string path_;
-  const std::vector<SourceField> fields_;
-  const std::vector<double> times_;
-  const std::string no_unit_;
-  std::unique_ptr<VolumeSource> volume_;  // until it is asked for
-};
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkChild(const std::string& path) {
+  SilenceImageLibraries();  // first, so that its lock is free when the process forks
+  return OpenWalled({.name = "ITK", .open = OpenWhole}, path);
+}
 
 }  // namespace
 
@@ -326,38 +300,16 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenItkImage(const std::string& pa
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": expected a name that ends in .pic or .spr"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, ItkSeries::OpenChild(path));
-  return std::make_unique<ItkSeries>(path, field, std::move(volume));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenItkChild(path));
+  return MakeSingleSeries(
+      {.path = path, .field = field, .volume = std::move(volume), .open = [path] {
+         return OpenItkChild(path);
+       }});
 }
 
 bool IsItkSliceName(const std::string& path) {
   const ItkFormat* const format = FormatOf(path);
   return format != nullptr && format->is_slice;
-}
-
-std::vector<std::string> ItkSlicesOf(const std::string& path) {
-  std::vector<std::string> files;
-  if (io::IsDirectory(path)) {
-    std::error_code error;
-    for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end;
-         entry.increment(error)) {
-      files.push_back(entry->path().string());
-    }
-  } else {
-    glob_t found{};
-    // NOLINTNEXTLINE(concurrency-mt-unsafe): the programs never change their environment
-    if (glob(path.c_str(), 0, nullptr, &found) == 0) {
-      files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
-    }
-    globfree(&found);
-  }
-  files.erase(std::remove_if(files.begin(), files.end(),
-                             [](const std::string& file) {
-                               return !IsItkSliceName(file) || io::IsDirectory(file);
-                             }),
-              files.end());
-  std::sort(files.begin(), files.end(), NaturalLess);
-  return files;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkSlices(const std::string& path) {

@@ -5,7 +5,6 @@
 
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -24,14 +23,10 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenItkImage(const std::string& pa
 // Whether the name of a file is one of a slice: .png .bmp, in any case.
 bool IsItkSliceName(const std::string& path);
 
-// The slices that a folder, or a pattern with '*' or '?' in it, names: "slice9" before "slice10".
-// None if there are none.
-std::vector<std::string> ItkSlicesOf(const std::string& path);
-
-// Opens the slices that `path` names, one image each: grey, of one size and type. They are read
-// one at a time; the spacing is 1, since such files have only that of a print. INVALID_ARGUMENT:
-// no slices; colours; slices of different size or type, which are found when they are read.
-// DATA_LOSS: as above.
+// Opens the slices that `path`, a folder or a pattern, names (FilesNamed), one image each: grey, of
+// one size and type. They are read one at a time; the spacing is 1, since such files have only that
+// of a print. INVALID_ARGUMENT: no slices; colours; slices of different size or type, which are
+// found when they are read. DATA_LOSS: as above.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkSlices(const std::string& path);
 
 }  // namespace isoscope::source

@@ -81,11 +81,11 @@ bool IsParHeader(absl::string_view head) {
 std::string LayoutHeaderPath(const std::string& path) {
   struct Pair {
     const char* samples;
-    std::array<const char*, 2> headers;
+    std::array<const char*, 3> headers;  // null behind the last one
   };
-  constexpr std::array<Pair, 6> kPairs{{{".img", {".hdr", ".HDR"}},
+  constexpr std::array<Pair, 6> kPairs{{{".img", {".hdr", ".HDR", ".hdr.gz"}},
                                         {".rec", {".PAR", ".par"}},
-                                        {".img.gz", {".hdr", ".HDR"}},
+                                        {".img.gz", {".hdr", ".HDR", ".hdr.gz"}},
                                         {".brik", {".HEAD", ".head"}},
                                         {".brik.gz", {".HEAD", ".head"}},
                                         {".brik.bz2", {".HEAD", ".head"}}}};
@@ -93,7 +93,7 @@ std::string LayoutHeaderPath(const std::string& path) {
     if (absl::EndsWithIgnoreCase(path, pair.samples)) {
       const std::string stem = path.substr(0, path.size() - std::string(pair.samples).size());
       for (const char* header : pair.headers) {
-        if (io::PathExists(stem + header)) {
+        if (header != nullptr && io::PathExists(stem + header)) {
           return stem + header;
         }
       }

@@ -23,8 +23,8 @@ bool IsAfniHeader(absl::string_view head);
 bool IsParHeader(absl::string_view head);
 bool IsGiplHeader(absl::string_view head);
 
-// The header beside a file of samples: "a.hdr" for "a.img" and "a.img.gz", "a.HEAD" for
-// "a.BRIK.gz", "a.PAR" for "a.REC"; else `path` itself.
+// The header beside a file of samples: "a.hdr" or "a.hdr.gz" for "a.img" and "a.img.gz", "a.HEAD"
+// for "a.BRIK.gz", "a.PAR" for "a.REC"; else `path` itself.
 std::string LayoutHeaderPath(const std::string& path);
 
 // The readers of headers. A grid that is sheared is read as it is: MakeLayoutSeries refuses it.

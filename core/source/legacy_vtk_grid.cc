@@ -65,9 +65,9 @@ absl::Status LegacyGrid::TakeCoordinates(std::size_t axis, bool is_binary, Legac
         absl::StrFormat("%s of type \"%s\"; expected float or double", name, type.substr(0, 64)));
   }
   const std::size_t size = type == "float" ? sizeof(float) : sizeof(double);
-  is_single_ = is_single_ || size == sizeof(float);
+  axes_.is_single = axes_.is_single || size == sizeof(float);
   const std::int64_t begin = words->position();
-  std::vector<double>& values = coordinates_[axis];
+  std::vector<double>& values = axes_.points[axis];
   values.clear();
   if (is_binary) {
     ISOSCOPE_RETURN_IF_ERROR(
@@ -104,37 +104,15 @@ absl::StatusOr<CfUnevenGrid> LegacyGrid::Locate(bool is_of_cells, const GridRule
     }
     return even;
   }
-  std::vector<CfAxis> axes;
-  for (const std::size_t axis : {2U, 1U, 0U}) {
+  for (std::size_t axis = 3; axis-- > 0;) {
     const std::int64_t points = dims_[static_cast<int>(axis)];
-    std::vector<double> values = coordinates_[axis];
-    if (static_cast<std::int64_t>(values.size()) != points) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%d %c_COORDINATES; DIMENSIONS %d %d %d have %d", values.size(),
-                          "XYZ"[axis], dims_.x, dims_.y, dims_.z, points));
+    if (static_cast<std::int64_t>(axes_.points[axis].size()) != points) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%d %c_COORDINATES; DIMENSIONS %d %d %d have %d", axes_.points[axis].size(), "XYZ"[axis],
+          dims_.x, dims_.y, dims_.z, points));
     }
-    for (std::size_t i = 0; is_of_cells && i + 1 < values.size(); ++i) {
-      values[i] = (values[i] + values[i + 1]) / 2;
-    }
-    if (is_of_cells) {
-      values.pop_back();
-    }
-    if (values.size() < 2) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("DIMENSIONS %d %d %d: an isosurface needs 2 samples on each axis",
-                          dims_.x, dims_.y, dims_.z));
-    }
-    axes.push_back({.name = std::string(1, "xyz"[axis]),
-                    .size = static_cast<std::int64_t>(values.size()),
-                    .values = std::move(values),
-                    .is_single = is_single_});
   }
-  const CfRoles roles{.space = {0, 1, 2}, .letters = {'Z', 'Y', 'X'}};
-  if (rules.resamples) {
-    return CfUnevenGridOf(axes, roles);
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, CfGridOf(axes, roles));
-  return CfUnevenGrid{.geometry = geometry};
+  return RectilinearGridOf(axes_, is_of_cells, rules);
 }
 
 }  // namespace isoscope::source

@@ -3,10 +3,8 @@
 #ifndef ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_
 #define ISOSCOPE_CORE_SOURCE_LEGACY_VTK_GRID_H_
 
-#include <array>
 #include <cstdint>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -14,6 +12,7 @@
 #include "core/source/cf_grid.h"
 #include "core/source/grid_rules.h"
 #include "core/source/legacy_vtk_words.h"
+#include "core/source/rectilinear_grid.h"
 
 namespace isoscope::source {
 
@@ -28,8 +27,8 @@ class LegacyGrid {
   absl::StatusOr<bool> Take(const std::string& keyword, bool is_binary, LegacyWords* words);
 
   // The grid of the points, or of the cells' centres, with distances only if it is uneven and the
-  // rules resample. INVALID_ARGUMENT: not as many coordinates as samples; uneven (CfGridOf), unless
-  // the rules resample, and then coordinates that neither ascend nor descend.
+  // rules resample. INVALID_ARGUMENT: not as many coordinates as DIMENSIONS say; as
+  // RectilinearGridOf.
   [[nodiscard]] absl::StatusOr<CfUnevenGrid> Locate(bool is_of_cells, const GridRules& rules) const;
 
  private:
@@ -39,8 +38,7 @@ class LegacyGrid {
   math::Index3 dims_;
   math::Vec3d origin_;
   math::Vec3d spacing_{1, 1, 1};
-  std::array<std::vector<double>, 3> coordinates_{};  // of points, by axis
-  bool is_single_ = false;                            // stored as 32-bit floats
+  RectilinearAxes axes_{};
 };
 
 }  // namespace isoscope::source

@@ -19,12 +19,13 @@
 #include "absl/strings/str_format.h"
 #include "itkMINCImageIO.h"
 
-#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/source/affine_grid.h"
 #include "core/source/file_start.h"
 #include "core/source/itk_types.h"
+#include "core/source/minc1_series.h"
 #include "core/source/silent_libraries.h"
+#include "core/source/single_series.h"
 #include "core/source/walled_source.h"
 
 namespace isoscope::source {
@@ -87,37 +88,10 @@ absl::StatusOr<volume::GridGeometry> GridOf(const itk::ImageIOBase& io, const st
                         rows, PatientWorld::kRas, path);
 }
 
-class MincSeries final : public VolumeSeries {
- public:
-  MincSeries(std::string path, const std::string& field, std::unique_ptr<VolumeSource> volume)
-      : path_(std::move(path)), fields_{{.name = field}}, volume_(std::move(volume)) {}
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return no_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return length_unit_; }
-  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    ISOSCOPE_CHECK(field == 0 && component == 0 && step == 0);
-    if (volume_ != nullptr) {
-      return std::move(volume_);
-    }
-    return OpenChild(path_);
-  }
-
-  static absl::StatusOr<std::unique_ptr<VolumeSource>> OpenChild(const std::string& path) {
-    SilenceImageLibraries();  // first, so that its lock is free when the process forks
-    return OpenWalled({.name = "libminc", .open = OpenMincFile}, path);
-  }
-
- private:
-  const std::string path_;
-  const std::vector<SourceField> fields_;
-  const std::vector<double> times_;
-  const std::string no_unit_;
-  const std::string length_unit_ = "mm";
-  std::unique_ptr<VolumeSource> volume_;  // until it is asked for
-};
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincChild(const std::string& path) {
+  SilenceImageLibraries();  // first, so that its lock is free when the process forks
+  return OpenWalled({.name = "libminc", .open = OpenMincFile}, path);
+}
 
 }  // namespace
 
@@ -146,16 +120,19 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincFile(const std::string& pa
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMincSeries(const std::string& path,
                                                              const std::string& field) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(path, 8));
-  if (absl::StartsWith(head.bytes, "CDF")) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: MINC 1 (NetCDF); expected MINC 2: convert it (mincconvert -2)", path));
+  if (!head.is_gzip && IsMinc1(head.bytes)) {
+    return OpenMinc1Series(path, field);
   }
   if (head.is_gzip || !absl::StartsWith(head.bytes, "\x89HDF\r\n\x1a\n")) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: not a MINC 2 file, though its name says so", path));
+        absl::StrFormat("%s: not a MINC file, though its name says so", path));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, MincSeries::OpenChild(path));
-  return std::make_unique<MincSeries>(path, field, std::move(volume));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenMincChild(path));
+  return MakeSingleSeries({.path = path,
+                           .field = field,
+                           .length_unit = "mm",
+                           .volume = std::move(volume),
+                           .open = [path] { return OpenMincChild(path); }});
 }
 
 }  // namespace isoscope::source

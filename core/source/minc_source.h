@@ -1,4 +1,4 @@
-// MINC 2, by ITK and libminc.
+// MINC 2, by ITK and libminc; MINC 1 (minc1_series.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_MINC_SOURCE_H_
 #define ISOSCOPE_CORE_SOURCE_MINC_SOURCE_H_
@@ -14,13 +14,13 @@
 namespace isoscope::source {
 
 // Opens a MINC 2 file, which is HDF5, as one field of that name. The libraries run in a child
-// process, which reads a plane at a time. Values are the real ones, in LPS. INVALID_ARGUMENT: MINC
-// 1 (says how to convert it); not a MINC file; time or vectors; sheared directions. DATA_LOSS: as
-// OpenWalled.
+// process, which reads a plane at a time. Values are the real ones, in LPS. A classic netCDF file
+// is MINC 1. INVALID_ARGUMENT: not a MINC file; of MINC 2 time or vectors; sheared directions; as
+// OpenMinc1Series. DATA_LOSS: as OpenWalled.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMincSeries(const std::string& path,
                                                              const std::string& field);
 
-// The same in this process, which the libraries may end.
+// MINC 2 in this process, which the libraries may end.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincFile(const std::string& path,
                                                            const std::string& part);
 

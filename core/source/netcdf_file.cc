@@ -220,6 +220,25 @@ absl::StatusOr<std::vector<CfAxis>> NetcdfFile::AxesOf(int group,
   return axes;
 }
 
+absl::StatusOr<std::optional<NetcdfVariable>> NetcdfFile::Describe(int group, int id,
+                                                                   const std::string& prefix,
+                                                                   int least_rank) {
+  constexpr int kMaxRank = 32;
+  NetcdfVariable variable{.group = group, .id = id, .name = ""};
+  std::array<char, NC_MAX_NAME + 1> name{};
+  int rank = 0;
+  if (nc_inq_varname(group, id, name.data()) != NC_NOERR ||
+      nc_inq_varndims(group, id, &rank) != NC_NOERR || rank < least_rank || rank > kMaxRank ||
+      !NetcdfTypeOf(group, id, &variable.stored, &variable.wide)) {
+    return std::nullopt;
+  }
+  variable.name = absl::StrCat(prefix, name.data());
+  variable.dimensions.resize(static_cast<std::size_t>(rank));
+  nc_inq_vardimid(group, id, variable.dimensions.data());
+  ISOSCOPE_ASSIGN_OR_RETURN(variable.axes, AxesOf(group, variable.dimensions));
+  return variable;
+}
+
 absl::Status NetcdfFile::Visit(int group, const std::string& prefix, int depth,
                                std::vector<NetcdfVariable>* volumes) {
   int count = 0;
@@ -231,22 +250,13 @@ absl::Status NetcdfFile::Visit(int group, const std::string& prefix, int depth,
                         kMaxNetcdfVariables, kMaxNetcdfGroups));
   }
   for (int id = 0; id < count; ++id) {
-    NetcdfVariable variable{.group = group, .id = id, .name = ""};
-    std::array<char, NC_MAX_NAME + 1> name{};
-    int rank = 0;
-    if (nc_inq_varname(group, id, name.data()) != NC_NOERR ||
-        nc_inq_varndims(group, id, &rank) != NC_NOERR || rank < 3 || rank > 32 ||
-        !NetcdfTypeOf(group, id, &variable.stored, &variable.wide)) {
-      continue;
-    }
-    variable.name = absl::StrCat(prefix, name.data());
-    variable.dimensions.resize(static_cast<std::size_t>(rank));
-    nc_inq_vardimid(group, id, variable.dimensions.data());
-    ISOSCOPE_ASSIGN_OR_RETURN(variable.axes, AxesOf(group, variable.dimensions));
-    const std::optional<CfRoles> roles = CfRolesOf(variable.axes);
+    ISOSCOPE_ASSIGN_OR_RETURN(std::optional<NetcdfVariable> variable,
+                              Describe(group, id, prefix, 3));
+    const std::optional<CfRoles> roles =
+        variable.has_value() ? CfRolesOf(variable->axes) : std::nullopt;
     if (roles.has_value()) {
-      variable.roles = *roles;
-      volumes->push_back(std::move(variable));
+      variable->roles = *roles;
+      volumes->push_back(*std::move(variable));
     }
   }
   int group_count = 0;
@@ -273,6 +283,41 @@ absl::StatusOr<std::vector<NetcdfVariable>> NetcdfFile::Volumes() {
     return absl::Status(status.code(), absl::StrCat(path_, ": ", status.message()));
   }
   return volumes;
+}
+
+absl::StatusOr<std::optional<NetcdfVariable>> NetcdfFile::Find(const std::string& name) {
+  int id = 0;
+  if (nc_inq_varid(id_, name.c_str(), &id) != NC_NOERR) {
+    return std::nullopt;
+  }
+  auto variable = Describe(id_, id, "", 0);
+  if (!variable.ok()) {
+    return absl::Status(variable.status().code(),
+                        absl::StrCat(path_, ": ", variable.status().message()));
+  }
+  return variable;
+}
+
+std::vector<double> NetcdfFile::Numbers(const NetcdfVariable& variable, const char* name) const {
+  return NetcdfNumbers(variable.group, variable.id, name);
+}
+
+absl::StatusOr<std::vector<double>> NetcdfFile::Values(const NetcdfVariable& variable) const {
+  std::int64_t count = 1;
+  for (const CfAxis& axis : variable.axes) {
+    if (axis.size > static_cast<std::int64_t>(kMaxNetcdfAxis) / std::max<std::int64_t>(count, 1)) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s:%s: more than %d elements", path_, variable.name, kMaxNetcdfAxis));
+    }
+    count *= axis.size;
+  }
+  std::vector<double> values(static_cast<std::size_t>(count));
+  const int status = nc_get_var_double(variable.group, variable.id, values.data());
+  if (status != NC_NOERR) {
+    return absl::DataLossError(absl::StrCat(path_, ":", variable.name, ": can't be read: ",
+                                            nc_strerror(status), ": the file is damaged or cut"));
+  }
+  return values;
 }
 
 std::string NetcdfFile::Text(const NetcdfVariable& variable,

@@ -61,14 +61,24 @@ class NetcdfFile {
   // The variables of numbers that are volumes (CfRolesOf), in all groups, in the file's order.
   // INVALID_ARGUMENT: more than 10 000 variables; a coordinate that can't be read.
   absl::StatusOr<std::vector<NetcdfVariable>> Volumes();
+  // The variable of that name outside groups, without roles; of any rank. Not set if there is none
+  // of numbers. DATA_LOSS: a coordinate that can't be read.
+  absl::StatusOr<std::optional<NetcdfVariable>> Find(const std::string& name);
   // The first of several attributes of a variable that is a text and not empty; else "".
   [[nodiscard]] std::string Text(const NetcdfVariable& variable,
                                  const std::vector<const char*>& names) const;
+  // An attribute of at most 64 numbers; none if there is no such one.
+  [[nodiscard]] std::vector<double> Numbers(const NetcdfVariable& variable, const char* name) const;
+  // All elements of a variable. INVALID_ARGUMENT: more than 2^24 of them. DATA_LOSS: can't be read.
+  [[nodiscard]] absl::StatusOr<std::vector<double>> Values(const NetcdfVariable& variable) const;
   [[nodiscard]] NetcdfPacking PackingOf(const NetcdfVariable& variable) const;
 
  private:
   NetcdfFile(std::string path, int id) : path_(std::move(path)), id_(id) {}
 
+  // Not set if the library does not know it, or it is not of numbers, or has fewer dimensions.
+  absl::StatusOr<std::optional<NetcdfVariable>> Describe(int group, int id,
+                                                         const std::string& prefix, int least_rank);
   absl::Status Visit(int group, const std::string& prefix, int depth,
                      std::vector<NetcdfVariable>* volumes);
   absl::StatusOr<std::vector<CfAxis>> AxesOf(int group, const std::vector<int>& dimensions);

@@ -47,12 +47,12 @@ void UnpackNetcdf(const NetcdfPacking& packing, std::size_t count, const char* i
 
 class NetcdfSource final : public VolumeSource {
  public:
-  NetcdfSource(std::unique_ptr<NetcdfFile> file, NetcdfVariable variable,
+  NetcdfSource(std::unique_ptr<NetcdfFile> file, NetcdfVariable variable, NetcdfPacking packing,
                const volume::GridGeometry& geometry, std::vector<std::size_t> start,
                std::int64_t cache_bytes)
       : file_(std::move(file)),
         variable_(std::move(variable)),
-        packing_(file_->PackingOf(variable_)),
+        packing_(std::move(packing)),
         geometry_(geometry),
         start_(std::move(start)),
         memory_bytes_(cache_bytes + kNetcdfBufferBytes),
@@ -170,33 +170,21 @@ absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable) {
   return cache_bytes;
 }
 
-}  // namespace
+absl::Status NamedNetcdf(const absl::Status& status, const NetcdfFile& file,
+                         const NetcdfVariable& variable) {
+  return absl::Status(status.code(),
+                      absl::StrCat(file.path(), ":", variable.name, ": ", status.message()));
+}
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<NetcdfFile> file,
-                                                               const NetcdfVariable& variable,
-                                                               std::int64_t step,
-                                                               std::int64_t component,
-                                                               bool takes_uneven) {
-  const std::string name = absl::StrCat(file->path(), ":", variable.name, ": ");
-  const auto named = [&](const absl::Status& status) {
-    return absl::Status(status.code(), absl::StrCat(name, status.message()));
-  };
-  auto geometry = absl::StatusOr<volume::GridGeometry>(absl::UnknownError(""));
-  if (takes_uneven) {
-    const auto grid = CfUnevenGridOf(variable.axes, variable.roles);
-    geometry = grid.ok() ? absl::StatusOr<volume::GridGeometry>(grid->geometry) : grid.status();
-  } else {
-    geometry = CfGridOf(variable.axes, variable.roles);
-  }
-  if (!geometry.ok()) {
-    return named(geometry.status());
-  }
-  if (const absl::Status valid = volume::Validate(*geometry); !valid.ok()) {
-    return named(valid);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnGrid(
+    std::unique_ptr<NetcdfFile> file, const NetcdfVariable& variable, NetcdfPacking packing,
+    const volume::GridGeometry& geometry, std::int64_t step, std::int64_t component) {
+  if (const absl::Status valid = volume::Validate(geometry); !valid.ok()) {
+    return NamedNetcdf(valid, *file, variable);
   }
   const auto cache_bytes = SetNetcdfCache(variable);
   if (!cache_bytes.ok()) {
-    return named(cache_bytes.status());
+    return NamedNetcdf(cache_bytes.status(), *file, variable);
   }
   std::vector<std::size_t> start(variable.axes.size(), 0);
   if (variable.roles.time.has_value()) {
@@ -205,12 +193,40 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<N
   if (variable.roles.component.has_value()) {
     start[*variable.roles.component] = static_cast<std::size_t>(component);
   }
-  auto source = std::make_unique<NetcdfSource>(std::move(file), variable, *geometry,
-                                               std::move(start), *cache_bytes);
+  auto source = std::make_unique<NetcdfSource>(std::move(file), variable, std::move(packing),
+                                               geometry, std::move(start), *cache_bytes);
   if (variable.wide.has_value() && source->is_plain()) {
     return MakeWideSource(std::move(source), *variable.wide);
   }
   return source;
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<NetcdfFile> file,
+                                                               const NetcdfVariable& variable,
+                                                               std::int64_t step,
+                                                               std::int64_t component,
+                                                               bool takes_uneven) {
+  auto geometry = absl::StatusOr<volume::GridGeometry>(absl::UnknownError(""));
+  if (takes_uneven) {
+    const auto grid = CfUnevenGridOf(variable.axes, variable.roles);
+    geometry = grid.ok() ? absl::StatusOr<volume::GridGeometry>(grid->geometry) : grid.status();
+  } else {
+    geometry = CfGridOf(variable.axes, variable.roles);
+  }
+  if (!geometry.ok()) {
+    return NamedNetcdf(geometry.status(), *file, variable);
+  }
+  NetcdfPacking packing = file->PackingOf(variable);
+  return OpenOnGrid(std::move(file), variable, std::move(packing), *geometry, step, component);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenStoredNetcdf(std::unique_ptr<NetcdfFile> file,
+                                                               const NetcdfVariable& variable,
+                                                               const volume::GridGeometry& geometry,
+                                                               std::int64_t step) {
+  return OpenOnGrid(std::move(file), variable, {}, geometry, step, 0);
 }
 
 }  // namespace isoscope::source

@@ -11,6 +11,7 @@
 
 #include "core/source/netcdf_file.h"
 #include "core/source/volume_source.h"
+#include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
 
@@ -24,6 +25,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<N
                                                                std::int64_t step,
                                                                std::int64_t component,
                                                                bool takes_uneven = false);
+
+// The same on a grid that is known, of samples as they are stored. REQUIRES: the roles of space
+// and the grid have the same sizes.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenStoredNetcdf(std::unique_ptr<NetcdfFile> file,
+                                                               const NetcdfVariable& variable,
+                                                               const volume::GridGeometry& geometry,
+                                                               std::int64_t step);
 
 }  // namespace isoscope::source
 

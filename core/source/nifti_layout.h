@@ -34,7 +34,7 @@ absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path);
 
 // For both versions of NIfTI. INVALID_ARGUMENT: a type that no volume has.
 absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path);
-// "a.img" or "a.img.gz" beside "a.hdr". NOT_FOUND if neither exists.
+// "a.img" or "a.img.gz" beside "a.hdr" or "a.hdr.gz", also of Analyze. NOT_FOUND if neither exists.
 absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& header_path);
 // "s", "ms", "us", or "" for other units, which are no times.
 const char* NiftiTimeUnit(std::uint8_t units);

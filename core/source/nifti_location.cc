@@ -157,7 +157,10 @@ absl::Status CheckTransform(const NiftiHeader& header, const std::string& path) 
 
 absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& header_path) {
   const std::size_t slash = header_path.rfind('/');
-  const std::string name = header_path.substr(slash == std::string::npos ? 0 : slash + 1);
+  std::string name = header_path.substr(slash == std::string::npos ? 0 : slash + 1);
+  if (IsGzipName(name)) {
+    name.resize(name.size() - 3);
+  }
   const std::string image = absl::StrCat(name.substr(0, name.rfind('.')), ".img");
   auto plain = SingleFile(header_path, image);
   auto packed = plain.ok() ? plain : SingleFile(header_path, image + ".gz");
@@ -210,7 +213,10 @@ absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path) {
 std::string NiftiHeaderPath(const std::string& path) {
   for (const char* suffix : {".img", ".img.gz"}) {
     if (absl::EndsWithIgnoreCase(path, suffix)) {
-      return absl::StrCat(path.substr(0, path.size() - std::string(suffix).size()), ".hdr");
+      std::string header =
+          absl::StrCat(path.substr(0, path.size() - std::string(suffix).size()), ".hdr");
+      const std::string packed = header + ".gz";
+      return !io::PathExists(header) && io::PathExists(packed) ? packed : header;
     }
   }
   return path;

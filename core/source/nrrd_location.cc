@@ -8,7 +8,8 @@
 //   endian: big
 //   encoding: gzip                 or raw, bzip2, ascii (numbers), hex
 //   line skip: 3                   lines before that, before anything is decoded
-//   byte skip: 12                  bytes (decoded ones, if compressed) before the samples
+//   byte skip: 12                  bytes (decoded ones, if compressed) before the samples; -1: the
+//                                  samples are the last bytes
 //   data file: quarter.%d 1 93 1   see below
 //
 // Without a data file the samples follow the empty line. A data file is one of
@@ -170,16 +171,17 @@ absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
   }
   location->encoding = known->encoding;
   const bool is_text = location->encoding == SampleEncoding::kText;
+  const bool has_end = !is_text && location->encoding != SampleEncoding::kHex;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t line_skip,
                             header.GetInteger("line skip", "lineskip"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t byte_skip,
                             header.GetInteger("byte skip", "byteskip"));
   if (line_skip < 0 || (line_skip > 0 && location->files.size() > 1) || byte_skip < -1 ||
-      (byte_skip == -1 && location->is_encoded()) || (byte_skip > 0 && is_text)) {
+      (byte_skip == -1 && !has_end) || (byte_skip > 0 && is_text)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: line skip %d, byte skip %d with encoding %s: expected a line skip of 0 or more (0 "
-        "with several data files), and a byte skip of 0 or more (-1 only with encoding raw, 0 with "
-        "ascii)",
+        "with several data files), and a byte skip of 0 or more (0 with ascii), or -1 for samples "
+        "at the end of the file (with raw, gzip or bzip2)",
         path, line_skip, byte_skip, encoding));
   }
   ISOSCOPE_RETURN_IF_ERROR(SkipLines(line_skip, path, location));

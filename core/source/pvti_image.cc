@@ -118,7 +118,12 @@ bool Contains(const VtiExtent& outer, const VtiExtent& inner) {
 absl::StatusOr<VtiHeader> ReadPieceHeader(const std::string& file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
                             io::OpenRandomAccessFile(file));
-  return ReadWholeVtiHeader(*opened);
+  ISOSCOPE_ASSIGN_OR_RETURN(VtiHeader header, ReadWholeVtiHeader(*opened));
+  if (header.is_rectilinear) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(file, ": a piece that is a RectilinearGrid; expected ImageData"));
+  }
+  return header;
 }
 
 const VtiArray* FindLike(const VtiHeader& header, const VtiArray& like) {

@@ -14,15 +14,16 @@ std::optional<FileFormat> SampleFormatOf(const std::string& path) {
     const char* text;
     FileFormat format;
   };
-  constexpr std::array<SampleEnding, 9> kEndings{{{".nii", FileFormat::kNifti},
-                                                  {".nii.gz", FileFormat::kNifti},
-                                                  {".hdr", FileFormat::kNifti},
-                                                  {".img", FileFormat::kNifti},
-                                                  {".img.gz", FileFormat::kNifti},
-                                                  {".nrrd", FileFormat::kNrrd},
-                                                  {".nhdr", FileFormat::kNrrd},
-                                                  {".mha", FileFormat::kMetaImage},
-                                                  {".mhd", FileFormat::kMetaImage}}};
+  constexpr std::array<SampleEnding, 10> kEndings{{{".nii", FileFormat::kNifti},
+                                                   {".nii.gz", FileFormat::kNifti},
+                                                   {".hdr", FileFormat::kNifti},
+                                                   {".hdr.gz", FileFormat::kNifti},
+                                                   {".img", FileFormat::kNifti},
+                                                   {".img.gz", FileFormat::kNifti},
+                                                   {".nrrd", FileFormat::kNrrd},
+                                                   {".nhdr", FileFormat::kNrrd},
+                                                   {".mha", FileFormat::kMetaImage},
+                                                   {".mhd", FileFormat::kMetaImage}}};
   for (const SampleEnding& ending : kEndings) {
     if (absl::EndsWithIgnoreCase(path, ending.text)) {
       return ending.format;

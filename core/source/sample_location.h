@@ -25,7 +25,9 @@ struct SampleLocation {
   // The members below hold for each file.
   std::int64_t offset = 0;       // bytes before the samples or the encoded stream
   bool has_more_behind = false;  // other bytes may follow: no warning of a longer file
-  bool at_file_end = false;      // the samples are the last bytes of the file; offset is ignored
+  // The samples are the last bytes of the file, or of the encoded stream: the offset of raw ones
+  // and decoded_skip are ignored.
+  bool at_file_end = false;
   SampleEncoding encoding = SampleEncoding::kRaw;
   std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if encoded
 
@@ -55,13 +57,14 @@ absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
 
 // The format of a file whose header ITK reads: by the ending of the name (NIfTI: .nii .hdr .img,
-// each also .gz but .hdr; NRRD: .nrrd .nhdr; MetaImage: .mha .mhd), else by the first bytes of an
+// each also .gz; NRRD: .nrrd .nhdr; MetaImage: .mha .mhd), else by the first bytes of an
 // existing file (NRRD, MetaImage). Not set for others.
 std::optional<FileFormat> SampleFormatOf(const std::string& path);
 // "nifti", "nrrd", "metaimage", in any case; not set for other names.
 std::optional<FileFormat> SampleFormatFromName(const std::string& name);
 
-// The header file of a NIfTI pair: "a.hdr" for "a.img" and "a.img.gz"; else `path` itself.
+// The header file of a NIfTI pair: "a.hdr", or "a.hdr.gz" if only that exists, for "a.img" and
+// "a.img.gz"; else `path` itself.
 std::string NiftiHeaderPath(const std::string& path);
 
 }  // namespace isoscope::source

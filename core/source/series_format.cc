@@ -28,6 +28,7 @@
 #include "core/source/slc_series.h"
 #include "core/source/tiff_file.h"
 #include "core/source/tiff_source.h"
+#include "core/source/vtk_series.h"
 
 namespace isoscope::source {
 namespace {
@@ -144,6 +145,12 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .open_by_rules =
            [](const std::string& file, const std::string& field, const std::string& /*part*/,
               const GridRules& rules) { return OpenLegacyVtkSeries(file, field, rules); }},
+      {.name = "rectilinear VTK",
+       .endings = {".vtr"},
+       .has_field_names = true,
+       .open_by_rules = [](const std::string& file, const std::string& /*field*/,
+                           const std::string& /*part*/,
+                           const GridRules& rules) { return OpenVtrSeries(file, rules); }},
       {.name = "Gaussian cube",
        .endings = {".cube", ".cub"},
        .open = [](const std::string& file, const std::string& field,
@@ -241,6 +248,9 @@ std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path) {
 std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules) {
   std::optional<SeriesFile> file = FindSeriesFileByContent(header_path);
   if (!file.has_value() || file->format->name != kNifti1Name) {
+    return file;
+  }
+  if (absl::EndsWithIgnoreCase(header_path, ".hdr.gz")) {
     return file;
   }
   if (rules.ignores_shear) {

@@ -72,8 +72,8 @@ std::optional<SeriesFile> FindSeriesFileByName(const std::string& path);
 // read.
 std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
 
-// That of a header with the ending of NIfTI that is not one of NIfTI-1, or is one with a shear that
-// the rules ignore: ITK refuses it.
+// That of a header with the ending of NIfTI that our own reader takes: it is not one of NIfTI-1, it
+// is in a gzip stream of its own (.hdr.gz), or it has a shear that the rules ignore.
 std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules);
 
 // Opens the file, or its part as a series of one field. `field` is the name of a field that the

@@ -99,6 +99,7 @@ class TextSource final : public VolumeSource {
     if (begin < next_number_) {
       scanner_ = TextScanner(file_.get(), location_.offset);
       next_number_ = 0;
+      is_at_tag_ = false;
     }
     ISOSCOPE_RETURN_IF_ERROR(Skip(begin - next_number_));
     if (location_.wide.has_value()) {
@@ -129,10 +130,15 @@ class TextSource final : public VolumeSource {
   }
 
   absl::StatusOr<absl::string_view> Next() {
-    auto word = scanner_.NextWord();
+    auto word = is_at_tag_ ? absl::StatusOr<absl::string_view>("") : scanner_.NextWord();
+    if (word.ok() && location_.ends_at_tag) {
+      const std::size_t tag = word->find('<');
+      is_at_tag_ = is_at_tag_ || tag != absl::string_view::npos;
+      word = word->substr(0, tag);
+    }
     if (word.ok() && word->empty()) {
       return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: the file ends after %d numbers; its header promises %d: it is cut; copy it again",
+          "%s: the text ends after %d numbers; its header promises %d: it is cut; copy it again",
           name_, next_number_, math::Volume(geometry_.sample_dims) * location_.components));
     }
     ++next_number_;
@@ -155,6 +161,7 @@ class TextSource final : public VolumeSource {
   const std::unique_ptr<io::RandomAccessFile> file_;
   TextScanner scanner_;
   std::int64_t next_number_ = 0;  // since the offset
+  bool is_at_tag_ = false;        // where the numbers end
 };
 
 }  // namespace

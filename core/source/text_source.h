@@ -24,11 +24,12 @@ struct TextLocation {
   std::optional<WideType> wide{};
   std::int64_t components = 1;  // of a tuple
   std::int64_t component = 0;   // the one that is read
+  bool ends_at_tag = false;     // '<' ends the numbers, as in XML
 };
 
 // Opens the samples at `location`, x fastest, as a volume; `name` is for messages. It is read
-// forwards: asked for earlier rows it starts over. ReadRows: INVALID_ARGUMENT if the file ends
-// early, or a word is no number, or none of that type (names it and its offset). Holds 64 KiB.
+// forwards: asked for earlier rows it starts over. ReadRows: INVALID_ARGUMENT if the numbers
+// end early, or a word is no number, or none of that type (names it and its offset). Holds 64 KiB.
 absl::StatusOr<std::unique_ptr<VolumeSource>> MakeTextSource(const volume::GridGeometry& geometry,
                                                              const TextLocation& location,
                                                              const std::string& name);

@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 
-#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_folder.h"
@@ -21,6 +20,7 @@
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
 #include "core/source/series_format.h"
+#include "core/source/single_series.h"
 #include "core/source/tiff_source.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtk_series.h"
@@ -28,46 +28,15 @@
 namespace isoscope::source {
 namespace {
 
-// The series of a single volume: one field, one step, no time.
-class SingleSeries final : public VolumeSeries {
- public:
-  SingleSeries(std::string path, std::string format, const GridRules& rules, std::string field,
-               std::unique_ptr<VolumeSource> volume)
-      : path_(std::move(path)),
-        format_(std::move(format)),
-        rules_(rules),
-        fields_{{.name = std::move(field)}},
-        volume_(std::move(volume)) {}
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return no_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return no_unit_; }
-
-  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    ISOSCOPE_CHECK(field == 0 && component == 0 && step == 0);
-    if (volume_ != nullptr) {
-      return std::move(volume_);
-    }
-    return OpenVolumeFile(path_, format_, rules_);
-  }
-
- private:
-  const std::string path_;
-  const std::string format_;
-  const GridRules rules_;
-  const std::vector<SourceField> fields_;
-  const std::vector<double> times_;
-  const std::string no_unit_;
-  std::unique_ptr<VolumeSource> volume_;  // until it is asked for
-};
-
+// The series of the only volume of a path, in a format or, if that is "", by name and content.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path,
+                                                         const std::string& format,
                                                          const GridRules& rules) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenVolumeFile(path, "", rules));
-  std::string field = FieldNameOf(volume->name());
-  return std::make_unique<SingleSeries>(path, "", rules, std::move(field), std::move(volume));
+  const auto open = [path, format, rules] { return OpenVolumeFile(path, format, rules); };
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, open());
+  std::string field = FieldNameOf(format.empty() ? volume->name() : path);
+  return MakeSingleSeries(
+      {.path = path, .field = std::move(field), .volume = std::move(volume), .open = open});
 }
 
 // The meshes of a file, if it has some and the path names no dataset; else its datasets.
@@ -110,9 +79,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesAs(const std::string& pa
       return series;
     }
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
-                            OpenVolumeFile(path, format, rules));
-  return std::make_unique<SingleSeries>(path, format, rules, FieldNameOf(path), std::move(volume));
+  return OpenSingle(path, format, rules);
 }
 
 }  // namespace
@@ -195,7 +162,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
       return OpenSeriesFile(*file, FieldNameOf(path), options.rules);
     }
   }
-  return OpenSingle(path, options.rules);
+  return OpenSingle(path, "", options.rules);
 }
 
 }  // namespace isoscope::source

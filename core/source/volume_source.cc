@@ -13,12 +13,7 @@
 
 #include "core/source/volume_source.h"
 
-#include <glob.h>
-
-#include <algorithm>
-#include <filesystem>
 #include <optional>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -38,7 +33,8 @@
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
 #include "core/source/itk_image.h"
-#include "core/source/natural_order.h"
+#include "core/source/named_files.h"
+#include "core/source/refused_formats.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
 #include "core/source/series_format.h"
@@ -64,34 +60,6 @@ bool IsTiffName(const std::string& path) {
   return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
 }
 
-// The TIFF files in a folder, "slice9" before "slice10".
-std::vector<std::string> TiffFilesIn(const std::string& folder) {
-  std::vector<std::string> files;
-  std::error_code error;
-  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
-       entry.increment(error)) {
-    const std::string path = entry->path().string();
-    if (IsTiffName(path) && !io::IsDirectory(path)) {
-      files.push_back(path);
-    }
-  }
-  std::sort(files.begin(), files.end(), NaturalLess);
-  return files;
-}
-
-// The files that a pattern with '*' or '?' in it names.
-std::vector<std::string> FilesLike(const std::string& pattern) {
-  std::vector<std::string> files;
-  glob_t found{};
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): the programs never change their environment
-  if (glob(pattern.c_str(), 0, nullptr, &found) == 0) {
-    files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
-  }
-  globfree(&found);
-  std::sort(files.begin(), files.end(), NaturalLess);
-  return files;
-}
-
 enum class SourceKind { kTiff, kItkSlices, kHdf5, kDicom, kVti, kPvti, kSeriesFile, kSampleFile };
 
 // The volume that a path names.
@@ -112,15 +80,18 @@ FoundVolume FoundSeries(SeriesFile series) {
 }
 
 absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
-  std::vector<std::string> tiff_files = TiffFilesIn(path);
+  std::vector<std::string> tiff_files = FilesNamed(path, IsTiffName);
   if (!tiff_files.empty()) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = std::move(tiff_files)};
   }
   std::vector<std::string> dicom_files = DicomFilesIn(path);
   if (dicom_files.empty()) {
-    std::vector<std::string> slices = ItkSlicesOf(path);
+    std::vector<std::string> slices = FilesNamed(path, IsItkSliceName);
     if (!slices.empty()) {
       return FoundVolume{.kind = SourceKind::kItkSlices, .files = std::move(slices)};
+    }
+    if (const auto why = WhyRefused(path); why.has_value()) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
     }
     return absl::InvalidArgumentError(
         absl::StrCat(path,
@@ -141,9 +112,12 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
     if (std::optional<SeriesFile> series = FindSeriesFileByContent(path); series.has_value()) {
       return FoundSeries(*std::move(series));
     }
+    if (const auto why = WhyRefused(path); why.has_value()) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
+    }
     return absl::InvalidArgumentError(absl::StrCat(
         path,
-        ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
+        ": unknown kind of file; known are NIfTI (.nii .hdr .img, each also .gz), NRRD (.nrrd "
         ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
         "file.vti:array:component), ",
         ListedSeriesFormats(),
@@ -206,10 +180,10 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   }
   Hdf5Path hdf5;
   if (!io::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
-    return FoundVolume{.kind = SourceKind::kTiff, .files = FilesLike(path)};
+    return FoundVolume{.kind = SourceKind::kTiff, .files = FilesNamed(path, IsTiffName)};
   }
   if (IsItkSliceName(path) && (io::PathExists(path) || path.find_first_of("*?") != path.npos)) {
-    return FoundVolume{.kind = SourceKind::kItkSlices, .files = ItkSlicesOf(path)};
+    return FoundVolume{.kind = SourceKind::kItkSlices, .files = FilesNamed(path, IsItkSliceName)};
   }
   if (SplitHdf5Path(path, &hdf5)) {
     return FoundVolume{.kind = SourceKind::kHdf5, .files = {hdf5.file}};
@@ -355,7 +329,7 @@ bool NamesDicomSeries(const std::string& path) {
 
 std::vector<FormatName> FormatNames() {
   std::vector<FormatName> names = {
-      {"nifti", ".nii .nii.gz .hdr .img .img.gz"},
+      {"nifti", ".nii .nii.gz .hdr .hdr.gz .img .img.gz"},
       {"nrrd", ".nrrd .nhdr"},
       {"metaimage", ".mha .mhd"},
       {"dicom", "a folder of a series, or a file of it"},

@@ -70,8 +70,8 @@ struct RawFormat {
   math::Vec3d origin;
 };
 
-// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), the latter two
-// with samples in one file or several; an array of a VTK ImageData file ("file.vti",
+// Opens NIfTI (.nii .hdr .img, each also .gz), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), the
+// latter two with samples in one file or several; an array of a VTK ImageData file ("file.vti",
 // "file.vti:array", "file.vti:array:component"), of points or cells, and .pvti alike; a dataset of
 // an HDF5 file
 // ("file.h5:/dataset"); a DICOM series (its folder or a file of it); a TIFF stack (a folder, a

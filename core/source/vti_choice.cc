@@ -86,9 +86,11 @@ bool IsDefaultVtiArray(const VtiArray& array) {
 }
 absl::StatusOr<VtiChoice> ChooseVtiArray(const VtiHeader& header, const std::string& part,
                                          const std::string& path) {
-  if (!header.is_image || header.piece_count < 1 || header.arrays.empty()) {
+  if (!(header.is_image || header.is_rectilinear) || header.piece_count < 1 ||
+      header.arrays.empty()) {
     return absl::InvalidArgumentError(
-        absl::StrCat(path, ": no ImageData with an array in its PointData or CellData"));
+        absl::StrCat(path, ": no ", header.is_rectilinear ? "RectilinearGrid" : "ImageData",
+                     " with an array in its PointData or CellData"));
   }
   if (part.empty()) {
     const VtiArray* found = FindDefault(header);

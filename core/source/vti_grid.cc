@@ -51,8 +51,9 @@ absl::StatusOr<std::vector<T>> ParseNumbers(const std::string& text, std::size_t
   }
   return numbers;
 }
-// The extent of the image, which its first piece must fill.
-absl::StatusOr<VtiExtent> WholeExtent(const VtiHeader& header, const std::string& path) {
+}  // namespace
+
+absl::StatusOr<VtiExtent> WholeVtiExtent(const VtiHeader& header, const std::string& path) {
   const auto found = header.image.find("WholeExtent");
   const std::string text = found == header.image.end() ? "" : found->second;
   ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, ParseVtiExtent(text, "WholeExtent", path));
@@ -60,12 +61,11 @@ absl::StatusOr<VtiExtent> WholeExtent(const VtiHeader& header, const std::string
                             ParseVtiExtent(header.piece_extent, "Extent", path));
   if (piece != extent) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: its first piece is %s of %s; expected the whole image in one piece",
-                        path, header.piece_extent, text));
+        absl::StrFormat("%s: its first piece is %s of %s; expected all of it in one piece", path,
+                        header.piece_extent, text));
   }
   return extent;
 }
-}  // namespace
 
 absl::StatusOr<VtiExtent> ParseVtiExtent(const std::string& text, const char* attribute,
                                          const std::string& path) {
@@ -114,7 +114,11 @@ absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& imag
 
 absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
                                                  const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, WholeExtent(header, path));
+  if (!header.is_image) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": a RectilinearGrid; expected ImageData: rename it to end in .vtr"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, WholeVtiExtent(header, path));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             VtiGridOf(header.image, extent, is_of_cells, path));
   const absl::Status valid = volume::Validate(geometry);

@@ -21,6 +21,10 @@ using VtiExtent = std::array<std::int64_t, 6>;
 absl::StatusOr<VtiExtent> ParseVtiExtent(const std::string& text, const char* attribute,
                                          const std::string& path);
 
+// The extent of all points, which the first piece must have. INVALID_ARGUMENT: malformed numbers;
+// several pieces.
+absl::StatusOr<VtiExtent> WholeVtiExtent(const VtiHeader& header, const std::string& path);
+
 // The grid of the points of an extent, or of its cells' centres, by Origin, Spacing and Direction
 // of the tag ImageData. It need not be a volume: it may have one sample on an axis, or none.
 // INVALID_ARGUMENT: numbers that are none.
@@ -29,7 +33,7 @@ absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& imag
                                                const std::string& path);
 
 // The grid of the points, or of the cells' centres: one less on each axis, half a spacing further.
-// INVALID_ARGUMENT: several pieces; malformed numbers; a grid that is no volume.
+// INVALID_ARGUMENT: no ImageData; several pieces; malformed numbers; a grid that is no volume.
 absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
                                                  const std::string& path);
 

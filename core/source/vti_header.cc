@@ -16,10 +16,12 @@
 //    <AppendedData encoding="raw">_...</AppendedData>    bytes: no XML from the underscore on
 //   </VTKFile>
 //
-// expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an inline array
-// that is certain to be chosen: the text behind it may have gigabytes. Handlers get tags only, and
-// no text. Which array is chosen, and what grid the tags give, is told by vti_choice.h and
-// vti_grid.h. Source: VTK's file format description, "XML File Formats", https://docs.vtk.org.
+// A RectilinearGrid has no origin and spacing, but three arrays in a tag Coordinates behind
+// CellData. expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an
+// inline array that is certain to be chosen: the text behind it may have gigabytes. Handlers get
+// tags only, and no text. Which array is chosen, and what grid the tags give, is told by
+// vti_choice.h and vti_grid.h. Source: VTK's file format description, "XML File Formats",
+// https://docs.vtk.org.
 #include "core/source/vti_header.h"
 
 #include <algorithm>
@@ -80,14 +82,14 @@ class HeaderParser {
                     offset == file.size_bytes() ? 1 : 0) == XML_STATUS_ERROR &&
           !is_done_) {
         return absl::InvalidArgumentError(
-            absl::StrFormat("%s: line %d: %s: no VTK ImageData file, or it is cut", file.path(),
+            absl::StrFormat("%s: line %d: %s: no VTK file, or it is cut", file.path(),
                             static_cast<std::int64_t>(XML_GetCurrentLineNumber(parser_)),
                             XML_ErrorString(XML_GetErrorCode(parser_))));
       }
       // expat buffers an unfinished tag.
       if (!is_done_ && offset - XML_GetCurrentByteIndex(parser_) > kMaxTagBytes) {
         return absl::InvalidArgumentError(absl::StrFormat(
-            "%s: a tag of more than %d bytes: no VTK ImageData file", file.path(), kMaxTagBytes));
+            "%s: a tag of more than %d bytes: no VTK file", file.path(), kMaxTagBytes));
       }
     }
     if (!problem_.empty()) {
@@ -97,7 +99,7 @@ class HeaderParser {
   }
 
  private:
-  enum class Data { kNone, kField, kPoints, kCells };
+  enum class Data { kNone, kField, kPoints, kCells, kCoordinates };
 
   static void XMLCALL OnStart(void* self, const XML_Char* name, const XML_Char** attributes) {
     VtiHeader::Attributes map;
@@ -110,22 +112,29 @@ class HeaderParser {
     static_cast<HeaderParser*>(self)->End(name);
   }
   static void XMLCALL OnText(void* self, const XML_Char* text, int size) {
-    std::string* const kept = static_cast<HeaderParser*>(self)->kept_text_;
+    auto* const parser = static_cast<HeaderParser*>(self);
+    const absl::string_view all(text, static_cast<std::size_t>(size));
+    parser->has_data_ = parser->has_data_ ||
+                        (!parser->is_in_key_ && !absl::StripLeadingAsciiWhitespace(all).empty());
+    std::string* const kept = parser->kept_text_;
     if (kept != nullptr) {
-      kept->append(text, std::min(static_cast<std::size_t>(size), kMaxTextBytes - kept->size()));
+      kept->append(text, std::min(all.size(), kMaxTextBytes - kept->size()));
     }
   }
 
   void End(const std::string& name) {
-    if (name == "PointData" || name == "CellData" || name == "FieldData") {
+    if (name == "PointData" || name == "CellData" || name == "FieldData" || name == "Coordinates") {
       data_ = Data::kNone;
     } else if (name == "DataArray") {
       array_ = nullptr;
       kept_text_ = nullptr;
     } else if (name == "InformationKey" && array_ != nullptr) {
       kept_text_ = text_of_array_;
+      is_in_key_ = false;
       array_->unit = std::string(absl::StripAsciiWhitespace(array_->unit));
-      array_->inline_start = EndOfTag();
+      if (!has_data_) {  // VTK writes the keys of some arrays behind the samples
+        array_->inline_start = EndOfTag();
+      }
     }
   }
 
@@ -134,8 +143,8 @@ class HeaderParser {
       header_.is_big_endian = attributes["byte_order"] == "BigEndian";
       header_.has_long_sizes = attributes["header_type"] == "UInt64";
       header_.compressor = attributes["compressor"];
-    } else if (name == "ImageData") {
-      header_.is_image = true;
+    } else if (name == "ImageData" || name == "RectilinearGrid") {
+      (name == "ImageData" ? header_.is_image : header_.is_rectilinear) = true;
       header_.image = std::move(attributes);
     } else if (name == "Piece") {
       ++header_.piece_count;
@@ -149,13 +158,14 @@ class HeaderParser {
         (name == "PointData" ? header_.point_scalars : header_.cell_scalars) =
             attributes["Scalars"];
       }
+    } else if (name == "Coordinates") {
+      data_ = is_whole_ && header_.piece_count == 1 ? Data::kCoordinates : Data::kNone;
     } else if (name == "FieldData") {
       data_ = is_whole_ ? Data::kField : Data::kNone;
-    } else if (name == "DataArray" && data_ == Data::kField) {
-      StartField(std::move(attributes));
-    } else if (name == "DataArray" && data_ != Data::kNone) {
-      StartArray(std::move(attributes));
+    } else if (name == "DataArray") {
+      StartAnyArray(std::move(attributes));
     } else if (name == "InformationKey" && array_ != nullptr) {
+      is_in_key_ = true;
       text_of_array_ = kept_text_;  // goes on behind the key
       kept_text_ = nullptr;
       if (attributes["name"] == "UNITS_LABEL") {
@@ -166,6 +176,17 @@ class HeaderParser {
       header_.appended_encoding = attributes["encoding"];
       header_.appended_start = EndOfTag();
       Stop();  // the rest need not be XML
+    }
+  }
+
+  void StartAnyArray(VtiHeader::Attributes attributes) {
+    has_data_ = false;
+    if (data_ == Data::kField) {
+      StartField(std::move(attributes));
+    } else if (data_ == Data::kCoordinates) {
+      StartCoordinates(std::move(attributes));
+    } else if (data_ != Data::kNone) {
+      StartArray(std::move(attributes));
     }
   }
 
@@ -217,6 +238,18 @@ class HeaderParser {
     }
   }
 
+  void StartCoordinates(VtiHeader::Attributes attributes) {
+    if (header_.coordinates.size() == 3) {
+      return Fail("more than three arrays in its Coordinates");
+    }
+    header_.coordinates.push_back({.name = attributes["Name"].substr(0, kMaxTextBytes),
+                                   .type = attributes["type"].substr(0, kMaxTextBytes),
+                                   .format = attributes["format"].substr(0, kMaxTextBytes),
+                                   .offset = attributes["offset"].substr(0, kMaxTextBytes),
+                                   .inline_start = EndOfTag()});
+    array_ = &header_.coordinates.back();  // a key may follow
+  }
+
   // One name each, or none.
   static std::vector<std::string> ComponentNames(std::int64_t components,
                                                  const VtiHeader::Attributes& attributes) {
@@ -265,6 +298,8 @@ class HeaderParser {
   VtiArray* array_ = nullptr;             // the open one, if is_whole_
   std::string* kept_text_ = nullptr;      // where text of the header goes
   std::string* text_of_array_ = nullptr;  // where it goes behind a key
+  bool has_data_ = false;                 // of the open array, text in front of or between its keys
+  bool is_in_key_ = false;
   bool is_done_ = false;
   std::string problem_;
 };

@@ -1,4 +1,5 @@
-// Reads the XML of a VTK ImageData file: its tags, its arrays, and where their bytes begin.
+// Reads the XML of a VTK ImageData or RectilinearGrid file: its tags, its arrays, and where their
+// bytes begin.
 
 #ifndef ISOSCOPE_CORE_SOURCE_VTI_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_VTI_HEADER_H_
@@ -33,17 +34,20 @@ struct VtiHeader {
   using Attributes = std::map<std::string, std::string>;
 
   bool is_image = false;
+  bool is_rectilinear = false;
   bool is_big_endian = false;
   bool has_long_sizes = false;  // those before the samples have 64 bits
   std::string compressor;       // "" if none
-  Attributes image;             // of the tag ImageData
+  Attributes image;             // of the tag ImageData or RectilinearGrid
   int piece_count = 0;
-  std::string piece_extent;          // of the first piece
-  std::vector<VtiArray> arrays;      // of the first piece; none behind the one that `part` chooses
-  std::string point_scalars;         // the array that PointData calls its scalars
-  std::string cell_scalars;          // the same for CellData
-  std::string appended_encoding;     // "raw" or "base64"
-  std::int64_t appended_start = -1;  // in the file, behind the tag AppendedData
+  std::string piece_extent;      // of the first piece
+  std::vector<VtiArray> arrays;  // of the first piece; none behind the one that `part` chooses
+  // Of x, y and z, of the first piece of a RectilinearGrid; known after ReadWholeVtiHeader.
+  std::vector<VtiArray> coordinates{};
+  std::string point_scalars;             // the array that PointData calls its scalars
+  std::string cell_scalars;              // the same for CellData
+  std::string appended_encoding;         // "raw" or "base64"
+  std::int64_t appended_start = -1;      // in the file, behind the tag AppendedData
   std::optional<VtiArray> time_value{};  // of FieldData; known after ReadWholeVtiHeader
 };
 

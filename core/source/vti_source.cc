@@ -1,7 +1,6 @@
 #include "core/source/vti_source.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -11,6 +10,7 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -21,6 +21,8 @@
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/source/byte_order.h"
+#include "core/source/text_scanner.h"
+#include "core/source/text_source.h"
 #include "core/source/vti_choice.h"
 #include "core/source/vti_data.h"
 #include "core/source/vti_grid.h"
@@ -129,6 +131,17 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> Open(std::unique_ptr<io::RandomAcc
     return absl::InvalidArgumentError(
         absl::StrCat(file->path(), ": more samples than any file holds"));
   }
+  if (choice.array.format == "ascii") {
+    return MakeTextSource(geometry,
+                          {.file = file->path(),
+                           .offset = choice.array.inline_start,
+                           .type = type,
+                           .wide = wide,
+                           .components = choice.array.components,
+                           .component = choice.component,
+                           .ends_at_tag = true},
+                          name);
+  }
   const std::int64_t size =
       sample_count * choice.array.components * static_cast<std::int64_t>(volume::SizeOf(type));
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtiData> data,
@@ -174,6 +187,50 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiArray(const std::string& fi
   return Open(std::move(opened), header, choice, geometry, name);
 }
 
+absl::StatusOr<std::vector<double>> ReadVtiNumbers(const io::RandomAccessFile& file,
+                                                   const VtiHeader& header, const VtiArray& array,
+                                                   std::int64_t count) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type, VtiTypeOf(array, file.path()));
+  std::vector<double> numbers;
+  if (array.format == "ascii") {
+    TextScanner scanner(&file, array.inline_start);
+    bool is_at_tag = false;
+    while (static_cast<std::int64_t>(numbers.size()) < count) {
+      ISOSCOPE_ASSIGN_OR_RETURN(absl::string_view word, scanner.NextWord());
+      is_at_tag = absl::StrContains(word, '<');
+      word = word.substr(0, word.find('<'));
+      double number = 0;
+      if (!absl::SimpleAtod(word, &number)) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: array \"%s\": number %d is \"%s\"; expected %d numbers",
+                            file.path(), array.name, numbers.size(), word.substr(0, 64), count));
+      }
+      numbers.push_back(number);
+      if (is_at_tag && static_cast<std::int64_t>(numbers.size()) < count) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: array \"%s\": %d numbers; expected %d", file.path(), array.name,
+                            numbers.size(), count));
+      }
+    }
+    return numbers;
+  }
+  const std::size_t size = volume::SizeOf(type);
+  const std::int64_t bytes_size = count * static_cast<std::int64_t>(size);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtiData> data,
+                            OpenVtiData(file, header, array, bytes_size));
+  std::string bytes(static_cast<std::size_t>(bytes_size), '\0');
+  ISOSCOPE_RETURN_IF_ERROR(data->ReadAt(0, bytes.size(), bytes.data()));
+  if (header.is_big_endian) {
+    SwapBytes(size, static_cast<std::size_t>(count), bytes.data());
+  }
+  volume::VisitScalarType(type, [&]<typename T>() {
+    for (std::size_t i = 0; i < bytes.size(); i += sizeof(T)) {
+      numbers.push_back(static_cast<double>(base::LoadLittleEndian<T>(&bytes[i])));
+    }
+  });
+  return numbers;
+}
+
 absl::StatusOr<std::optional<double>> ReadVtiTime(const std::string& file,
                                                   const VtiHeader& header) {
   if (!header.time_value.has_value()) {
@@ -186,20 +243,11 @@ absl::StatusOr<std::optional<double>> ReadVtiTime(const std::string& file,
       time = std::numeric_limits<double>::quiet_NaN();
     }
   } else {
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type, VtiTypeOf(array, file));
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
                               io::OpenRandomAccessFile(file));
-    std::array<char, 8> bytes{};
-    const std::size_t size = volume::SizeOf(type);
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtiData> data,
-                              OpenVtiData(*opened, header, array, static_cast<std::int64_t>(size)));
-    ISOSCOPE_RETURN_IF_ERROR(data->ReadAt(0, size, bytes.data()));
-    if (header.is_big_endian) {
-      SwapBytes(size, 1, bytes.data());
-    }
-    volume::VisitScalarType(type, [&]<typename T>() {
-      time = static_cast<double>(base::LoadLittleEndian<T>(bytes.data()));
-    });
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> times,
+                              ReadVtiNumbers(*opened, header, array, 1));
+    time = times[0];
   }
   if (!std::isfinite(time)) {
     return absl::InvalidArgumentError(absl::StrFormat(

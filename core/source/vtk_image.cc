@@ -14,6 +14,7 @@
 #include "core/source/vti_choice.h"
 #include "core/source/vti_grid.h"
 #include "core/source/vti_source.h"
+#include "core/source/vtr_image.h"
 
 namespace isoscope::source {
 namespace {
@@ -110,6 +111,9 @@ bool SplitVtkImagePath(const std::string& path, PartPath* parts) {
 
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenVtkImage(const std::string& path,
                                                        const std::string& part) {
+  if (absl::EndsWithIgnoreCase(path, ".vtr")) {
+    return OpenVtrImage(path, part, {});
+  }
   return absl::EndsWithIgnoreCase(path, ".pvti") ? OpenPvtiImage(path, part)
                                                  : VtiImage::Open(path, part);
 }

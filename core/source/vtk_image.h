@@ -1,4 +1,4 @@
-// A VTK image with all its arrays: one file (.vti), or pieces that tile it (.pvti).
+// A VTK image with all its arrays: one file (.vti, .vtr), or pieces that tile it (.pvti).
 
 #ifndef ISOSCOPE_CORE_SOURCE_VTK_IMAGE_H_
 #define ISOSCOPE_CORE_SOURCE_VTK_IMAGE_H_

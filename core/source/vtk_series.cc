@@ -25,6 +25,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/source/vtk_image.h"
+#include "core/source/vtr_image.h"
 #include "core/source/xml_tags.h"
 
 namespace isoscope::source {
@@ -151,9 +152,10 @@ absl::StatusOr<PvdStep> StepOf(const XmlTag& tag, const std::string& path) {
         absl::StrFormat("timestep=\"%s\"; expected a finite number", time));
   }
   const std::string file = tag.Get("file");
-  if (!absl::EndsWithIgnoreCase(file, ".vti") && !absl::EndsWithIgnoreCase(file, ".pvti")) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("file=\"%s\"; expected ImageData (.vti or .pvti)", file));
+  if (!absl::EndsWithIgnoreCase(file, ".vti") && !absl::EndsWithIgnoreCase(file, ".pvti") &&
+      !absl::EndsWithIgnoreCase(file, ".vtr")) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "file=\"%s\"; expected ImageData (.vti or .pvti) or a RectilinearGrid (.vtr)", file));
   }
   const std::size_t slash = path.rfind('/');
   const bool is_beside = slash != std::string::npos && !absl::StartsWith(file, "/");
@@ -168,6 +170,16 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtkImageSeries(const std::stri
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtkImage> image, OpenVtkImage(file, part));
   std::vector<double> times;
   if (part.empty() && image->time().has_value()) {
+    times = {*image->time()};
+  }
+  return std::make_unique<ImageSeries>(std::move(image), std::move(times));
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtrSeries(const std::string& file,
+                                                            const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtkImage> image, OpenVtrImage(file, "", rules));
+  std::vector<double> times;
+  if (image->time().has_value()) {
     times = {*image->time()};
   }
   return std::make_unique<ImageSeries>(std::move(image), std::move(times));

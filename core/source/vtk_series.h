@@ -1,4 +1,5 @@
-// Series of VTK images: all arrays of a .vti or .pvti file, or a collection (.pvd) of such files.
+// Series of VTK images: all arrays of a .vti, .pvti or .vtr file, or a collection (.pvd) of such
+// files.
 
 #ifndef ISOSCOPE_CORE_SOURCE_VTK_SERIES_H_
 #define ISOSCOPE_CORE_SOURCE_VTK_SERIES_H_
@@ -9,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
@@ -19,6 +21,10 @@ namespace isoscope::source {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtkImageSeries(const std::string& file,
                                                                  const std::string& part);
 
+// The same of a RectilinearGrid file (.vtr). Errors as OpenVtrImage.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtrSeries(const std::string& file,
+                                                            const GridRules& rules = {});
+
 // A step of a collection.
 struct PvdStep {
   double time = 0;
@@ -26,12 +32,12 @@ struct PvdStep {
 };
 // The steps of a ParaView collection, in its order. INVALID_ARGUMENT: no such collection; no step,
 // or more than 100 000; a time that is no finite number; times that do not ascend (names both); a
-// file that is neither .vti nor .pvti.
+// file that is neither .vti, .pvti nor .vtr.
 absl::StatusOr<std::vector<PvdStep>> ReadPvdSteps(const std::string& path);
 
-// Opens a collection. Its fields are those of the first step; each step is looked at as it is
-// opened: INVALID_ARGUMENT if it has not the grid or not an array of that type and as many
-// components, with the file, the step and what differs.
+// Opens a collection, of .vtr files those whose axes are even. Its fields are those of the first
+// step; each step is looked at as it is opened: INVALID_ARGUMENT if it has not the grid or not an
+// array of that type and as many components, with the file, the step and what differs.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path);
 
 }  // namespace isoscope::source

@@ -14,6 +14,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
@@ -29,6 +30,7 @@ namespace {
 
 using nlohmann::json;
 using testing::CommandResult;
+using ::testing::HasSubstr;
 using testing::RunIsoscope;
 
 // Decodes a PNG that is wider than DecodePng takes.
@@ -136,6 +138,28 @@ TEST_F(CliTest, EglBackEndCullsWithoutTouchingThePicture) {
   EXPECT_EQ(Render({Path("one"), "--renderer", "egl", "--culling", "none"}, &all_stats), png);
   EXPECT_LE(stats.at("frames").at(0).at("triangle_count"),
             all_stats.at("frames").at(0).at("triangle_count"));
+}
+
+TEST_F(CliTest, TheOutputDashIsThePictureOnStandardOutput) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 1));
+  const std::vector<std::string> base{"render", Path("d"),  "--isovalue", kIsovalue,    "--width",
+                                      "80",     "--height", "80",         "--renderer", "cpu"};
+  MustRun(Join(base, {"--output", Path("file.png")}));
+  const testing::ProcessOptions options = Options();
+  const CommandResult piped = RunIsoscope(Join(base, {"-o", "-"}), options);
+  EXPECT_EQ(piped.exit_code, 0) << piped.err;
+  EXPECT_TRUE(piped.out == ReadFile(Path("file.png"))) << "text, or another picture";
+  EXPECT_THAT(piped.err, HasSubstr("standard output: 80 x 80 pixels"));
+  for (const std::vector<std::string>& more :
+       {std::vector<std::string>{"--stats", "-"}, {"--show", "sixel"}}) {
+    const auto refused = RunIsoscope(Join(Join(base, {"-o", "-"}), more), options);
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.err, HasSubstr("both write to standard output"));
+  }
+  const auto mesh =
+      testing::RunIsoscope({"export", Path("d"), "--isovalue", kIsovalue, "-o", "-"}, options);
+  EXPECT_EQ(mesh.exit_code, 2);
+  EXPECT_THAT(mesh.err, HasSubstr("--output -: a mesh is written to a file"));
 }
 
 TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {

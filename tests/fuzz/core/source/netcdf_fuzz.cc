@@ -1,10 +1,12 @@
-// netCDF, classic and netCDF-4, in the process of its library.
+// netCDF, classic and netCDF-4, and MINC 1, in the process of its library.
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
+
+#include "absl/strings/match.h"
 
 #include "netcdf.h"
 #include "tests/fuzz/core/source/open_volume.h"
@@ -40,17 +42,46 @@ std::string File(int mode) {
   return ReadVolumeFile("seed.nc");
 }
 
+std::string MincFile() {
+  int file = 0;
+  Require(nc_create(InVolumeFolder("seed.nc").c_str(), NC_CLOBBER, &file) == NC_NOERR,
+          "the library writes seeds");
+  std::array<int, 4> dimensions{};
+  constexpr std::array<const char*, 4> kNames{"time", "zspace", "yspace", "xspace"};
+  const double step = 1.5;
+  for (std::size_t i = 0; i < 4; ++i) {
+    int axis = 0;
+    nc_def_dim(file, kNames[i], 2 + i, &dimensions[i]);
+    nc_def_var(file, kNames[i], NC_INT, 0, nullptr, &axis);
+    nc_put_att_double(file, axis, "step", NC_DOUBLE, 1, &step);
+  }
+  std::array<int, 3> variables{};
+  nc_def_var(file, "image", NC_BYTE, 4, dimensions.data(), &variables[0]);
+  nc_put_att_text(file, variables[0], "signtype", 8, "unsigned");
+  nc_def_var(file, "image-min", NC_DOUBLE, 2, dimensions.data(), &variables[1]);
+  nc_def_var(file, "image-max", NC_DOUBLE, 2, dimensions.data(), &variables[2]);
+  nc_enddef(file);
+  const std::vector<signed char> samples(120, 7);
+  const std::vector<double> limits(6, 2.5);
+  nc_put_var_schar(file, variables[0], samples.data());
+  nc_put_var_double(file, variables[2], limits.data());
+  nc_close(file);
+  return ReadVolumeFile("seed.nc");
+}
+
 }  // namespace
 
 std::vector<std::string> Seeds() {
-  return {File(0), File(NC_64BIT_OFFSET), File(NC_64BIT_DATA), File(NC_NETCDF4)};
+  return {File(0), File(NC_64BIT_OFFSET), File(NC_64BIT_DATA), File(NC_NETCDF4), MincFile()};
 }
 
 }  // namespace isoscope::fuzz
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isoscope::fuzz;
-  WriteVolumeFile("v.nc", Input(data, size).Rest());
-  OpenAndReadSeries(InVolumeFolder("v.nc"));
+  const auto bytes = Input(data, size).Rest();
+  const char* const name = absl::StrContains(bytes, "space") ? "v.mnc" : "v.nc";
+  WriteVolumeFile(name, bytes);
+  OpenAndReadSeries(InVolumeFolder(name));
   return 0;
 }

@@ -1,4 +1,5 @@
-// VTK ImageData: XML with its arrays appended or within it, plain, in base64, in zlib's blocks.
+// VTK ImageData and RectilinearGrid: XML with its arrays appended or within it, plain, in base64,
+// in zlib's blocks.
 
 #include <cstddef>
 #include <cstdint>
@@ -6,7 +7,9 @@
 #include <vector>
 
 #include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 
 #include "core/base/coding.h"
 #include "tests/fuzz/core/source/open_volume.h"
@@ -22,6 +25,14 @@ std::string Lengths(const std::vector<std::uint32_t>& values) {
     base::AppendLittleEndian(value, &bytes);
   }
   return bytes;
+}
+
+std::string Text(int count) {
+  std::string text;
+  for (int i = 0; i < count; ++i) {
+    absl::StrAppend(&text, i, " ");
+  }
+  return text;
 }
 
 std::string File(absl::string_view attributes, absl::string_view array, absl::string_view content,
@@ -46,7 +57,15 @@ std::vector<std::string> Seeds() {
   const std::string lengths = Lengths({1, 60, 0, static_cast<std::uint32_t>(block.size())});
   constexpr absl::string_view kAppended = "format=\"appended\" offset=\"0\"";
   constexpr absl::string_view kZlib = " compressor=\"vtkZLibDataCompressor\"";
+  const std::string coordinates =
+      "<Coordinates><DataArray type=\"Float32\" format=\"ascii\">0 1 2 3 4</DataArray>"
+      "<DataArray type=\"Float64\" format=\"ascii\">0 1 2 3</DataArray>"
+      "<DataArray type=\"Int16\" format=\"ascii\">0 1 2</DataArray></Coordinates></Piece>";
+  const std::string text =
+      absl::StrReplaceAll(File("", "format=\"ascii\"", Text(60), ""),
+                          {{"ImageData", "RectilinearGrid"}, {"</Piece>", coordinates}});
   return {
+      text,
       File("", kAppended, "",
            absl::StrCat("<AppendedData encoding=\"raw\">_", plain, "</AppendedData>")),
       File("", kAppended, "",
@@ -66,7 +85,13 @@ std::vector<std::string> Seeds() {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isoscope::fuzz;
-  WriteVolumeFile("v.vti", Input(data, size).Rest());
+  const auto bytes = Input(data, size).Rest();
+  if (absl::StrContains(bytes, "RectilinearGrid")) {
+    WriteVolumeFile("v.vtr", bytes);
+    OpenAndReadSeries(InVolumeFolder("v.vtr"));
+    return 0;
+  }
+  WriteVolumeFile("v.vti", bytes);
   OpenAndReadVolume(InVolumeFolder("v.vti"));
   OpenAndReadVolume(InVolumeFolder("v.vti:a:0"));
   return 0;

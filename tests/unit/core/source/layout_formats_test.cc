@@ -117,6 +117,31 @@ class LayoutFormatsTest : public ::testing::Test {
 constexpr math::Vec3d kFirst{-10, -20, 30};
 constexpr math::Vec3d kLast{-6, -24.5, 33};
 
+TEST_F(LayoutFormatsTest, PairsMayBeGzipStreamsBoth) {
+  Write("n2.hdr.gz", Gzip(Nifti2Bytes({.is_pair = true})));
+  Write("n2.img.gz", Gzip(Volumes(1)));
+  Write("n1.hdr.gz",
+        Gzip(testing::NiftiHeaderBytes({.dims = kDims, .is_pair = true, .vox_offset = 0})));
+  Write("n1.img.gz", Gzip(Volumes(1)));
+  Write("a.hdr.gz", Gzip(AnalyzeBytes({})));
+  Write("a.img.gz", Gzip(Volumes(1)));
+  Write("half.hdr.gz", Gzip(AnalyzeBytes({})));
+  Write("half.img", Volumes(1));
+  for (const char* name : {"n2.hdr.gz", "n2.img.gz", "n1.hdr.gz", "n1.img.gz"}) {
+    Expect(dir_.Sub(name), 1, {-10, -20, 30}, {-6, -24.5, 33});
+  }
+  for (const char* name : {"a.hdr.gz", "a.img.gz", "half.hdr.gz", "half.img"}) {
+    SCOPED_TRACE(name);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub(name)));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*volume, 1));
+    EXPECT_EQ(samples, Volumes(1));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(dir_.Sub(name)));
+    EXPECT_EQ(files.size(), 2u);
+  }
+  EXPECT_THAT(OpenVolumeFile(Write("alone.hdr.gz", Gzip(AnalyzeBytes({})))),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("alone.img")));
+}
+
 TEST_F(LayoutFormatsTest, Nifti2) {
   for (const bool is_big_endian : {false, true}) {
     const std::string samples = is_big_endian ? Swapped(Volumes(6), 2) : Volumes(6);

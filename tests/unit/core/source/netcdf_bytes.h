@@ -59,6 +59,17 @@ class NetcdfWriter {
     EXPECT_EQ(nc_put_vara_double(file_, id, start.data(), count.data(), values.data()), NC_NOERR);
   }
 
+  // Gives a variable an attribute of several numbers.
+  void Attribute(const std::string& variable, const std::string& key,
+                 const std::vector<double>& numbers) {
+    int id = 0;
+    nc_redef(file_);
+    ASSERT_EQ(nc_inq_varid(file_, variable.c_str(), &id), NC_NOERR);
+    EXPECT_EQ(nc_put_att_double(file_, id, key.c_str(), NC_DOUBLE, numbers.size(), numbers.data()),
+              NC_NOERR);
+    nc_enddef(file_);
+  }
+
  private:
   int file_ = 0;
 };

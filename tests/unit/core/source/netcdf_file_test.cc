@@ -50,6 +50,30 @@ TEST(NetcdfFileTest, FindsVolumesWithTheirAxesAndPacking) {
   EXPECT_FALSE(packing.is_plain());
 }
 
+TEST(NetcdfFileTest, FindsVariablesOfAnyRankWithTheirNumbers) {
+  const testing::TempDir dir;
+  const std::string path = dir.Sub("a.nc");
+  {
+    NetcdfWriter writer(path, 0);
+    const int x = writer.Dimension("x", 3);
+    writer.Variable("limits", NC_FLOAT, {x}, {3}, {1, 2.5, -1});
+    writer.Variable("only", NC_INT, {}, {}, {7});
+    writer.Attribute("only", "cosines", {0, 0.5, 1});
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, NetcdfFile::Open(path));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto limits, file->Find("limits"));
+  ASSERT_TRUE(limits.has_value());
+  EXPECT_EQ(limits->axes[0].size, 3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto values, file->Values(*limits));
+  EXPECT_THAT(values, ElementsAre(1, 2.5, -1));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto only, file->Find("only"));
+  ASSERT_TRUE(only.has_value());
+  EXPECT_THAT(file->Values(*only).value(), ElementsAre(7));
+  EXPECT_THAT(file->Numbers(*only, "cosines"), ElementsAre(0, 0.5, 1));
+  EXPECT_THAT(file->Numbers(*only, "none"), ElementsAre());
+  EXPECT_EQ(file->Find("none").value(), std::nullopt);
+}
+
 TEST(NetcdfFileTest, SaysWhatIsNone) {
   const testing::TempDir dir;
   testing::WriteFile(dir.Sub("a.nc"), "text");

@@ -44,6 +44,23 @@ class TextSourceTest : public ::testing::Test {
   testing::TempDir dir_;
 };
 
+TEST_F(TextSourceTest, ATagEndsTheNumbers) {
+  TextLocation location{.type = ScalarType::kUint8, .ends_at_tag = true};
+  for (const char* text : {"1 2 3 4 5 6 7 8</a>9", "1 2 3 4 5 6 7 8 </a> 9"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open(text, location));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 1));
+    EXPECT_EQ(bytes, "\1\2\3\4\5\6\7\10");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string again, ReadAll(*source, 2));
+    EXPECT_EQ(again, bytes);
+  }
+  for (const char* text : {"1 2 3 4 5 6 7</a> 8", "1 2 3 4 5 6 7 </a> 8", "1 2 3 4 5 6 7 <a>8"}) {
+    EXPECT_THAT(ReadError(text, location), StatusIs(kInvalid, HasSubstr("ends after 7 numbers")))
+        << text;
+  }
+  location.ends_at_tag = false;
+  EXPECT_THAT(ReadError("1 2 3 4 5 6 7 8</a>", location), StatusIs(kInvalid));
+}
+
 TEST_F(TextSourceTest, ReadsNumbersInAnyOrderOfRows) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
                                 Open("HEAD 1 -2.5e1 +3\n4D-1 nan -inf 7 1e-60 99",

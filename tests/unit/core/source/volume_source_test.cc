@@ -386,6 +386,32 @@ TEST_F(VolumeSourceTest, LinesInFrontOfTheSamplesOfNrrdAreSkippedBeforeAnythingI
   }
 }
 
+TEST_F(VolumeSourceTest, SamplesAtTheEndOfAStreamOfNrrdAreFound) {
+  const std::string samples = Noise(kDims, volume::ScalarType::kInt16);
+  // As a header beside the samples of a .nii.gz.
+  const std::string stream = Gzip(std::string(100'000, 'h') + samples);
+  Write("v.nii.gz", stream);
+  const std::string header =
+      NrrdHeader(kDims, "short", "gzip", "byte skip: -1\ndata file: v.nii.gz\n");
+  ExpectSamples(Write("a.nhdr", header), volume::ScalarType::kInt16, samples);
+  EXPECT_TRUE(ReadByItk(itk::NrrdImageIO::New(), dir_.Sub("a.nhdr")) == samples);
+  ExpectSamples(Write("a.nrrd", NrrdHeader(kDims, "short", "gzip", "byte skip: -1\n") + stream),
+                volume::ScalarType::kInt16, samples);
+  // Without its end, the samples would be other bytes.
+  const auto read = [&](const std::string& bytes) {
+    Write("v.nii.gz", bytes);
+    const auto volume = OpenVolumeFile(dir_.Sub("a.nhdr"));
+    return volume.ok() ? testing::ReadAll(**volume, 2).status() : volume.status();
+  };
+  for (const std::size_t missing : {1U, 8U, 20U, 100U}) {
+    EXPECT_THAT(read(stream.substr(0, stream.size() - missing)),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("cut")))
+        << missing;
+  }
+  EXPECT_THAT(read(Gzip(samples.substr(1))),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("bytes of samples at their")));
+}
+
 TEST_F(VolumeSourceTest, NiftiSlopeAndInterceptGiveTheRealValuesAsItkDoes) {
   for (const TypeNames& t : kTypes) {
     SCOPED_TRACE(t.nrrd);
@@ -541,6 +567,9 @@ TEST_F(VolumeSourceTest, LayoutsThatAreNotReadAreNamed) {
         << name;
   };
   expect("a.nrrd", NrrdHeader(kDims, "short", "ascii", "byte skip: 3\n") + "1 2 3", "byte skip 3");
+  expect("a.nrrd", NrrdHeader(kDims, "short", "ascii", "byte skip: -1\n") + "1 2", "byte skip -1");
+  expect("a.nrrd", NrrdHeader(kDims, "short", "hex", "byte skip: -1\n") + "00 11", "byte skip -1");
+  expect("a.nrrd", NrrdHeader(kDims, "short", "gzip", "byte skip: -2\n") + "x", "byte skip -2");
   expect("b.nrrd", NrrdHeader(kDims, "short", "zrl") + "BZh", "encoding \"zrl\"");
   expect("l.nhdr", NrrdHeader(kDims, "short", "raw", "data file: LIST\na.raw\n"),
          "1 data files of 2 axes each; 7 x 6 x 5 samples need 5");

@@ -83,7 +83,7 @@ TEST_F(VtiGridTest, ImageInSeveralPiecesIsRefused) {
   EXPECT_THAT(VtiGeometry(header, false, "v.vti").status(),
               StatusIs(kInvalid,
                        "v.vti: its first piece is 2 3 -1 3 0 2 of 2 5 -1 3 0 2; expected "
-                       "the whole image in one piece"));
+                       "all of it in one piece"));
 }
 
 }  // namespace

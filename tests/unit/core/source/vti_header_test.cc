@@ -48,6 +48,26 @@ TEST_F(VtiHeaderTest, AllThatTheTagsSayIsKept) {
   EXPECT_TRUE(header.arrays[2].is_of_cells);
 }
 
+TEST_F(VtiHeaderTest, CoordinatesOfARectilinearGridAreNoFields) {
+  const std::string bytes =
+      "<VTKFile type=\"RectilinearGrid\"><RectilinearGrid WholeExtent=\"0 1 0 1 0 1\">"
+      "<Piece Extent=\"0 1 0 1 0 1\"><PointData>" +
+      VtiArrayTag("p") + "</PointData><Coordinates>" + VtiArrayTag("x", "Float64", "", "AAAA") +
+      VtiArrayTag("y") + VtiArrayTag("z") + "</Coordinates></Piece></RectilinearGrid></VTKFile>";
+  testing::WriteFile(dir_.Sub("v.vtr"), bytes);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, io::OpenRandomAccessFile(dir_.Sub("v.vtr")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const VtiHeader header, ReadWholeVtiHeader(*file));
+  EXPECT_FALSE(header.is_image);
+  EXPECT_TRUE(header.is_rectilinear);
+  EXPECT_EQ(header.image.at("WholeExtent"), "0 1 0 1 0 1");
+  ASSERT_EQ(header.arrays.size(), 1u);
+  ASSERT_EQ(header.coordinates.size(), 3u);
+  EXPECT_EQ(header.coordinates[0].name, "x");
+  EXPECT_EQ(header.coordinates[0].type, "Float64");
+  EXPECT_EQ(bytes.substr(static_cast<std::size_t>(header.coordinates[0].inline_start), 4), "AAAA");
+  EXPECT_EQ(header.coordinates[2].format, "appended");
+}
+
 TEST_F(VtiHeaderTest, LongTextIsPassedAndLongTagsAreNot) {
   // 3 MiB of inline data in one line, before the requested array.
   const std::string text(3 << 20, 'A');

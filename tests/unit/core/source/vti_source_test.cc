@@ -346,6 +346,23 @@ TEST_F(VtiSourceTest, FlippedBitsNeverCrash) {
   }
 }
 
+TEST_F(VtiSourceTest, TextIsReadAsTheTypeThatTheTagSays) {
+  Vti vti{.type = "UInt8", .image = "WholeExtent=\"0 1 0 1 0 1\"", .extent = "0 1 0 1 0 1"};
+  const auto bytes = [&](const char* format, const char* text) {
+    return absl::StrCat(Head(vti), "<DataArray type=\"", vti.type, "\" Name=\"density\" format=\"",
+                        format, "\">", text,
+                        "</DataArray></PointData></Piece></ImageData></VTKFile>");
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open(bytes("ascii", "\n 1 2 3 4 5 6 7 255")));
+  EXPECT_EQ(source->scalar_type(), ScalarType::kUint8);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 1));
+  EXPECT_EQ(read, "\1\2\3\4\5\6\7\xff");
+  for (const char* text : {"1 2 3 4 5 6 7", "1 2 3 4 5 6 7 256", "1 2 3 4 5 6 7 a", ""}) {
+    const auto bad = Open(bytes("ascii", text));
+    EXPECT_FALSE(bad.ok() && ReadAll(**bad, 1).ok()) << text;
+  }
+}
+
 TEST_F(VtiSourceTest, WhatIsNotSupportedIsRefusedWithASentence) {
   const std::string samples = Noise(kDims, ScalarType::kInt16);
   const auto expect = [&](const std::string& from, const std::string& to, const char* what) {
@@ -356,7 +373,7 @@ TEST_F(VtiSourceTest, WhatIsNotSupportedIsRefusedWithASentence) {
     EXPECT_THAT(Open(bytes).status(),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
   };
-  expect("Name=\"density\" format=\"appended\"", "Name=\"density\" format=\"ascii\"", "ascii");
+  expect("Name=\"density\" format=\"appended\"", "Name=\"density\" format=\"hex\"", "hex");
   expect("byte_order", "compressor=\"vtkLZ4DataCompressor\" byte_order", "vtkLZ4DataCompressor");
   expect("Piece Extent=\"0 12 0 6 0 8\"", "Piece Extent=\"0 12 0 6 0 4\"", "one piece");
   expect("WholeExtent=\"0 12", "WholeExtent=\"0 x", "6 numbers");

@@ -91,6 +91,31 @@ TEST_F(VtkSeriesTest, ImageHasOneStepWithItsTime) {
   EXPECT_EQ(First(*component, 0, 0, 0), 12);
 }
 
+TEST_F(VtkSeriesTest, StepsMayBeRectilinearGridsOfEvenAxes) {
+  const auto grid = [](const char* x, int first) {
+    return absl::StrCat(
+        "<VTKFile type=\"RectilinearGrid\"><RectilinearGrid WholeExtent=\"0 2 0 1 0 1\">"
+        "<Piece Extent=\"0 2 0 1 0 1\"><PointData><DataArray type=\"Float32\" Name=\"p\" "
+        "format=\"ascii\">",
+        first,
+        " 1 2 3 4 5 6 7 8 9 10 11</DataArray></PointData><Coordinates>"
+        "<DataArray type=\"Float32\" format=\"ascii\">",
+        x,
+        "</DataArray><DataArray type=\"Float32\" format=\"ascii\">0 1</DataArray>"
+        "<DataArray type=\"Float32\" format=\"ascii\">0 1</DataArray></Coordinates></Piece>"
+        "</RectilinearGrid></VTKFile>");
+  };
+  Write("s0.vtr", grid("0 1 2", 20));
+  Write("s1.vtr", grid("0 1 2", 30));
+  Write("s2.vtr", grid("0 1 3", 40));
+  const std::string path =
+      Write("run.pvd", PvdBytes({{"0", "s0.vtr"}, {"1", "s1.vtr"}, {"2", "s2.vtr"}}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenPvdSeries(path));
+  EXPECT_EQ(First(*series, 0, 0, 0), 20);
+  EXPECT_EQ(First(*series, 0, 0, 1), 30);
+  EXPECT_THAT(series->Open(0, 0, 2), StatusIs(kInvalid, HasSubstr("axis \"x\" is not even")));
+}
+
 TEST_F(VtkSeriesTest, CollectionHasAStepForEachFile) {
   for (int i = 0; i < 4; ++i) {
     Write(absl::StrCat("s", i, ".vti"), VtiBytes(Step(static_cast<float>(i + 1))));

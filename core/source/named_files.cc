@@ -1,0 +1,42 @@
+#include "core/source/named_files.h"
+
+#include <glob.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <system_error>
+
+#include "core/io/file.h"
+#include "core/source/natural_order.h"
+
+namespace isoscope::source {
+
+std::vector<std::string> FilesNamed(const std::string& path,
+                                    bool (*is_wanted)(const std::string& path)) {
+  std::vector<std::string> files;
+  if (io::IsDirectory(path)) {
+    std::error_code error;
+    for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end;
+         entry.increment(error)) {
+      files.push_back(entry->path().string());
+    }
+  } else if (io::PathExists(path)) {
+    files = {path};  // also if '[' is in its name
+  } else {
+    glob_t found{};
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): the programs never change their environment
+    if (glob(path.c_str(), 0, nullptr, &found) == 0) {
+      files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+    }
+    globfree(&found);
+  }
+  files.erase(std::remove_if(files.begin(), files.end(),
+                             [&](const std::string& file) {
+                               return !is_wanted(file) || io::IsDirectory(file);
+                             }),
+              files.end());
+  std::sort(files.begin(), files.end(), NaturalLess);
+  return files;
+}
+
+}  // namespace isoscope::source
