@@ -196,6 +196,15 @@ TEST_F(DicomFramesTest, HighThroughputJpeg2000IsNamed) {
   }
 }
 
+// GDCM ends its process on these.
+TEST_F(DicomFramesTest, WholeSlideImagesAreRefusedByName) {
+  Write("w.dcm", {.storage_class = "1.2.840.10008.5.1.4.1.1.77.1.6", .frames = 3},
+        Pixels(0) + Pixels(1) + Pixels(2));
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("w.dcm")),
+              StatusIs(kInvalid, AllOf(HasSubstr("whole-slide"), HasSubstr("3 frames"),
+                                       Not(HasSubstr("SIGABRT")))));
+}
+
 TEST_F(DicomFramesTest, UnevenAndUnplacedFramesAreRefused) {
   WriteFrames("a.dcm", {30, 32, 37}, {"", "", ""});
   EXPECT_THAT(OpenVolumeFile(dir_.Sub("a.dcm")),
