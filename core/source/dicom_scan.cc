@@ -62,6 +62,8 @@ constexpr std::uint32_t kSamplesOfPixel = 0x00280002;
 constexpr std::uint32_t kRows = 0x00280010;
 constexpr std::uint32_t kColumns = 0x00280011;
 constexpr std::uint32_t kBitsAllocated = 0x00280100;
+constexpr std::uint32_t kFloatPixels = 0x7fe00008;
+constexpr std::uint32_t kDoublePixels = 0x7fe00009;
 constexpr std::uint32_t kPixels = 0x7fe00010;
 constexpr std::uint32_t kItemEnd = 0xfffee00d;
 constexpr std::uint32_t kSequenceEnd = 0xfffee0dd;
@@ -364,6 +366,10 @@ class Scanner {
       if (depth == 0 && element.tag == kPixels) {
         scan_.pixels_offset = position_;
         return CountPixels(element.length) ? End::kOfPixels : End::kWithinElement;
+      }
+      if (depth == 0 && (element.tag == kFloatPixels || element.tag == kDoublePixels)) {
+        scan_.has_float_pixels = true;
+        return End::kOfPixels;
       }
       if (depth == 0 && IsBrokenNumber(element)) {
         return End::kWithinElement;

@@ -47,6 +47,7 @@ struct DicomScan {
   bool is_counted = false;
   // Where the pixels lie in the file, in bytes; -1 if they are compressed, or were not found.
   std::int64_t pixels_offset = -1;
+  bool has_float_pixels = false;  // those of a parametric map (7fe0,0008 or 0009); not counted
 };
 
 // Whether the file is a segmentation: frames of segments, or of their numbers.

@@ -346,8 +346,11 @@ absl::StatusOr<Segmentation> ReadSegmentation(const std::string& path, const Dic
   if (!frames.ok()) {
     return absl::IsDataLoss(frames.status())
                ? absl::InvalidArgumentError(absl::StrFormat(
-                     "%s: can't be decoded as a DICOM segmentation%s%s: damaged; copy it again",
-                     path, frames.status().message().empty() ? "" : "; the process that decodes: ",
+                     "%s: can't be decoded as a DICOM segmentation (transfer syntax %s%s%s): "
+                     "damaged, or of an encoding that is not known; convert it to Explicit VR "
+                     "Little Endian",
+                     path, scan.transfer_syntax,
+                     frames.status().message().empty() ? "" : "; the process that decodes: ",
                      frames.status().message()))
                : absl::Status(frames.status().code(),
                               absl::StrCat(path, ": ", frames.status().message()));

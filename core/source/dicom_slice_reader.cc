@@ -153,6 +153,12 @@ absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
         "export a stack of its focal planes as TIFF",
         path, scan.frames));
   }
+  if (scan.has_float_pixels) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        ": a parametric map whose pixels are floats, which GDCM does not read: convert it, as "
+        "paramap2itkimage of dcmqi does"));
+  }
   if (scan.frames > 1) {
     return ReadFrameSlices(path, scan, decoder);
   }

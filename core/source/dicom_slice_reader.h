@@ -19,8 +19,8 @@ namespace isoscope::source {
 
 // The slices of a file that was scanned, without their pixels: one, or one for each frame, in the
 // order of the file. INVALID_ARGUMENT: a header that can't be decoded; colour; a whole-slide image;
-// frames without a position, orientation or spacing. RESOURCE_EXHAUSTED: the system gives no
-// process.
+// pixels that are floats; frames without a position, orientation or spacing. RESOURCE_EXHAUSTED:
+// the system gives no process.
 absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
                                                         const DicomScan& scan,
                                                         DicomDecoder* decoder);
