@@ -112,7 +112,8 @@ function(isoscope_test)
   endforeach()
   set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME})
-  set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT})
+  # CTest starts those of the highest cost first, so that no long one runs alone at the end.
+  set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT} COST ${ARG_TIMEOUT})
   if(ISOSCOPE_SANITIZE MATCHES address)
     # The programs that a test runs inherit it.
     set(leaks "${PROJECT_SOURCE_DIR}/tests/support/leaks_of_libraries.supp")

@@ -1,3 +1,6 @@
+// A tile is merged row by row. With AVX-512 a row of 16 pixels is two registers of keys and one of
+// colours; elsewhere one pass finds the rows that change at all. Both give the same bits.
+
 #include "core/composite/depth_composite.h"
 
 #include <algorithm>
@@ -10,34 +13,84 @@
 
 #include "core/base/check.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/composite/depth_composite.cc"
+#include "hwy/foreach_target.h"  // IWYU pragma: keep
+//
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace isoscope::composite {
+namespace HWY_NAMESPACE {
+namespace {
+
+// Keeps the nearer one of two fragments at each covered pixel of a tile, whose first `count`
+// columns lie in the image. Leaves pixels where two owners have
+// equal depth, and returns whether there is one.
+bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std::size_t stride,
+                const std::uint64_t* from_keys, const image::Rgba8* from_colors,
+                std::uint64_t* keys, image::Rgba8* colors) {
+  std::uint32_t ties = 0;
+  for (const std::uint32_t of_row : covered) {
+    if (of_row != 0) {
+#if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
+      const auto keep_half = [&](std::uint32_t half, const std::uint64_t* from,
+                                 std::uint64_t* into) {
+        const auto lanes = static_cast<__mmask8>(half);
+        const __m512i from_key = _mm512_maskz_loadu_epi64(lanes, from);
+        const __m512i key = _mm512_maskz_loadu_epi64(lanes, into);
+        const __m512i from_depth = _mm512_maskz_srli_epi64(lanes, from_key, 32);
+        const __m512i depth = _mm512_maskz_srli_epi64(lanes, key, 32);
+        ties |= _mm512_mask_cmpneq_epu64_mask(
+            _mm512_mask_cmpeq_epu64_mask(lanes, from_depth, depth), from_key, key);
+        const __mmask8 nearer = _mm512_mask_cmplt_epu64_mask(lanes, from_depth, depth);
+        _mm512_mask_storeu_epi64(into, nearer, from_key);
+        return static_cast<std::uint32_t>(nearer);
+      };
+      std::uint32_t nearer = keep_half(of_row & 0xff, from_keys, keys);
+      nearer |= keep_half(of_row >> 8, from_keys + 8, keys + 8) << 8;
+      const auto lanes = static_cast<__mmask16>(nearer);
+      _mm512_mask_storeu_epi32(colors, lanes, _mm512_maskz_loadu_epi32(lanes, from_colors));
+#else
+      // Most rows need this pass alone: where tiles overlap, one image mostly lies wholly before
+      // the other. A pixel outside of the mask has the background's key in `from`.
+      std::uint32_t is_nearer = 0;
+      for (int x = 0; x < count; ++x) {
+        is_nearer |= std::uint32_t{from_keys[x] < keys[x]};
+        // image::AreTied without a branch: only owners differ, the low halves.
+        constexpr std::uint64_t kAllOwners = 0xFFFFFFFF;
+        ties |= std::uint32_t{(from_keys[x] ^ keys[x]) - 1 < kAllOwners};
+      }
+      if (is_nearer != 0) {
+        for (int x = 0; x < count; ++x) {
+          const bool wins = from_keys[x] >> 32 < keys[x] >> 32;
+          keys[x] = wins ? from_keys[x] : keys[x];
+          colors[x] = wins ? from_colors[x] : colors[x];
+        }
+      }
+#endif
+    }
+    from_keys += stride;
+    from_colors += stride;
+    keys += stride;
+    colors += stride;
+  }
+  return ties != 0;
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace isoscope::composite
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
 namespace isoscope::composite {
 namespace {
 
 constexpr int kImageTilePx = image::TileSet::kTilePx;
 
-// Composites one row of a tile.
-void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_colors, int count,
-                  const image::FragmentOrder& order, std::uint64_t* keys, image::Rgba8* colors) {
-  // Most rows need this pass alone: where tiles overlap, one image mostly lies wholly before the
-  // other.
-  std::uint32_t is_nearer = 0;
-  std::uint32_t is_tied = 0;
-  for (int x = 0; x < count; ++x) {
-    is_nearer |= std::uint32_t{from_keys[x] < keys[x]};
-    is_tied |= std::uint32_t{image::AreTied(from_keys[x], keys[x])};
-  }
-  if (is_tied != 0) [[unlikely]] {
-    for (int x = 0; x < count; ++x) {
-      order.KeepFirst(from_keys[x], from_colors[x], keys + x, colors + x);
-    }
-  } else if (is_nearer != 0) {
-    for (int x = 0; x < count; ++x) {
-      const bool wins = from_keys[x] < keys[x];
-      keys[x] = wins ? from_keys[x] : keys[x];
-      colors[x] = wins ? from_colors[x] : colors[x];
-    }
-  }
-}
+HWY_EXPORT(KeepNearer);
 
 }  // namespace
 
@@ -48,13 +101,23 @@ void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
     const int begin_x = column * kImageTilePx;
     const int count = std::min(kImageTilePx, from.width - begin_x);
     const image::TileMask& covered = from.CoveredOf(column, tile_row);
-    for (int y = 0; y < kImageTilePx; ++y) {
-      if (covered[static_cast<std::size_t>(y)] == 0) {
-        continue;
+    const std::size_t first = from.IndexOf(begin_x, tile_row * kImageTilePx);
+    const auto stride = static_cast<std::size_t>(from.width);
+    const std::uint64_t* from_keys = from.keys.data() + first;
+    const image::Rgba8* from_colors = from.colors.data() + first;
+    std::uint64_t* keys = into->keys.data() + first;
+    image::Rgba8* colors = into->colors.data() + first;
+    const bool has_ties = HWY_DYNAMIC_DISPATCH(KeepNearer)(covered, count, stride, from_keys,
+                                                           from_colors, keys, colors);
+    if (has_ties) [[unlikely]] {
+      for (std::size_t y = 0; y < covered.size(); ++y) {
+        for (std::uint32_t rest = covered[y]; rest != 0; rest &= rest - 1) {
+          const std::size_t pixel = y * stride + static_cast<std::size_t>(std::countr_zero(rest));
+          if (image::AreTied(from_keys[pixel], keys[pixel])) {
+            order.KeepFirst(from_keys[pixel], from_colors[pixel], keys + pixel, colors + pixel);
+          }
+        }
       }
-      const std::size_t first = from.IndexOf(begin_x, tile_row * kImageTilePx + y);
-      CompositeRow(from.keys.data() + first, from.colors.data() + first, count, order,
-                   into->keys.data() + first, into->colors.data() + first);
     }
     image::UniteInto(covered, &into->CoveredOf(column, tile_row));
     into->touched.Insert(column, tile_row);
@@ -107,3 +170,5 @@ void FlattenOver(image::Rgba8 background, image::FrameImage* image) {
 }
 
 }  // namespace isoscope::composite
+
+#endif  // HWY_ONCE

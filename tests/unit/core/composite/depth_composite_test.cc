@@ -6,11 +6,13 @@
 #include <numeric>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
 #include "gtest/gtest.h"
 
 #include "core/base/large_pages.h"
 #include "core/base/random.h"
 #include "core/image/layer_stack.h"
+#include "hwy/targets.h"
 
 namespace isoscope::composite {
 namespace {
@@ -114,13 +116,19 @@ TEST(DepthCompositeTest, LayersOfTwoAgentsAreTheSetOfBothsFragments) {
   EXPECT_TRUE(one == expected);
 }
 
-TEST(DepthCompositeTest, TheFirstFragmentInTheOrderWins) {
-  for (std::uint64_t seed = 0; seed < 20; ++seed) {
-    const image::FrameImage a = MakeImage(2 * seed, 0);
-    const image::FrameImage b = MakeImage(2 * seed + 1, 1);
-    const image::FrameImage both = Composite(a, b);
-    ASSERT_EQ(both, Reference(a, b)) << "seed " << seed;
-    ExpectCoveredWhereDrawn(both);
+TEST(DepthCompositeTest, TheFirstFragmentInTheOrderWinsWithEveryInstructionSet) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  const std::int64_t supported = hwy::SupportedTargets();
+  for (std::int64_t rest = supported; rest != 0; rest &= rest - 1) {
+    hwy::SetSupportedTargetsForTest(rest & -rest);
+    SCOPED_TRACE(hwy::TargetName(rest & -rest));
+    for (std::uint64_t seed = 0; seed < 20; ++seed) {
+      const image::FrameImage a = MakeImage(2 * seed, 0);
+      const image::FrameImage b = MakeImage(2 * seed + 1, 1);
+      const image::FrameImage both = Composite(a, b);
+      ASSERT_EQ(both, Reference(a, b)) << "seed " << seed;
+      ExpectCoveredWhereDrawn(both);
+    }
   }
 }
 
