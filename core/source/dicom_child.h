@@ -12,7 +12,7 @@ namespace isoscope::source {
 
 inline constexpr std::size_t kMaxDicomUidBytes = 64;
 
-enum class DicomQuestion : std::uint64_t { kSlice, kFrames, kFrame };
+enum class DicomQuestion : std::uint64_t { kSlice, kFrames, kFrame, kSegmentFrames, kSegments };
 
 struct DicomRequest {
   std::array<char, 4096> path;  // ends with 0
@@ -42,9 +42,24 @@ struct DicomFrameRecord {
   MaybeDicomNumber temporal_position;
   MaybeDicomNumber echo_time;
   MaybeDicomNumber trigger_time;
+  std::uint64_t segment;  // its number; 0: the file does not say
 };
 inline constexpr std::size_t kMaxDicomFrames = 65536;
 inline constexpr std::size_t kDicomFramesBytes = kMaxDicomFrames * sizeof(DicomFrameRecord);
+
+// A segment of a segmentation, in the shared memory.
+struct DicomSegmentRecord {
+  std::uint64_t number;
+  std::array<double, 3> lab;  // CIELab: 0 to 100, -128 to 127, -128 to 127
+  std::uint64_t has_lab;
+  std::array<char, 256> label;  // UTF-8 where the file says which letters it has; filled up with 0
+};
+inline constexpr std::size_t kMaxDicomSegments = 65536;
+inline constexpr std::size_t kDicomSegmentsBytes = kMaxDicomSegments * sizeof(DicomSegmentRecord);
+static_assert(kDicomSegmentsBytes >= kDicomFramesBytes);
+
+// As the type of a segmentation says (0062,0001).
+enum class DicomSegmentKind : std::uint32_t { kUnknown, kBinary, kFractional, kLabelMap };
 
 // Zeros are "not decoded", so that a child that stops half-way says so.
 struct DicomAnswer {
@@ -57,11 +72,15 @@ struct DicomAnswer {
   std::array<double, 9> direction;             // of x, of y, of z
   std::array<char, kMaxDicomUidBytes> series;  // filled up with 0
   std::uint32_t stored_type;                   // volume::ScalarType and 1, of frames; 0: none
+  // Of a segmentation:
+  std::uint32_t bits_allocated;
+  DicomSegmentKind segment_kind;
+  MaybeDicomNumber padding;  // the value of pixels of no segment
 };
 
 // Answers a DicomRequest by a DicomAnswer, which is kNotDecoded if the libraries refuse the file.
-// `shared` has kDicomFramesBytes, or the bytes of a slice if those are more. As
-// DecoderProcess::Handler, it may abort, crash, hang or take all memory.
+// `shared` has kDicomSegmentsBytes, which are more than kDicomFramesBytes, or the bytes of a slice
+// if those are more. As DecoderProcess::Handler, it may abort, crash, hang or take all memory.
 void DecodeDicomInChild(const void* request_bytes, void* answer_bytes, char* shared);
 
 }  // namespace isoscope::source

@@ -19,13 +19,13 @@
 #include <cstring>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include "absl/strings/string_view.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/source/dicom_child.h"
 #include "core/source/itk_types.h"
 #include "core/source/silent_libraries.h"
 
@@ -67,7 +67,8 @@ DicomFrame FrameOf(const DicomFrameRecord& record) {
           .intercept = std::isfinite(record.intercept) ? record.intercept : 0,
           .temporal_position = NumberOf(record.temporal_position),
           .echo_time = NumberOf(record.echo_time),
-          .trigger_time = NumberOf(record.trigger_time)};
+          .trigger_time = NumberOf(record.trigger_time),
+          .segment = static_cast<std::int64_t>(std::min<std::uint64_t>(record.segment, 65535))};
 }
 
 // An attacker may control the child, so every number of the answer is checked.
@@ -105,12 +106,12 @@ absl::StatusOr<DicomHeader> Check(const DicomAnswer& answer, const std::string& 
 
 DicomDecoder::DicomDecoder(std::int64_t slice_bytes)
     : slice_bytes_(slice_bytes),
-      process_(
-          {.handler = DecodeDicomInChild,
-           .request_bytes = sizeof(DicomRequest),
-           .answer_bytes = sizeof(DicomAnswer),
-           // Memory only as far as it is used.
-           .shared_bytes = std::max(static_cast<std::size_t>(slice_bytes), kDicomFramesBytes)}) {
+      process_({.handler = DecodeDicomInChild,
+                .request_bytes = sizeof(DicomRequest),
+                .answer_bytes = sizeof(DicomAnswer),
+                // Memory only as far as it is used.
+                .shared_bytes = std::max({static_cast<std::size_t>(slice_bytes), kDicomFramesBytes,
+                                          kDicomSegmentsBytes})}) {
   SilenceImageLibraries();  // first, so that its lock is free when the process forks
 }
 
@@ -126,28 +127,69 @@ absl::StatusOr<DicomHeader> DicomDecoder::ReadSlice(const std::string& path, boo
   return Read(path, is_counted, out);
 }
 
-absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path) {
+absl::StatusOr<DicomAnswer> DicomDecoder::AskList(const std::string& path, DicomQuestion question) {
   DicomRequest request{};
-  request.question = DicomQuestion::kFrames;
+  request.question = question;
   if (path.size() >= request.path.size()) {
     return absl::DataLossError("its path is too long");
   }
   path.copy(request.path.data(), path.size());
   DicomAnswer answer{};
-  const absl::Status asked = process_.Ask(request, LimitsOf(path, kDicomFramesBytes), &answer);
+  const absl::Status asked = process_.Ask(request, LimitsOf(path, kDicomSegmentsBytes), &answer);
   if (!asked.ok()) {
     return absl::IsUnavailable(asked) ? absl::DataLossError(asked.message()) : asked;
   }
+  return answer;
+}
+
+absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path) {
+  return ReadFrames(path, DicomQuestion::kFrames);
+}
+
+absl::StatusOr<DicomFrames> DicomDecoder::ReadSegmentFrames(const std::string& path) {
+  return ReadFrames(path, DicomQuestion::kSegmentFrames);
+}
+
+absl::StatusOr<DicomSegments> DicomDecoder::ReadSegments(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer, AskList(path, DicomQuestion::kSegments));
+  if (answer.outcome != DicomOutcome::kHeader || answer.dims[0] > kMaxDicomSegments ||
+      answer.segment_kind > DicomSegmentKind::kLabelMap) {
+    return absl::DataLossError("");
+  }
+  DicomSegments result{.kind = answer.segment_kind};
+  for (std::uint64_t i = 0; i < answer.dims[0]; ++i) {
+    DicomSegmentRecord record;
+    std::memcpy(&record, process_.shared() + i * sizeof(record), sizeof(record));
+    DicomSegment segment{
+        .number = static_cast<std::int64_t>(std::min<std::uint64_t>(record.number, 65535))};
+    segment.label.assign(record.label.begin(),
+                         std::find(record.label.begin(), record.label.end(), '\0'));
+    const math::Vec3d lab{record.lab[0], record.lab[1], record.lab[2]};
+    if (record.has_lab == 1 && math::IsFinite(lab)) {
+      segment.cielab = lab;
+    }
+    result.segments.push_back(std::move(segment));
+  }
+  return result;
+}
+
+absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path,
+                                                     DicomQuestion question) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer, AskList(path, question));
   constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 16;
   if (answer.outcome != DicomOutcome::kHeader || answer.dims[0] > kMaxSide ||
       answer.dims[1] > kMaxSide || answer.dims[2] > kMaxDicomFrames ||
-      answer.components > kMaxSide ||
+      answer.components > kMaxSide || answer.bits_allocated > kMaxSide ||
+      answer.segment_kind > DicomSegmentKind::kLabelMap ||
       answer.stored_type > static_cast<std::uint32_t>(volume::ScalarType::kFloat64) + 1) {
     return absl::DataLossError("");
   }
   DicomFrames result{.width = static_cast<std::int64_t>(answer.dims[0]),
                      .height = static_cast<std::int64_t>(answer.dims[1]),
-                     .components = static_cast<std::int64_t>(answer.components)};
+                     .components = static_cast<std::int64_t>(answer.components),
+                     .segment_kind = answer.segment_kind,
+                     .bits_allocated = answer.bits_allocated,
+                     .padding = NumberOf(answer.padding)};
   if (answer.stored_type > 0) {
     result.stored_type = static_cast<volume::ScalarType>(answer.stored_type - 1);
   }

@@ -14,6 +14,7 @@
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/source/decoder_process.h"
+#include "core/source/dicom_child.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -43,6 +44,7 @@ struct DicomFrame {
   std::optional<double> temporal_position;
   std::optional<double> echo_time;     // ms
   std::optional<double> trigger_time;  // ms
+  std::int64_t segment = 0;            // its number; 0: the file does not say
 };
 
 struct DicomFrames {
@@ -52,6 +54,21 @@ struct DicomFrames {
   std::optional<volume::ScalarType> stored_type{};  // not set: one that we do not have
   std::string series{};
   std::vector<DicomFrame> frames{};  // in the order of the file
+  // Of ReadSegmentFrames:
+  DicomSegmentKind segment_kind = DicomSegmentKind::kUnknown;
+  std::int64_t bits_allocated = 0;
+  std::optional<double> padding{};  // the value of pixels of no segment
+};
+
+// Labels and colours are as the file has them.
+struct DicomSegment {
+  std::int64_t number = 0;              // 0 to 65535
+  std::string label{};                  // any bytes, at most 256
+  std::optional<math::Vec3d> cielab{};  // finite
+};
+struct DicomSegments {
+  DicomSegmentKind kind = DicomSegmentKind::kUnknown;
+  std::vector<DicomSegment> segments{};
 };
 
 // Debian's GDCM ends the process it runs in by assertions on many damaged files. Here that process
@@ -76,12 +93,18 @@ class DicomDecoder {
 
   // The frames of a file, at most 65 536, without their pixels. Errors: as ReadHeader.
   absl::StatusOr<DicomFrames> ReadFrames(const std::string& path);
+  // The same of a segmentation, without a stored type. The segments are at most 65 536.
+  absl::StatusOr<DicomFrames> ReadSegmentFrames(const std::string& path);
+  absl::StatusOr<DicomSegments> ReadSegments(const std::string& path);
   // Decodes the pixels of a frame as they are stored, before slope and intercept, into `out`:
   // `slice_bytes`. Reads no other frame, as far as the encoding allows it. Errors: as ReadHeader.
   absl::Status ReadFrame(const std::string& path, std::int64_t frame, char* out);
 
  private:
   absl::StatusOr<DicomHeader> Read(const std::string& path, bool is_counted, char* out);
+  // Asks one of the questions about a file with lists in the answer.
+  absl::StatusOr<DicomAnswer> AskList(const std::string& path, DicomQuestion question);
+  absl::StatusOr<DicomFrames> ReadFrames(const std::string& path, DicomQuestion question);
 
   const std::int64_t slice_bytes_;
   DecoderProcess process_;

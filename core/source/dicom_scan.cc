@@ -62,6 +62,8 @@ constexpr std::uint32_t kSamplesOfPixel = 0x00280002;
 constexpr std::uint32_t kRows = 0x00280010;
 constexpr std::uint32_t kColumns = 0x00280011;
 constexpr std::uint32_t kBitsAllocated = 0x00280100;
+constexpr std::uint32_t kFloatPixels = 0x7fe00008;
+constexpr std::uint32_t kDoublePixels = 0x7fe00009;
 constexpr std::uint32_t kPixels = 0x7fe00010;
 constexpr std::uint32_t kItemEnd = 0xfffee00d;
 constexpr std::uint32_t kSequenceEnd = 0xfffee0dd;
@@ -71,6 +73,10 @@ constexpr char kExplicit[] = "1.2.840.10008.1.2.1";
 constexpr char kExplicitSyntaxes[] = "1.2.840.10008.1.2.";  // their beginning
 constexpr char kDeflated[] = "1.2.840.10008.1.2.1.99";
 constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
+
+constexpr char kSegmentation[] = "1.2.840.10008.5.1.4.1.1.66.4";
+constexpr char kLabelMapSegmentation[] = "1.2.840.10008.5.1.4.1.1.66.7";
+constexpr char kWholeSlide[] = "1.2.840.10008.5.1.4.1.1.77.1.6";
 
 // Texts that are kept.
 constexpr std::uint32_t kAcquisitionTime = 0x00080032;
@@ -164,6 +170,7 @@ class Scanner {
     if (!has_meta) {
       return scan_;
     }
+    scan_.storage_class = storage_class_;
     if (IsKnownClass() && !IsImageClass()) {
       scan_.content = DicomContent::kNoImage;
     } else if (scan_.transfer_syntax == kBigEndian || scan_.transfer_syntax == kDeflated) {
@@ -186,8 +193,13 @@ class Scanner {
   [[nodiscard]] gdcm::MediaStorage::MSType Class() const {
     return gdcm::MediaStorage::GetMSType(storage_class_.c_str());
   }
-  [[nodiscard]] bool IsKnownClass() const { return Class() != gdcm::MediaStorage::MS_END; }
-  [[nodiscard]] bool IsImageClass() const { return gdcm::MediaStorage::IsImage(Class()); }
+  // GDCM does not know label maps.
+  [[nodiscard]] bool IsKnownClass() const {
+    return Class() != gdcm::MediaStorage::MS_END || IsDicomSegmentation(scan_);
+  }
+  [[nodiscard]] bool IsImageClass() const {
+    return gdcm::MediaStorage::IsImage(Class()) || IsDicomSegmentation(scan_);
+  }
 
   // Reads the group 0002, whose length counts from behind its first element. False if it is not
   // there.
@@ -352,7 +364,12 @@ class Scanner {
         return End::kWithinElement;
       }
       if (depth == 0 && element.tag == kPixels) {
+        scan_.pixels_offset = position_;
         return CountPixels(element.length) ? End::kOfPixels : End::kWithinElement;
+      }
+      if (depth == 0 && (element.tag == kFloatPixels || element.tag == kDoublePixels)) {
+        scan_.has_float_pixels = true;
+        return End::kOfPixels;
       }
       if (depth == 0 && IsBrokenNumber(element)) {
         return End::kWithinElement;
@@ -384,6 +401,12 @@ class Scanner {
 };
 
 }  // namespace
+
+bool IsDicomSegmentation(const DicomScan& scan) {
+  return scan.storage_class == kSegmentation || scan.storage_class == kLabelMapSegmentation;
+}
+
+bool IsDicomWholeSlide(const DicomScan& scan) { return scan.storage_class == kWholeSlide; }
 
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,

@@ -35,6 +35,7 @@ struct DicomScan {
   // UIDs of the series and of the pixels' encoding; "" if the file ends before, or has none.
   std::string series;
   std::string transfer_syntax;
+  std::string storage_class;  // the UID of the kind of object; "" if the file ends before
   // They describe the series to people who choose one; 0 and "" if the file does not say.
   std::int64_t series_number = 0;
   std::string description;
@@ -44,7 +45,15 @@ struct DicomScan {
   DicomMoment moment;
   // Whether an image has as many pixels as its rows and columns say; else they were not counted.
   bool is_counted = false;
+  // Where the pixels lie in the file, in bytes; -1 if they are compressed, or were not found.
+  std::int64_t pixels_offset = -1;
+  bool has_float_pixels = false;  // those of a parametric map (7fe0,0008 or 0009); not counted
 };
+
+// Whether the file is a segmentation: frames of segments, or of their numbers.
+bool IsDicomSegmentation(const DicomScan& scan);
+// Whether it is a whole-slide image: tiles of planes, without a place in a patient.
+bool IsDicomWholeSlide(const DicomScan& scan);
 
 // Scans the file element by element, without its pixels. Keeps no field of the patient but the
 // description of the series, without control characters. Errors: those of reading.

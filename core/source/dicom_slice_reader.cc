@@ -146,6 +146,19 @@ std::int64_t SliceBytes(const DicomSlice& slice) {
 absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
                                                         const DicomScan& scan,
                                                         DicomDecoder* decoder) {
+  // On these GDCM ends the process.
+  if (IsDicomWholeSlide(scan)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: a whole-slide image: its %d frames are tiles of planes, without places in a volume; "
+        "export a stack of its focal planes as TIFF",
+        path, scan.frames));
+  }
+  if (scan.has_float_pixels) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        ": a parametric map whose pixels are floats, which GDCM does not read: convert it, as "
+        "paramap2itkimage of dcmqi does"));
+  }
   if (scan.frames > 1) {
     return ReadFrameSlices(path, scan, decoder);
   }

@@ -18,8 +18,9 @@
 namespace isoscope::source {
 
 // The slices of a file that was scanned, without their pixels: one, or one for each frame, in the
-// order of the file. INVALID_ARGUMENT: a header that can't be decoded; colour; frames without a
-// position, orientation or spacing. RESOURCE_EXHAUSTED: the system gives no process.
+// order of the file. INVALID_ARGUMENT: a header that can't be decoded; colour; a whole-slide image;
+// pixels that are floats; frames without a position, orientation or spacing. RESOURCE_EXHAUSTED:
+// the system gives no process.
 absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
                                                         const DicomScan& scan,
                                                         DicomDecoder* decoder);

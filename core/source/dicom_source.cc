@@ -35,12 +35,15 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/source/dicom_decoder.h"
 #include "core/source/dicom_folder.h"
 #include "core/source/dicom_scan.h"
+#include "core/source/dicom_segmentation.h"
 #include "core/source/dicom_slice_reader.h"
 #include "core/source/dicom_stack.h"
 #include "core/source/dicom_steps.h"
@@ -87,17 +90,16 @@ class DicomSeries final : public VolumeSeries {
   const std::string length_unit_ = "mm";
 };
 
-// The slices of the series that `path` names, in no order.
-absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const std::string& path) {
-  DicomDecoder decoder;
-  ISOSCOPE_ASSIGN_OR_RETURN(const DicomSeriesFiles found, FindDicomSeries(path, &decoder));
+// The slices of a series, in no order.
+absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const DicomSeriesFiles& found,
+                                                   DicomDecoder* decoder) {
   std::vector<DicomSlice> slices;
   for (const DicomSeriesFiles::File& image : found.images) {
     if (image.scan.content == DicomContent::kCut) {
       return DicomCutError(image.path);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> read,
-                              ReadDicomSlices(image.path, image.scan, &decoder));
+                              ReadDicomSlices(image.path, image.scan, decoder));
     std::move(read.begin(), read.end(), std::back_inserter(slices));
   }
   if (!found.left_out.empty()) {
@@ -108,12 +110,36 @@ absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const std::string& path) {
   return slices;
 }
 
+// The segmentation that `path` names: a series may have several, each a file.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSegmentation(const DicomSeriesFiles& found,
+                                                               const std::string& path,
+                                                               const std::string& field) {
+  const bool is_folder = io::IsDirectory(path);
+  if (is_folder && found.images.size() > 1) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: a series of %d segmentations, each of which is a volume; give one of them: %s, ...",
+        path, found.images.size(), found.images.front().path));
+  }
+  // The file may have another name in its folder.
+  const std::string& file = is_folder ? found.images.front().path : path;
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomScan scan, ScanDicomFile(file));
+  if (scan.content == DicomContent::kCut) {
+    return DicomCutError(file);
+  }
+  return OpenDicomSegmentation(file, scan, field);
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& path,
                                                              const std::string& field,
                                                              const GridRules& rules) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices, ReadSeries(path));
+  DicomDecoder decoder;
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomSeriesFiles found, FindDicomSeries(path, &decoder));
+  if (IsDicomSegmentation(found.images.front().scan)) {
+    return OpenSegmentation(found, path, field);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices, ReadSeries(found, &decoder));
   ISOSCOPE_ASSIGN_OR_RETURN(DicomSteps steps, SplitDicomSteps(std::move(slices), path));
   ISOSCOPE_RETURN_IF_ERROR(StackSlices(&steps.steps.front(), path, rules).status());
   return std::make_unique<DicomSeries>(path, field, std::move(steps), rules);

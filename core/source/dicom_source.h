@@ -31,6 +31,9 @@ namespace isoscope::source {
 // The line of the slices need not be their normal: with a tilted gantry the third axis of the grid
 // is that line, so that each sample lies where the scanner had it.
 //
+// A segmentation is a volume of its own (dicom_segmentation.h); a folder with several in a series
+// is INVALID_ARGUMENT.
+//
 // Several images at each place are steps (dicom_steps.h). `field` is the name of the only field.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& path,
                                                              const std::string& field,

@@ -14,8 +14,9 @@
 //   byte 400  double[12] rows of the sform
 //   byte 500  int32      units, of space in bits 0 to 2, of time in bits 3 to 5
 //
-// Files of NIfTI-1 whose names do not say so are read here, too. ITK reads the others, which it
-// knows by their names; only their grid is read here (nifti_location.cc has the bytes).
+// Files of NIfTI-1 whose names do not say so are read here, too, and those of 64-bit integers. ITK
+// reads the others, which it knows by their names; only their grid is read here (nifti_location.cc
+// has the bytes).
 //
 // Source: https://nifti.nimh.nih.gov/nifti-2, nifti2.h; the transforms as in nifti1.h.
 
@@ -37,6 +38,7 @@
 #include "core/source/layout_formats.h"
 #include "core/source/nifti_layout.h"
 #include "core/source/sample_location.h"
+#include "core/source/wide_source.h"
 
 namespace isoscope::source {
 namespace {
@@ -202,6 +204,12 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   return absl::OkStatus();
 }
 
+std::optional<WideType> WideTypeOf(std::int16_t datatype) {
+  return datatype == 1024   ? std::optional(WideType::kInt64)
+         : datatype == 1280 ? std::optional(WideType::kUint64)
+                            : std::nullopt;
+}
+
 absl::StatusOr<NiftiNumbers> ReadNiftiNumbers(const std::string& path, bool* is_gzip) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(path, kNifti2HeaderBytes));
   const bool is_second = IsNifti2Header(head.bytes);
@@ -233,7 +241,12 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
   ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
   SampleLocation& location = layout.location;
   location.is_big_endian = header.is_big_endian();
-  ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, NiftiSampleType(header.datatype(), path));
+  layout.wide = WideTypeOf(header.datatype());
+  if (layout.wide.has_value()) {
+    location.stored_type = CarrierType(*layout.wide);
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, NiftiSampleType(header.datatype(), path));
+  }
   if (!(header.skip() >= 0 && header.skip() < 0x1p53)) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %s vox_offset %g; expected 0 or more",
                                                       path, header.name(), header.skip()));
@@ -251,6 +264,12 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
   if (std::isfinite(header.slope()) && std::isfinite(header.intercept()) && header.slope() != 0) {
     location.slope = header.slope();
     location.intercept = header.intercept();
+    if (layout.wide.has_value() && (location.slope != 1 || location.intercept != 0)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: 64-bit integers with slope %g and intercept %g; expected slope 1 and intercept 0: "
+          "convert the file to float64",
+          path, location.slope, location.intercept));
+    }
   }
   return layout;
 }

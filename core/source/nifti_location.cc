@@ -107,6 +107,25 @@ absl::StatusOr<NiftiHeader> ReadNiftiHeader(const std::string& path) {
   return header;
 }
 
+// " (complex)"; "" for codes that NIfTI does not have.
+const char* NameOfOtherType(std::int16_t code) {
+  switch (code) {
+    case 1:
+      return " (single bits)";
+    case 32:
+    case 1792:
+    case 2048:
+      return " (complex)";
+    case 128:
+    case 2304:
+      return " (RGB colours)";
+    case 1536:
+      return " (float128)";
+    default:
+      return "";
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path) {
@@ -114,10 +133,10 @@ absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std:
                                  [&](const NiftiType& known) { return known.code == code; });
   if (row == kNiftiTypes.end()) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: NIfTI datatype %d; expected one number a sample, of (u)int8, (u)int16, (u)int32, "
-        "float32 or float64 (codes 2, 4, 8, 16, 64, 256, 512, 768): convert the file to one of "
-        "them",
-        path, code));
+        "%s: NIfTI datatype %d%s; expected one number a sample, an integer of 8 to 64 bits, "
+        "float32 or float64 (codes 2, 4, 8, 16, 64, 256, 512, 768, 1024, 1280): convert the file "
+        "to one of them",
+        path, code, NameOfOtherType(code)));
   }
   return row->type;
 }

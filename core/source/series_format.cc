@@ -253,13 +253,10 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const
   if (absl::EndsWithIgnoreCase(header_path, ".hdr.gz")) {
     return file;
   }
-  if (rules.ignores_shear) {
-    const auto layout = ReadNiftiHeaderLayout(header_path);
-    if (layout.ok() && layout->shear.has_value()) {
-      return file;
-    }
-  }
-  return std::nullopt;
+  const auto layout = ReadNiftiHeaderLayout(header_path);
+  const bool is_ours = layout.ok() && ((rules.ignores_shear && layout->shear.has_value()) ||
+                                       layout->wide.has_value());
+  return is_ours ? std::move(file) : std::nullopt;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& file,

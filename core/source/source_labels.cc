@@ -1,4 +1,4 @@
-// Where the three formats keep their labels:
+// Where three formats keep their labels (of DICOM: dicom_child.cc):
 //
 //   NRRD    Segment3_LabelValue:=4              keys and values of the header, after its fields;
 //           Segment3_Name:=left lung            escapes are those of NRRD: a line feed, a backslash
@@ -48,10 +48,12 @@
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/source/binary_header.h"
+#include "core/source/dicom_labels.h"
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 #include "core/source/series_format.h"
 #include "core/source/text_header.h"
+#include "core/source/volume_source.h"
 #include "expat.h"
 
 namespace isoscope::source {
@@ -331,6 +333,9 @@ absl::StatusOr<std::vector<Label>> LabelsOfHeader(const std::string& header,
 }  // namespace
 
 absl::StatusOr<std::vector<Label>> ReadSourceLabels(const std::string& path) {
+  if (NamesDicomSeries(path)) {
+    return ReadDicomLabels(path);
+  }
   const std::optional<SeriesFile> part = FindSeriesFileByName(path);
   const std::string header = LayoutHeaderPath(part.has_value() ? part->file : path);
   if (!io::PathExists(header) || io::IsDirectory(header)) {

@@ -74,9 +74,11 @@ struct DicomSlice {
   int series_number = 0;
   int temporal_position = 0;
   int frames = 0;
+  std::string letters{};    // the set of them
+  std::uint16_t bits = 16;  // a pixel
 };
 
-// The file of a slice: `pixels` as [y][x] of 16 bits, 0.5 apart on x and 2 on y.
+// The file of a slice: `pixels` as [y][x] of 16 bits (or `bits`), 0.5 apart on x and 2 on y.
 inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels) {
   const auto text = [](std::uint16_t group, std::uint16_t element, const char* vr,
                        const std::string& value) {
@@ -89,9 +91,10 @@ inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels
       DicomElement(2, 0x10, "UI", "1.2.840.10008.1.2.1") + DicomElement(2, 0x12, "UI", "1.2.3.4");
   return std::string(128, '\0') + "DICM" +
          DicomElement(2, 0, "UL", DicomNumber(static_cast<std::uint32_t>(meta.size()))) + meta +
-         DicomElement(8, 0x16, "UI", slice.storage_class) + DicomElement(8, 0x18, "UI", uid) +
-         DicomElement(8, 0x60, "CS", "CT") + text(8, 0x103e, "LO", slice.description) +
-         DicomElement(0x20, 0xd, "UI", "1.2.9") + DicomElement(0x20, 0xe, "UI", slice.series) +
+         text(8, 5, "CS", slice.letters) + DicomElement(8, 0x16, "UI", slice.storage_class) +
+         DicomElement(8, 0x18, "UI", uid) + DicomElement(8, 0x60, "CS", "CT") +
+         text(8, 0x103e, "LO", slice.description) + DicomElement(0x20, 0xd, "UI", "1.2.9") +
+         DicomElement(0x20, 0xe, "UI", slice.series) +
          text(0x20, 0x11, "IS", absl::StrCat(slice.series_number)) +
          DicomElement(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
          DicomElement(0x20, 0x32, "DS", slice.position) +
@@ -103,9 +106,9 @@ inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels
          DicomElement(0x28, 0x10, "US", DicomNumber(slice.height)) +
          DicomElement(0x28, 0x11, "US", DicomNumber(slice.width)) +
          DicomElement(0x28, 0x30, "DS", "2\\0.5") +
-         DicomElement(0x28, 0x100, "US", DicomNumber(std::uint16_t{16})) +
-         DicomElement(0x28, 0x101, "US", DicomNumber(std::uint16_t{16})) +
-         DicomElement(0x28, 0x102, "US", DicomNumber(std::uint16_t{15})) +
+         DicomElement(0x28, 0x100, "US", DicomNumber(slice.bits)) +
+         DicomElement(0x28, 0x101, "US", DicomNumber(slice.bits)) +
+         DicomElement(0x28, 0x102, "US", DicomNumber(static_cast<std::uint16_t>(slice.bits - 1))) +
          DicomElement(0x28, 0x103, "US",
                       DicomNumber(static_cast<std::uint16_t>(slice.is_signed ? 1 : 0))) +
          slice.more + DicomElement(0x7fe0, 0x10, "OW", pixels);

@@ -16,6 +16,7 @@
 #include "tests/fuzz/core/source/open_volume.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/support/dicom_file.h"
+#include "tests/unit/core/source/segmentation_bytes.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -27,6 +28,20 @@ std::string Slice(int number) {
   slice.number = number;
   slice.position = number == 1 ? "10\\20\\30" : "10\\20\\31";
   return testing::DicomBytes(slice, std::string(24, 'a'));
+}
+
+// Two segments that overlap, and a plane that is left out.
+std::string Segmentation(const std::string& kind, std::uint16_t bits) {
+  const std::vector<int> pixels(15, 1);
+  std::vector<testing::SegmentFrame> frames{{"0\\0\\1", 1, pixels}, {"0\\0\\3", 1, pixels}};
+  if (kind == "BINARY") {
+    frames.push_back({"0\\0\\3", 2, pixels});
+  }
+  return testing::SegmentationBytes({.kind = kind,
+                                     .bits = bits,
+                                     .frames = frames,
+                                     .segments = {{1, "one", {{0, 1, 2}}}},
+                                     .distance = "1"});
 }
 
 // Returns the children of this thread, including those that were not waited for. libFuzzer has one,
@@ -64,10 +79,13 @@ std::vector<std::string> Seeds() {
   second.height = 3;
   second.position = "10\\20\\31";
   second.temporal_position = 2;
-  return {std::string(1, '\0') + Slice(1), "\1" + Slice(1),
+  return {std::string(1, '\0') + Slice(1),
+          "\1" + Slice(1),
           "\1" + testing::DicomBytes(open, std::string(24, 'b')),
           std::string(1, '\0') + testing::DicomBytes(framed, std::string(48, 'c')),
-          "\1" + testing::DicomBytes(second, std::string(24, 'd'))};
+          "\1" + testing::DicomBytes(second, std::string(24, 'd')),
+          std::string(1, '\0') + Segmentation("BINARY", 1),
+          std::string(1, '\0') + Segmentation("LABELMAP", 16)};
 }
 
 }  // namespace isoscope::fuzz

@@ -17,6 +17,7 @@
 #include "tests/support/dicom_file.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/source/segmentation_bytes.h"
 
 namespace isoscope::source {
 namespace {
@@ -56,7 +57,7 @@ class DicomChildTest : public ::testing::Test {
   testing::TempDir dir_;
   const std::string path_ = dir_.Sub("a.dcm");
   const std::string pixels_ = Noise({12, 9, 2}, ScalarType::kInt16);
-  std::string shared_ = std::string(kDicomFramesBytes, '?');
+  std::string shared_ = std::string(kDicomSegmentsBytes, '?');
 };
 
 TEST_F(DicomChildTest, SliceIsItsHeaderAndPixelsOnlyOfTheSizeThatIsAskedFor) {
@@ -127,10 +128,46 @@ TEST_F(DicomChildTest, FramesAreListedAndDecodedOneByOne) {
   EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes - 2, 0).outcome, DicomOutcome::kNotDecoded);
 }
 
+TEST_F(DicomChildTest, SegmentationsAreListedWithoutTheirPixels) {
+  WriteFile(path_, testing::SegmentationBytes(
+                       {.frames = {{"10\\20\\34", 3}, {"10\\20\\30", 300}},
+                        .segments = {{3, "liver", {{0, 65535, 0x8080}}}, {300, "two"}},
+                        .distance = "4",
+                        .padding = 9}));
+  const DicomAnswer answer = Ask(DicomQuestion::kSegmentFrames);
+  EXPECT_EQ(answer.outcome, DicomOutcome::kHeader);
+  EXPECT_THAT(answer.dims, ElementsAre(5, 3, 2));
+  EXPECT_EQ(answer.components, 1U);
+  EXPECT_EQ(answer.bits_allocated, 1U);
+  EXPECT_EQ(answer.segment_kind, DicomSegmentKind::kBinary);
+  EXPECT_EQ(answer.padding.value, 9);
+  EXPECT_EQ(std::string(answer.series.data(), 5), "1.2.3");
+  EXPECT_THAT(Frame(0).position, ElementsAre(10, 20, 34));
+  EXPECT_THAT(Frame(1).spacing, ElementsAre(0.5, 2, 4));
+  EXPECT_EQ(Frame(0).segment, 3U);
+  EXPECT_EQ(Frame(1).segment, 300U);
+  const DicomAnswer segments = Ask(DicomQuestion::kSegments);
+  EXPECT_EQ(segments.outcome, DicomOutcome::kHeader);
+  EXPECT_EQ(segments.segment_kind, DicomSegmentKind::kBinary);
+  ASSERT_EQ(segments.dims[0], 2U);
+  DicomSegmentRecord segment;
+  std::memcpy(&segment, shared_.data(), sizeof(segment));
+  EXPECT_EQ(segment.number, 3U);
+  EXPECT_STREQ(segment.label.data(), "liver");
+  EXPECT_EQ(segment.has_lab, 1U);
+  EXPECT_EQ(segment.lab[0], 0);
+  EXPECT_EQ(segment.lab[1], 127);
+  EXPECT_NEAR(segment.lab[2], 0, 1e-12);
+  std::memcpy(&segment, shared_.data() + sizeof(segment), sizeof(segment));
+  EXPECT_EQ(segment.number, 300U);
+  EXPECT_EQ(segment.has_lab, 0U);
+}
+
 TEST_F(DicomChildTest, BytesThatAreNoDicomFileAreNotDecoded) {
   WriteFile(path_, "Doe^Jane");
   for (const DicomQuestion question :
-       {DicomQuestion::kSlice, DicomQuestion::kFrames, DicomQuestion::kFrame}) {
+       {DicomQuestion::kSlice, DicomQuestion::kFrames, DicomQuestion::kFrame,
+        DicomQuestion::kSegmentFrames, DicomQuestion::kSegments}) {
     const DicomAnswer answer = Ask(question, kSliceBytes);
     EXPECT_EQ(answer.outcome, DicomOutcome::kNotDecoded);
     EXPECT_EQ(answer.series[0], '\0');

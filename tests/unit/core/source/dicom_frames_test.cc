@@ -196,6 +196,26 @@ TEST_F(DicomFramesTest, HighThroughputJpeg2000IsNamed) {
   }
 }
 
+// GDCM ends its process on these.
+TEST_F(DicomFramesTest, WholeSlideImagesAreRefusedByName) {
+  Write("w.dcm", {.storage_class = "1.2.840.10008.5.1.4.1.1.77.1.6", .frames = 3},
+        Pixels(0) + Pixels(1) + Pixels(2));
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("w.dcm")),
+              StatusIs(kInvalid, AllOf(HasSubstr("whole-slide"), HasSubstr("3 frames"),
+                                       Not(HasSubstr("SIGABRT")))));
+}
+
+TEST_F(DicomFramesTest, ParametricMapsOfFloatsAreRefusedByName) {
+  for (const char element : {'\x08', '\x09'}) {
+    std::string bytes = DicomBytes({.width = kWidth, .height = kHeight, .frames = 2},
+                                   Pixels(0) + Pixels(1) + Pixels(2) + Pixels(3));
+    bytes[bytes.rfind(std::string("\xe0\x7f\x10\x00", 4)) + 2] = element;
+    testing::WriteFile(dir_.Sub("p.dcm"), bytes);
+    EXPECT_THAT(OpenVolumeFile(dir_.Sub("p.dcm")),
+                StatusIs(kInvalid, AllOf(HasSubstr("parametric map"), Not(HasSubstr("cut")))));
+  }
+}
+
 TEST_F(DicomFramesTest, UnevenAndUnplacedFramesAreRefused) {
   WriteFrames("a.dcm", {30, 32, 37}, {"", "", ""});
   EXPECT_THAT(OpenVolumeFile(dir_.Sub("a.dcm")),

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -53,6 +54,30 @@ TEST_F(DicomScanTest, ImageIsWholeOnlyWithItsLastPixel) {
   for (std::size_t size = 0; size < whole.size(); ++size) {
     EXPECT_EQ(Scan(whole.substr(0, size)).content, DicomContent::kCut) << size;
   }
+}
+
+TEST_F(DicomScanTest, PixelsLieWhereTheScanFoundThem) {
+  const std::string bytes = DicomBytes({}, pixels_);
+  const DicomScan scan = Scan(bytes);
+  EXPECT_EQ(scan.pixels_offset, static_cast<std::int64_t>(bytes.size() - pixels_.size()));
+  EXPECT_EQ(scan.storage_class, "1.2.840.10008.5.1.4.1.1.2");
+  EXPECT_FALSE(IsDicomSegmentation(scan) || IsDicomWholeSlide(scan));
+  EXPECT_EQ(Scan(WithoutPixels({})).pixels_offset, -1);
+  const std::string compressed =
+      WithoutPixels({}) + DicomOpenElement(0x7fe0, 0x10, "OB", DicomItem("") + DicomItem(pixels_));
+  EXPECT_EQ(Scan(compressed).content, DicomContent::kImage);
+  EXPECT_EQ(Scan(compressed).pixels_offset, -1);
+}
+
+TEST_F(DicomScanTest, SegmentationsAndSlidesAreKnownByTheirClass) {
+  for (const char* last : {"4", "7"}) {
+    const std::string storage_class = absl::StrCat("1.2.840.10008.5.1.4.1.1.66.", last);
+    EXPECT_TRUE(IsDicomSegmentation(Scan(DicomBytes({.storage_class = storage_class}, pixels_))));
+    // Without pixels it is no report, but cut.
+    EXPECT_EQ(Scan(WithoutPixels({.storage_class = storage_class})).content, DicomContent::kCut);
+  }
+  EXPECT_TRUE(IsDicomWholeSlide(
+      Scan(DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.77.1.6"}, pixels_))));
 }
 
 TEST_F(DicomScanTest, ErrorOfACutFileNamesItAndSaysWhatToDo) {

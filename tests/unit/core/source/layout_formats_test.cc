@@ -165,6 +165,44 @@ TEST_F(LayoutFormatsTest, Nifti2) {
               ElementsAre(dir_.Sub("pair.hdr"), dir_.Sub("pair.img")));
 }
 
+// nibabel writes what numpy counts in, so label maps are often int64.
+TEST_F(LayoutFormatsTest, NiftiOf64BitIntegersBecomesFloat64) {
+  constexpr std::int64_t kLargest = std::int64_t{1} << 53;
+  std::vector<std::int64_t> values;
+  for (int i = 0; i < kSamples; ++i) {
+    values.push_back(i - 5);
+  }
+  values.back() = kLargest;
+  for (const std::int16_t datatype : {std::int16_t{1024}, std::int16_t{1280}}) {
+    values.front() = datatype == 1024 ? -kLargest : 3;
+    std::fill(values.begin() + 1, values.begin() + 6, 1);
+    const std::string samples = BytesOf(values);
+    const std::string first =
+        testing::NiftiHeaderBytes({.dims = kDims, .datatype = datatype}) + samples;
+    for (const std::string& path :
+         {Write("one.nii", first), Write("one.nii.gz", Gzip(first)), Write("anything", first),
+          Write("two.nii", Nifti2Bytes({.datatype = datatype}) + samples)}) {
+      SCOPED_TRACE(path);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+      ASSERT_EQ(source->scalar_type(), volume::ScalarType::kFloat64);
+      EXPECT_LT(math::Length(source->geometry().origin - kFirst), 1e-5);
+      const auto read = ValuesOf<double>(ReadAll(*source, 1).value());
+      EXPECT_THAT(read, ::testing::ElementsAreArray(values));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+      EXPECT_EQ(series->fields().size(), 1U);
+    }
+  }
+  values.back() = kLargest + 1;
+  EXPECT_THAT(Open(Write("far.nii", testing::NiftiHeaderBytes({.dims = kDims, .datatype = 1024}) +
+                                        BytesOf(values))),
+              StatusIs(kInvalid, HasSubstr("9007199254740993")));
+  EXPECT_THAT(
+      Open(Write("slope.nii", Nifti2Bytes({.datatype = 1024, .slope = 2}) + BytesOf(values))),
+      StatusIs(kInvalid, HasSubstr("slope 2")));
+  EXPECT_THAT(Open(Write("rgb.nii", Nifti2Bytes({.datatype = 128}) + Volumes(2))),
+              StatusIs(kInvalid, HasSubstr("128 (RGB colours)")));
+}
+
 TEST_F(LayoutFormatsTest, TransformsOfNifti2) {
   const auto write = [&](const testing::Nifti2Header& header) {
     return Write("t.nii", Nifti2Bytes(header) + Volumes(1));

@@ -1,0 +1,50 @@
+#include "core/source/dicom_labels.h"
+
+#include <optional>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/io/file.h"
+#include "core/source/cielab_color.h"
+#include "core/source/dicom_child.h"
+#include "core/source/dicom_decoder.h"
+#include "core/source/dicom_folder.h"
+#include "core/source/dicom_scan.h"
+
+namespace isoscope::source {
+
+absl::StatusOr<std::vector<volume::Label>> ReadDicomLabels(const std::string& path) {
+  const std::vector<std::string> files =
+      io::IsDirectory(path) ? DicomFilesIn(path) : std::vector<std::string>{path};
+  for (const std::string& file : files) {
+    const absl::StatusOr<DicomScan> scan = ScanDicomFile(file);
+    if (!scan.ok() || scan->content == DicomContent::kNoImage) {
+      continue;
+    }
+    if (!IsDicomSegmentation(*scan)) {
+      break;
+    }
+    DicomDecoder decoder;
+    const absl::StatusOr<DicomSegments> read = decoder.ReadSegments(file);
+    if (!read.ok() || read->kind == DicomSegmentKind::kFractional) {
+      break;
+    }
+    std::vector<volume::Label> labels;
+    for (const DicomSegment& segment : read->segments) {
+      labels.push_back({.value = static_cast<double>(segment.number),
+                        .name = volume::CleanLabelName(segment.label),
+                        .color = segment.cielab.has_value()
+                                     ? std::optional(ColorOfCieLab(*segment.cielab))
+                                     : std::nullopt});
+    }
+    volume::SortLabels(&labels);
+    const absl::Status valid = volume::ValidateLabels(labels);
+    if (!valid.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat(file, ": ", valid.message()));
+    }
+    return labels;
+  }
+  return std::vector<volume::Label>();
+}
+
+}  // namespace isoscope::source
