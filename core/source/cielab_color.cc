@@ -1,8 +1,8 @@
 // CIELab to XYZ by CIE 15, XYZ to sRGB by IEC 61966-2-1.
 //
-// DICOM means the white point D50 of ICC profiles, but DCMTK, and so 3D Slicer, dcmqi and dcmjs,
-// write and read these colours with that of sRGB, D65. Nearly all files are theirs. In a file that
-// means D50, red and blue come out up to 6 of 255 off.
+// DICOM means the white point D50 of ICC profiles, but the files of dcmqi give the colours of its
+// descriptions with that of sRGB, D65. In a file that means D50, red and blue come out up to 6 of
+// 255 off.
 
 #include "core/source/cielab_color.h"
 

@@ -156,8 +156,8 @@ absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
   if (scan.has_float_pixels) {
     return absl::InvalidArgumentError(absl::StrCat(
         path,
-        ": a parametric map whose pixels are floats, which GDCM does not read: convert it, as "
-        "paramap2itkimage of dcmqi does"));
+        ": a parametric map whose pixels are floats, which GDCM does not read: convert it "
+        "to NRRD or NIfTI"));
   }
   if (scan.frames > 1) {
     return ReadFrameSlices(path, scan, decoder);
