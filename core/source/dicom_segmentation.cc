@@ -220,6 +220,10 @@ absl::Status CheckPixels(const Segmentation& segmentation) {
 
 // Checks that each frame has all that a volume needs, and its segment.
 absl::Status CheckFrames(const Segmentation& segmentation) {
+  if (segmentation.frames.frames.empty()) {  // the scan counts no compressed ones
+    return absl::InvalidArgumentError(
+        absl::StrCat(segmentation.path, ": a segmentation without frames; expected at least two"));
+  }
   const bool has_segments = segmentation.frames.segment_kind != DicomSegmentKind::kLabelMap;
   for (std::size_t i = 0; i < segmentation.frames.frames.size(); ++i) {
     const DicomFrame& frame = segmentation.frame(i);

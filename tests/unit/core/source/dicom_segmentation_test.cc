@@ -161,6 +161,13 @@ TEST_F(DicomSegmentationTest, FramesWithoutPlaceOrSegmentAreRefused) {
               StatusIs(kInvalid, HasSubstr("one slice")));
 }
 
+TEST_F(DicomSegmentationTest, NoFrameIsNoVolume) {
+  for (const char* kind : {"BINARY", "FRACTIONAL", "LABELMAP"}) {
+    const std::uint16_t bits = kind == std::string("BINARY") ? 1 : 8;
+    EXPECT_THAT(Open({.kind = kind, .bits = bits}), StatusIs(kInvalid, HasSubstr("s.dcm"))) << kind;
+  }
+}
+
 TEST_F(DicomSegmentationTest, OtherPixelsAreRefusedByTheirBits) {
   const std::vector<SegmentFrame> frames{{"0\\0\\1", 1, kLeft}, {"0\\0\\2", 1, kLeft}};
   EXPECT_THAT(Open({.bits = 8, .frames = frames}),
