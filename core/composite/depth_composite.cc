@@ -25,8 +25,8 @@ namespace HWY_NAMESPACE {
 namespace {
 
 // Keeps the nearer one of two fragments at each covered pixel of a tile, whose first `count`
-// columns lie in the image. Leaves pixels where two owners have
-// equal depth, and returns whether there is one.
+// columns lie in the image. Leaves pixels where two owners have equal depth, and returns whether
+// there is one.
 bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std::size_t stride,
                 const std::uint64_t* from_keys, const image::Rgba8* from_colors,
                 std::uint64_t* keys, image::Rgba8* colors) {

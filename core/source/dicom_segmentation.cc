@@ -220,7 +220,7 @@ absl::Status CheckPixels(const Segmentation& segmentation) {
 
 // Checks that each frame has all that a volume needs, and its segment.
 absl::Status CheckFrames(const Segmentation& segmentation) {
-  if (segmentation.frames.frames.empty()) {  // the scan counts no compressed ones
+  if (segmentation.frames.frames.empty()) {  // the child may answer anything
     return absl::InvalidArgumentError(
         absl::StrCat(segmentation.path, ": a segmentation without frames; expected at least two"));
   }
