@@ -38,6 +38,7 @@
 #include "core/source/segment_bits.h"
 #include "core/source/segment_places.h"
 #include "core/source/slice_source.h"
+#include "core/volume/label.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
