@@ -15,11 +15,11 @@ inline constexpr std::size_t kMaxDicomUidBytes = 64;
 enum class DicomQuestion : std::uint64_t { kSlice, kFrames, kFrame, kSegmentFrames, kSegments };
 
 struct DicomRequest {
-  std::array<char, 4096> path;  // ends with 0
-  DicomQuestion question;
-  std::uint64_t frame;
-  std::uint64_t slice_bytes;  // 0: no pixels
-  std::uint64_t is_counted;   // 0 or 1
+  std::array<char, 4096> path{};  // ends with 0
+  DicomQuestion question = DicomQuestion::kSlice;
+  std::uint64_t frame = 0;
+  std::uint64_t slice_bytes = 0;  // 0: no pixels
+  std::uint64_t is_counted = 0;   // 0 or 1
 };
 
 enum class DicomOutcome : std::uint32_t { kNotDecoded = 0, kHeader = 1, kPixels = 2 };

@@ -26,6 +26,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/dicom_module.h"
 #include "core/source/itk_types.h"
 #include "core/source/silent_libraries.h"
 
@@ -106,7 +107,8 @@ absl::StatusOr<DicomHeader> Check(const DicomAnswer& answer, const std::string& 
 
 DicomDecoder::DicomDecoder(std::int64_t slice_bytes)
     : slice_bytes_(slice_bytes),
-      process_({.handler = DecodeDicomInChild,
+      handler_(LoadDicomModule()),
+      process_({.handler = handler_.ok() ? *handler_ : nullptr,
                 .request_bytes = sizeof(DicomRequest),
                 .answer_bytes = sizeof(DicomAnswer),
                 // Memory only as far as it is used.
@@ -115,7 +117,10 @@ DicomDecoder::DicomDecoder(std::int64_t slice_bytes)
   SilenceImageLibraries();  // first, so that its lock is free when the process forks
 }
 
-absl::Status DicomDecoder::Start() { return process_.Start(); }
+absl::Status DicomDecoder::Start() {
+  ISOSCOPE_RETURN_IF_ERROR(handler_.status());
+  return process_.Start();
+}
 
 absl::StatusOr<DicomHeader> DicomDecoder::ReadHeader(const std::string& path) {
   return Read(path, false, nullptr);
@@ -127,15 +132,15 @@ absl::StatusOr<DicomHeader> DicomDecoder::ReadSlice(const std::string& path, boo
   return Read(path, is_counted, out);
 }
 
-absl::StatusOr<DicomAnswer> DicomDecoder::AskList(const std::string& path, DicomQuestion question) {
-  DicomRequest request{};
-  request.question = question;
+absl::StatusOr<DicomAnswer> DicomDecoder::Ask(const std::string& path, DicomRequest request,
+                                              std::int64_t bytes) {
+  ISOSCOPE_RETURN_IF_ERROR(handler_.status());
   if (path.size() >= request.path.size()) {
     return absl::DataLossError("its path is too long");
   }
   path.copy(request.path.data(), path.size());
   DicomAnswer answer{};
-  const absl::Status asked = process_.Ask(request, LimitsOf(path, kDicomSegmentsBytes), &answer);
+  const absl::Status asked = process_.Ask(request, LimitsOf(path, bytes), &answer);
   if (!asked.ok()) {
     return absl::IsUnavailable(asked) ? absl::DataLossError(asked.message()) : asked;
   }
@@ -151,7 +156,8 @@ absl::StatusOr<DicomFrames> DicomDecoder::ReadSegmentFrames(const std::string& p
 }
 
 absl::StatusOr<DicomSegments> DicomDecoder::ReadSegments(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer, AskList(path, DicomQuestion::kSegments));
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
+                            Ask(path, {.question = DicomQuestion::kSegments}, kDicomSegmentsBytes));
   if (answer.outcome != DicomOutcome::kHeader || answer.dims[0] > kMaxDicomSegments ||
       answer.segment_kind > DicomSegmentKind::kLabelMap) {
     return absl::DataLossError("");
@@ -175,7 +181,8 @@ absl::StatusOr<DicomSegments> DicomDecoder::ReadSegments(const std::string& path
 
 absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path,
                                                      DicomQuestion question) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer, AskList(path, question));
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
+                            Ask(path, {.question = question}, kDicomSegmentsBytes));
   constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 16;
   if (answer.outcome != DicomOutcome::kHeader || answer.dims[0] > kMaxSide ||
       answer.dims[1] > kMaxSide || answer.dims[2] > kMaxDicomFrames ||
@@ -206,19 +213,12 @@ absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path,
 }
 
 absl::Status DicomDecoder::ReadFrame(const std::string& path, std::int64_t frame, char* out) {
-  DicomRequest request{};
-  request.question = DicomQuestion::kFrame;
-  if (path.size() >= request.path.size()) {
-    return absl::DataLossError("its path is too long");
-  }
-  path.copy(request.path.data(), path.size());
-  request.frame = static_cast<std::uint64_t>(frame);
-  request.slice_bytes = static_cast<std::uint64_t>(slice_bytes_);
-  DicomAnswer answer{};
-  const absl::Status asked = process_.Ask(request, LimitsOf(path, slice_bytes_), &answer);
-  if (!asked.ok()) {
-    return absl::IsUnavailable(asked) ? absl::DataLossError(asked.message()) : asked;
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
+                            Ask(path,
+                                {.question = DicomQuestion::kFrame,
+                                 .frame = static_cast<std::uint64_t>(frame),
+                                 .slice_bytes = static_cast<std::uint64_t>(slice_bytes_)},
+                                slice_bytes_));
   if (answer.outcome != DicomOutcome::kPixels) {
     return absl::DataLossError("");
   }
@@ -228,19 +228,13 @@ absl::Status DicomDecoder::ReadFrame(const std::string& path, std::int64_t frame
 
 absl::StatusOr<DicomHeader> DicomDecoder::Read(const std::string& path, bool is_counted,
                                                char* out) {
-  DicomRequest request{};
-  if (path.size() >= request.path.size()) {
-    return absl::DataLossError("its path is too long");
-  }
-  path.copy(request.path.data(), path.size());
   const std::int64_t pixel_bytes = out != nullptr ? slice_bytes_ : 0;
-  request.slice_bytes = static_cast<std::uint64_t>(pixel_bytes);
-  request.is_counted = is_counted ? 1 : 0;
-  DicomAnswer answer{};
-  const absl::Status asked = process_.Ask(request, LimitsOf(path, pixel_bytes), &answer);
-  if (!asked.ok()) {
-    return absl::IsUnavailable(asked) ? absl::DataLossError(asked.message()) : asked;
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
+                            Ask(path,
+                                {.question = DicomQuestion::kSlice,
+                                 .slice_bytes = static_cast<std::uint64_t>(pixel_bytes),
+                                 .is_counted = is_counted ? 1U : 0U},
+                                pixel_bytes));
   ISOSCOPE_ASSIGN_OR_RETURN(DicomHeader header, Check(answer, path));
   header.has_pixels = out != nullptr && answer.outcome == DicomOutcome::kPixels;
   if (header.has_pixels) {

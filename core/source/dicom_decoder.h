@@ -77,9 +77,11 @@ struct DicomSegments {
 class DicomDecoder {
  public:
   // `slice_bytes`: those of the pixels that ReadSlice and ReadFrame read; 0 for headers alone.
+  // Loads the libraries (dicom_module.h); if that fails, all calls return its error.
   explicit DicomDecoder(std::int64_t slice_bytes = 0);
 
   // Starts the process early (decoder_process.h). RESOURCE_EXHAUSTED: there can be none.
+  // FAILED_PRECONDITION: the libraries are not there.
   absl::Status Start();
 
   // DATA_LOSS: the file can't be decoded. The message, without the path, says how the process
@@ -101,12 +103,14 @@ class DicomDecoder {
   absl::Status ReadFrame(const std::string& path, std::int64_t frame, char* out);
 
  private:
+  // Asks about a file; `request` has all but its path. `bytes`: what the answer may need.
+  absl::StatusOr<DicomAnswer> Ask(const std::string& path, DicomRequest request,
+                                  std::int64_t bytes);
   absl::StatusOr<DicomHeader> Read(const std::string& path, bool is_counted, char* out);
-  // Asks one of the questions about a file with lists in the answer.
-  absl::StatusOr<DicomAnswer> AskList(const std::string& path, DicomQuestion question);
   absl::StatusOr<DicomFrames> ReadFrames(const std::string& path, DicomQuestion question);
 
   const std::int64_t slice_bytes_;
+  const absl::StatusOr<DecoderProcess::Handler> handler_;
   DecoderProcess process_;
 };
 

@@ -10,6 +10,7 @@
 #include "core/source/dicom_decoder.h"
 #include "core/source/dicom_folder.h"
 #include "core/source/dicom_scan.h"
+#include "core/source/dicom_storage.h"
 
 namespace isoscope::source {
 
@@ -21,7 +22,7 @@ absl::StatusOr<std::vector<volume::Label>> ReadDicomLabels(const std::string& pa
     if (!scan.ok() || scan->content == DicomContent::kNoImage) {
       continue;
     }
-    if (!IsDicomSegmentation(*scan)) {
+    if (!IsSegmentationStorage(scan->storage_class)) {
       break;
     }
     DicomDecoder decoder;

@@ -48,7 +48,7 @@
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
-#include "gdcmMediaStorage.h"
+#include "core/source/dicom_storage.h"
 
 namespace isoscope::source {
 namespace {
@@ -73,10 +73,6 @@ constexpr char kExplicit[] = "1.2.840.10008.1.2.1";
 constexpr char kExplicitSyntaxes[] = "1.2.840.10008.1.2.";  // their beginning
 constexpr char kDeflated[] = "1.2.840.10008.1.2.1.99";
 constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
-
-constexpr char kSegmentation[] = "1.2.840.10008.5.1.4.1.1.66.4";
-constexpr char kLabelMapSegmentation[] = "1.2.840.10008.5.1.4.1.1.66.7";
-constexpr char kWholeSlide[] = "1.2.840.10008.5.1.4.1.1.77.1.6";
 
 // Texts that are kept.
 constexpr std::uint32_t kAcquisitionTime = 0x00080032;
@@ -170,8 +166,8 @@ class Scanner {
     if (!has_meta) {
       return scan_;
     }
-    scan_.storage_class = storage_class_;
-    if (IsKnownClass() && !IsImageClass()) {
+    const DicomStorage storage = DicomStorageOf(scan_.storage_class);
+    if (storage == DicomStorage::kOther) {
       scan_.content = DicomContent::kNoImage;
     } else if (scan_.transfer_syntax == kBigEndian || scan_.transfer_syntax == kDeflated) {
       scan_.content = Has(8) ? DicomContent::kImage : DicomContent::kCut;
@@ -179,7 +175,7 @@ class Scanner {
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const End end, Walk());
     if (scan_.content != DicomContent::kNoImage) {
-      const bool must_have_pixels = IsKnownClass() || has_rows_;
+      const bool must_have_pixels = storage == DicomStorage::kImage || has_rows_;
       scan_.content = end == End::kOfPixels                      ? DicomContent::kImage
                       : end == End::kOfFile && !must_have_pixels ? DicomContent::kNoImage
                                                                  : DicomContent::kCut;
@@ -190,16 +186,6 @@ class Scanner {
   enum class End { kOfPixels, kOfFile, kWithinElement };
 
   [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
-  [[nodiscard]] gdcm::MediaStorage::MSType Class() const {
-    return gdcm::MediaStorage::GetMSType(storage_class_.c_str());
-  }
-  // GDCM does not know label maps.
-  [[nodiscard]] bool IsKnownClass() const {
-    return Class() != gdcm::MediaStorage::MS_END || IsDicomSegmentation(scan_);
-  }
-  [[nodiscard]] bool IsImageClass() const {
-    return gdcm::MediaStorage::IsImage(Class()) || IsDicomSegmentation(scan_);
-  }
 
   // Reads the group 0002, whose length counts from behind its first element. False if it is not
   // there.
@@ -227,7 +213,7 @@ class Scanner {
         return false;
       }
       if (element.tag == kStorageClass) {
-        ISOSCOPE_ASSIGN_OR_RETURN(storage_class_, ReadUid(element.length));
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.storage_class, ReadUid(element.length));
       } else if (element.tag == kTransferSyntax) {
         ISOSCOPE_ASSIGN_OR_RETURN(scan_.transfer_syntax, ReadUid(element.length));
       }
@@ -390,7 +376,6 @@ class Scanner {
   const io::RandomAccessFile& file_;
   std::int64_t position_ = 0;
   bool is_explicit_ = true;
-  std::string storage_class_;
   bool has_rows_ = false;
   std::uint16_t rows_ = 0;
   std::uint16_t columns_ = 0;
@@ -401,12 +386,6 @@ class Scanner {
 };
 
 }  // namespace
-
-bool IsDicomSegmentation(const DicomScan& scan) {
-  return scan.storage_class == kSegmentation || scan.storage_class == kLabelMapSegmentation;
-}
-
-bool IsDicomWholeSlide(const DicomScan& scan) { return scan.storage_class == kWholeSlide; }
 
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,

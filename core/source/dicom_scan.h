@@ -50,11 +50,6 @@ struct DicomScan {
   bool has_float_pixels = false;  // those of a parametric map (7fe0,0008 or 0009); not counted
 };
 
-// Whether the file is a segmentation: frames of segments, or of their numbers.
-bool IsDicomSegmentation(const DicomScan& scan);
-// Whether it is a whole-slide image: tiles of planes, without a place in a patient.
-bool IsDicomWholeSlide(const DicomScan& scan);
-
 // Scans the file element by element, without its pixels. Keeps no field of the patient but the
 // description of the series, without control characters. Errors: those of reading.
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path);

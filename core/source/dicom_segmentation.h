@@ -13,8 +13,8 @@
 
 namespace isoscope::source {
 
-// Opens a file for which IsDicomSegmentation holds. Samples are numbers of segments, 0 (or the
-// file's padding value) where there is none; uint8 if they fit, else uint16:
+// Opens a file for whose class IsSegmentationStorage holds. Samples are numbers of segments, 0 (or
+// the file's padding value) where there is none; uint8 if they fit, else uint16:
 //
 //   BINARY      one field; with segments that overlap "layer 1", "layer 2", ...: a segment is in
 //               the first layer in which it overlaps none of a lower number

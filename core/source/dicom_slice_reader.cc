@@ -23,6 +23,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/math/vec.h"
+#include "core/source/dicom_storage.h"
 #include "core/source/rescale.h"
 #include "core/volume/scalar_type.h"
 
@@ -147,7 +148,7 @@ absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
                                                         const DicomScan& scan,
                                                         DicomDecoder* decoder) {
   // On these GDCM ends the process.
-  if (IsDicomWholeSlide(scan)) {
+  if (IsWholeSlideStorage(scan.storage_class)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: a whole-slide image: its %d frames are tiles of planes, without places in a volume; "
         "export a stack of its focal planes as TIFF",

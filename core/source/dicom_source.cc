@@ -47,6 +47,7 @@
 #include "core/source/dicom_slice_reader.h"
 #include "core/source/dicom_stack.h"
 #include "core/source/dicom_steps.h"
+#include "core/source/dicom_storage.h"
 #include "core/source/resampled_source.h"
 #include "core/source/series_format.h"
 #include "core/source/slice_source.h"
@@ -136,7 +137,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& 
                                                              const GridRules& rules) {
   DicomDecoder decoder;
   ISOSCOPE_ASSIGN_OR_RETURN(const DicomSeriesFiles found, FindDicomSeries(path, &decoder));
-  if (IsDicomSegmentation(found.images.front().scan)) {
+  if (IsSegmentationStorage(found.images.front().scan.storage_class)) {
     return OpenSegmentation(found, path, field);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices, ReadSeries(found, &decoder));

@@ -347,6 +347,22 @@ TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
   EXPECT_FALSE(absl::StrContains(result.out + result.err, "Doe"));
 }
 
+TEST(DicomModuleTest, AProgramWithoutItReadsOtherFilesAndSaysWhatIsMissing) {
+  const testing::TempDir directory;
+  const std::string program = directory.Sub("isoscope");
+  std::filesystem::copy_file(testing::IsoscopePath(), program);
+  const std::string pixels(std::size_t{12} * 9 * 2, 'p');
+  WriteFile(directory.Sub("a.dcm"), testing::DicomBytes({}, pixels));
+  WriteFile(directory.Sub("a_12x9x1_int16.raw"), pixels);
+  const CommandResult raw =
+      testing::RunCommand({program, "info", directory.Sub("a_12x9x1_int16.raw")}, {});
+  EXPECT_EQ(raw.exit_code, 0) << raw.err;
+  const CommandResult dicom = testing::RunCommand({program, "info", directory.Sub("a.dcm")}, {});
+  EXPECT_EQ(dicom.exit_code, 1) << dicom.err;
+  EXPECT_TRUE(absl::StrContains(dicom.err, "isoscope_dicom.so belongs in lib/isoscope"))
+      << dicom.err;
+}
+
 TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
   // GDCM ends its process by an assertion: bytes behind the pixels are no element.
   const testing::TempDir directory;

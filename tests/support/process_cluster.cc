@@ -155,6 +155,8 @@ std::string ShardDirectory(const std::string& dataset_directory, int shard, int 
   return absl::StrFormat("%s/shard-%05d-of-%05d", dataset_directory, shard, shard_count);
 }
 
+std::string IsoscopePath() { return kIsoscope; }
+
 CommandResult RunIsoscope(const std::vector<std::string>& arguments,
                           const ProcessOptions& options) {
   std::vector<std::string> argv{kIsoscope};

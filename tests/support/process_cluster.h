@@ -43,6 +43,8 @@ absl::Status MakeDataset(const TestVolume& volume, const std::string& directory,
 // "DATASET/shard-00001-of-00003".
 std::string ShardDirectory(const std::string& dataset_directory, int shard, int shard_count);
 
+// The path of `isoscope`.
+std::string IsoscopePath();
 // Runs `isoscope ARGUMENTS...` to its end.
 CommandResult RunIsoscope(const std::vector<std::string>& arguments,
                           const ProcessOptions& options = {});

@@ -12,7 +12,6 @@
 #include "gtest/gtest.h"
 
 #include "core/math/vec.h"
-#include "core/source/silent_libraries.h"
 #include "core/volume/scalar_type.h"
 #include "tests/support/dicom_file.h"
 #include "tests/support/temp_dir.h"
@@ -34,8 +33,6 @@ constexpr std::size_t kSliceBytes = 12 * 9 * 2;
 
 class DicomChildTest : public ::testing::Test {
  protected:
-  DicomChildTest() { SilenceImageLibraries(); }
-
   DicomAnswer Ask(DicomQuestion question, std::uint64_t slice_bytes = 0, std::uint64_t frame = 0,
                   std::uint64_t is_counted = 1) {
     DicomRequest request{};

@@ -6,6 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/dicom_storage.h"
 #include "tests/support/dicom_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -61,7 +62,8 @@ TEST_F(DicomScanTest, PixelsLieWhereTheScanFoundThem) {
   const DicomScan scan = Scan(bytes);
   EXPECT_EQ(scan.pixels_offset, static_cast<std::int64_t>(bytes.size() - pixels_.size()));
   EXPECT_EQ(scan.storage_class, "1.2.840.10008.5.1.4.1.1.2");
-  EXPECT_FALSE(IsDicomSegmentation(scan) || IsDicomWholeSlide(scan));
+  EXPECT_FALSE(IsSegmentationStorage(scan.storage_class) ||
+               IsWholeSlideStorage(scan.storage_class));
   EXPECT_EQ(Scan(WithoutPixels({})).pixels_offset, -1);
   const std::string compressed =
       WithoutPixels({}) + DicomOpenElement(0x7fe0, 0x10, "OB", DicomItem("") + DicomItem(pixels_));
@@ -72,12 +74,14 @@ TEST_F(DicomScanTest, PixelsLieWhereTheScanFoundThem) {
 TEST_F(DicomScanTest, SegmentationsAndSlidesAreKnownByTheirClass) {
   for (const char* last : {"4", "7"}) {
     const std::string storage_class = absl::StrCat("1.2.840.10008.5.1.4.1.1.66.", last);
-    EXPECT_TRUE(IsDicomSegmentation(Scan(DicomBytes({.storage_class = storage_class}, pixels_))));
+    EXPECT_TRUE(IsSegmentationStorage(
+        Scan(DicomBytes({.storage_class = storage_class}, pixels_)).storage_class));
     // Without pixels it is no report, but cut.
     EXPECT_EQ(Scan(WithoutPixels({.storage_class = storage_class})).content, DicomContent::kCut);
   }
-  EXPECT_TRUE(IsDicomWholeSlide(
-      Scan(DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.77.1.6"}, pixels_))));
+  EXPECT_TRUE(IsWholeSlideStorage(
+      Scan(DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.77.1.6"}, pixels_))
+          .storage_class));
 }
 
 TEST_F(DicomScanTest, ErrorOfACutFileNamesItAndSaysWhatToDo) {

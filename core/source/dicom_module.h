@@ -1,0 +1,20 @@
+// The module that has ITK's and GDCM's readers of DICOM files (dicom_child.h). Loading GDCM takes
+// longer than everything else that starts a program, and most runs do not need it.
+
+#ifndef ISOSCOPE_CORE_SOURCE_DICOM_MODULE_H_
+#define ISOSCOPE_CORE_SOURCE_DICOM_MODULE_H_
+
+#include "absl/status/statusor.h"
+
+#include "core/source/decoder_process.h"
+
+namespace isoscope::source {
+
+// Loads isoscope_dicom.so, for good, and returns its DecodeDicomInChild. The program's run path
+// finds it: in ../lib/isoscope, beside the program's folder. FAILED_PRECONDITION: it is not there,
+// or a library that it needs is missing. Cheap when called again. Thread-safe.
+absl::StatusOr<DecoderProcess::Handler> LoadDicomModule();
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_DICOM_MODULE_H_
