@@ -25,11 +25,18 @@ if(ISOSCOPE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   set(CMAKE_CXX_COMPILER_LAUNCHER env CCACHE_SLOPPINESS=pch_defines,time_macros "${ISOSCOPE_CCACHE}")
 endif()
 
-# Some 500 programs of tests are linked. GNU's ld took 4.9 s for one of a release build and 11.5 s with
-# AddressSanitizer, lld 0.6 and 3.5 s.
-find_program(ISOSCOPE_LLD ld.lld)
-if(ISOSCOPE_LLD)
-  add_link_options(-fuse-ld=lld)
+# A faster linker for some 500 programs of tests (docs/lab/compile_time.md). lld 14 is the fastest, but not for code of
+# -O2 and above, where functions may be empty: the next one at the same address loses its unwind information, and an
+# exception in it ends the program. What is shipped takes the compiler's own.
+set(linker gold)
+if(ISOSCOPE_SANITIZE)
+  set(linker lld)
+endif()
+find_program(ISOSCOPE_TEST_LINKER ld.${linker})
+add_library(isoscope_test_linker INTERFACE)
+add_library(isoscope::test_linker ALIAS isoscope_test_linker)
+if(ISOSCOPE_TEST_LINKER)
+  target_link_options(isoscope_test_linker INTERFACE -fuse-ld=${linker})
 endif()
 
 add_library(isoscope_warnings INTERFACE)

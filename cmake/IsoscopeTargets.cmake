@@ -115,7 +115,7 @@ function(isoscope_test)
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
     ${ARG_DEPS} isoscope::test_support GTest::gmock GTest::gtest_main
-    isoscope::warnings isoscope::fp_strict isoscope::test_sanitizers)
+    isoscope::warnings isoscope::fp_strict isoscope::test_sanitizers isoscope::test_linker)
   if(ISOSCOPE_PRECOMPILED_HEADERS)
     target_precompile_headers(${ARG_NAME} REUSE_FROM isoscope_test_headers)
   endif()
@@ -146,7 +146,7 @@ function(isoscope_benchmark)
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
     ${ARG_DEPS} isoscope::test_support benchmark::benchmark benchmark::benchmark_main
-    isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+    isoscope::warnings isoscope::fp_strict isoscope::sanitizers isoscope::test_linker)
   set_target_properties(${ARG_NAME} PROPERTIES
     RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/benchmarks")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --benchmark_min_time=0.01 "--benchmark_filter=${ARG_TESTED}")
@@ -174,7 +174,8 @@ function(isoscope_fuzzer)
   add_executable(${ARG_NAME} ${ARG_SRCS} $<TARGET_OBJECTS:isoscope_fuzz_main>)
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
-    isoscope::fuzz_input ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+    isoscope::fuzz_input ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers
+    isoscope::test_linker)
   if(ISOSCOPE_BUILD_FUZZERS)
     target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
     set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/fuzzers")
