@@ -67,6 +67,11 @@ inside() {
     check "$name has a man page and completions" test -f "$root/usr/share/man/man1/$name.1.gz" \
       -a -f "$root/usr/share/bash-completion/completions/$name"
   done
+  modules_are_whole() {
+    local said
+    said="$(in_root sh -c 'ldd /usr/lib/isoscope/*.so')" && ! grep -F 'not found' <<<"$said"
+  }
+  check "the programs' modules find their libraries" modules_are_whole
   check "the units have a user" equal "$(in_root getent passwd isoscope | cut -d: -f6,7)" \
     /var/lib/isoscope:/usr/sbin/nologin
   check "which alone reads keys" equal "$(in_root stat -c '%U %G %a' /etc/isoscope/tls)" "root isoscope 750"
@@ -126,7 +131,7 @@ inside() {
   check "all are removed" in_root apt-get remove -y isoscope isoscope-dev python3-isoscope
   check "units are stopped before" has_asked \
     "stop isoscope-gateway.service isoscope-coordinator.service isoscope-agent@*.service"
-  check "no program is left" fails test -e "$root/usr/bin/isoscope"
+  check "no program is left" fails test -e "$root/usr/bin/isoscope" -o -e "$root/usr/lib/isoscope"
   check "nor a module" fails test -e "$root/usr/lib/python3/dist-packages/isoscope"
   check "settings are left" test -f "$root/etc/isoscope/agent-0.env"
   check "isoscope is purged" in_root apt-get purge -y isoscope
