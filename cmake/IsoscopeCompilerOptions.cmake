@@ -17,6 +17,14 @@ if(CMAKE_BUILD_TYPE STREQUAL Debug OR CMAKE_CXX_COMPILER_ID MATCHES Clang)
 endif()
 set(ISOSCOPE_BATCH_SIZE ${batch_size} CACHE STRING "Compile so many sources of a library as one")
 
+# Some 500 static programs of tests with AddressSanitizer take 20 GB and a quarter of an hour to link.
+set(is_shared OFF)
+if(ISOSCOPE_SANITIZE AND NOT ISOSCOPE_BUILD_FUZZERS)
+  set(is_shared ON)
+endif()
+option(ISOSCOPE_SHARED_LIBRARIES "Link the product's libraries into programs when these start" ${is_shared})
+set(ISOSCOPE_TESTS_DIR "${PROJECT_SOURCE_DIR}/tests")
+
 option(ISOSCOPE_PRECOMPILED_HEADERS "Compile what most tests include once" ON)
 
 find_program(ISOSCOPE_CCACHE ccache)

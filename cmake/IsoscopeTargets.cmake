@@ -46,13 +46,19 @@ endfunction()
 
 # isoscope_library(NAME store SRCS a.cc b.cc c.cc APART c.cc HDRS a.h DEPS isoscope::base PRIVATE_DEPS PkgConfig::ZSTD)
 #
-# Makes the static library isoscope_store with the alias isoscope::store.
+# Makes the library isoscope_store with the alias isoscope::store: static, or shared where ISOSCOPE_SHARED_LIBRARIES says
+# so and it is no library of tests, which hold GoogleTest.
 function(isoscope_library)
   cmake_parse_arguments(ARG "" "NAME" "SRCS;APART;HDRS;DEPS;PRIVATE_DEPS" ${ARGN})
   set(target isoscope_${ARG_NAME})
   if(ARG_SRCS)
     isoscope_batches(units ${target} "${ARG_SRCS}" "${ARG_APART}")
-    add_library(${target} STATIC ${units} ${ARG_HDRS})
+    set(kind STATIC)
+    cmake_path(IS_PREFIX ISOSCOPE_TESTS_DIR "${CMAKE_CURRENT_SOURCE_DIR}" NORMALIZE is_for_tests)
+    if(ISOSCOPE_SHARED_LIBRARIES AND NOT is_for_tests)
+      set(kind SHARED)
+    endif()
+    add_library(${target} ${kind} ${units} ${ARG_HDRS})
     set(scope PUBLIC)
     target_link_libraries(${target}
       PUBLIC ${ARG_DEPS} isoscope::fp_strict isoscope::sanitizers
