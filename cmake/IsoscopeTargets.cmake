@@ -59,6 +59,10 @@ function(isoscope_library)
       set(kind SHARED)
     endif()
     add_library(${target} ${kind} ${units} ${ARG_HDRS})
+    if(kind STREQUAL SHARED)
+      # The product calls its own inline functions, not the copies of a test.
+      target_link_options(${target} PRIVATE LINKER:-Bsymbolic-functions)
+    endif()
     set(scope PUBLIC)
     target_link_libraries(${target}
       PUBLIC ${ARG_DEPS} isoscope::fp_strict isoscope::sanitizers
