@@ -353,9 +353,9 @@ TEST(DicomModuleTest, AProgramWithoutItReadsOtherFilesAndSaysWhatIsMissing) {
   std::filesystem::copy_file(testing::IsoscopePath(), program);
   const std::string pixels(std::size_t{12} * 9 * 2, 'p');
   WriteFile(directory.Sub("a.dcm"), testing::DicomBytes({}, pixels));
-  WriteFile(directory.Sub("a_12x9x1_int16.raw"), pixels);
-  const CommandResult raw =
-      testing::RunCommand({program, "info", directory.Sub("a_12x9x1_int16.raw")}, {});
+  WriteFile(directory.Sub("a.raw"), pixels + pixels);
+  const CommandResult raw = testing::RunCommand(
+      {program, "info", directory.Sub("a.raw"), "--dims", "12,9,2", "--type", "int16"}, {});
   EXPECT_EQ(raw.exit_code, 0) << raw.err;
   const CommandResult dicom = testing::RunCommand({program, "info", directory.Sub("a.dcm")}, {});
   EXPECT_EQ(dicom.exit_code, 1) << dicom.err;
