@@ -24,12 +24,6 @@ struct RefusedFormat {
 
 const std::vector<RefusedFormat>& RefusedFormats() {
   static const auto* const formats = new std::vector<RefusedFormat>{
-      {.name = "OpenVDB, a sparse tree of voxels",
-       .endings = {".vdb"},
-       .advice =
-           "copy a grid of it into an array, as copyToArray() of pyopenvdb does, and save that "
-           "as NRRD",
-       .mark = absl::string_view(" BDV\0\0\0\0", 8)},
       {.name = "N5",
        .endings = {".n5", "attributes.json"},
        .advice = "save the dataset as HDF5 or as TIFF slices, as Fiji does",
