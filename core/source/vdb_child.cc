@@ -19,10 +19,9 @@
 #include <type_traits>
 #include <utility>
 
-#include <openvdb/openvdb.h>
-
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include <openvdb/openvdb.h>
 
 #include "core/base/status_macros.h"
 
@@ -69,10 +68,6 @@ bool VisitVdbGrid(const GridBase& grid, Visitor&& visitor) {
                            openvdb::Int64Grid, openvdb::BoolGrid, openvdb::MaskGrid,
                            openvdb::Vec3SGrid, openvdb::Vec3DGrid, openvdb::Vec3IGrid>;
   return any_of(static_cast<const Types*>(nullptr));
-}
-
-bool IsRead(const GridBase& grid) {
-  return VisitVdbGrid(grid, [](const auto& /*typed*/) {});
 }
 
 template <typename Value>
@@ -139,15 +134,24 @@ class GridVolume final : public VdbVolume {
     return absl::OkStatus();
   }
 
+  // The value of a cube without a leaf.
+  [[nodiscard]] Value ConstantAt(const Coord& at) const {
+    if constexpr (std::is_same_v<GridType, openvdb::MaskGrid>) {
+      return accessor_.isValueOn(at);
+    } else {
+      return accessor_.getValue(at);
+    }
+  }
+
   void ReadPlaneRows(std::int64_t y, std::int64_t z, std::int64_t count, char* out) {
     std::int64_t x = 0;
     while (x < header_.dims.x) {
       const std::int64_t side = kCubeSide - InCube(first_.x() + x);
       const std::int64_t run = std::min(header_.dims.x - x, side);
-      const Coord begin = first_.offsetBy(static_cast<int>(x), static_cast<int>(y),
-                                          static_cast<int>(z));
+      const Coord begin =
+          first_.offsetBy(static_cast<int>(x), static_cast<int>(y), static_cast<int>(z));
       const Leaf* const leaf = accessor_.probeConstLeaf(begin);
-      const Value constant = leaf == nullptr ? accessor_.getValue(begin) : Value();
+      const Value constant = leaf == nullptr ? ConstantAt(begin) : Value();
       for (std::int64_t row = 0; row < count; ++row) {
         char* next = out + row * row_bytes_ + x * sample_bytes_;
         for (std::int64_t i = 0; i < run; ++i) {
@@ -210,10 +214,28 @@ absl::StatusOr<VdbFile*> OpenVdbFile(const std::string& path) {
   return file;
 }
 
+// Describes grid `index`, but for `alike`. Throws.
+VdbGrid Describe(std::size_t index, VdbFile* file) {
+  VdbGrid listed;
+  listed.name = file->names()[index];
+  try {
+    const GridBase& grid = file->ReadHead(index);
+    listed.type = grid.type();
+    listed.grid_class = GridBase::gridClassToString(grid.getGridClass());
+    listed.is_linear = grid.transform().isLinear();
+    VisitVdbGrid(grid, [&]<typename GridType>(const GridType& /*typed*/) {
+      listed.components = kIsVdbVector<typename GridType::ValueType> ? 3 : 1;
+    });
+  } catch (const openvdb::LookupError& error) {
+    listed.type = error.what();  // a type that the library does not know
+  }
+  return listed;
+}
+
 absl::StatusOr<std::vector<VdbGrid>> ListOpened(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(VdbFile* const file, OpenVdbFile(path));
   std::vector<VdbGrid> list;
-  std::vector<const openvdb::math::Transform*> transforms;
+  std::vector<const openvdb::math::Transform*> transforms;  // null: of a grid that is not read
   for (std::size_t i = 0; i < file->names().size(); ++i) {
     const std::string& name = file->names()[i];
     if (name.size() > kMaxVdbName) {
@@ -221,20 +243,15 @@ absl::StatusOr<std::vector<VdbGrid>> ListOpened(const std::string& path) {
           absl::StrFormat("%s: a grid has a name of %d bytes; expected at most %d: rename it", path,
                           name.size(), kMaxVdbName));
     }
-    const GridBase& grid = file->ReadHead(i);
-    VdbGrid& listed = list.emplace_back();
-    listed.name = name;
-    listed.type = grid.type();
-    listed.grid_class = GridBase::gridClassToString(grid.getGridClass());
-    listed.transform = grid.transform().mapType();
-    listed.is_linear = grid.transform().isLinear();
-    VisitVdbGrid(grid, [&]<typename GridType>(const GridType& /*typed*/) {
-      listed.components = kIsVdbVector<typename GridType::ValueType> ? 3 : 1;
-    });
-    transforms.push_back(&grid.transform());
-    while (*transforms[static_cast<std::size_t>(listed.alike)] != *transforms.back()) {
-      ++listed.alike;
-    }
+    VdbGrid listed = Describe(i, file);
+    transforms.push_back(listed.components > 0 ? &file->ReadHead(i).transform() : nullptr);
+    const auto alike = std::find_if(
+        transforms.begin(), transforms.end(), [&](const openvdb::math::Transform* other) {
+          return other == transforms.back() ||
+                 (other != nullptr && transforms.back() != nullptr && *other == *transforms.back());
+        });
+    listed.alike = alike - transforms.begin();
+    list.push_back(std::move(listed));
   }
   return list;
 }
@@ -276,12 +293,13 @@ std::unique_ptr<VdbVolume> MakeVolume(const std::string& path, const GridType& g
 CoordBBox BoxOf(const GridBase& grid, std::size_t index, bool is_joined, VdbFile* file) {
   CoordBBox box = grid.evalActiveVoxelBoundingBox();
   for (std::size_t i = 0; is_joined && i < file->names().size(); ++i) {
-    const bool is_alike = i != index && IsRead(file->ReadHead(i)) &&
-                          file->ReadHead(i).transform() == grid.transform();
-    const CoordBBox other =
-        is_alike ? file->Read(i).evalActiveVoxelBoundingBox() : CoordBBox();
-    if (!other.empty()) {
-      box.expand(other);
+    const openvdb::math::Transform* const transform =
+        i != index && Describe(i, file).components > 0 ? &file->ReadHead(i).transform() : nullptr;
+    if (transform != nullptr && *transform == grid.transform()) {
+      const CoordBBox other = file->Read(i).evalActiveVoxelBoundingBox();
+      if (!other.empty()) {
+        box.expand(other);
+      }
     }
   }
   return box;
@@ -317,9 +335,9 @@ absl::StatusOr<std::unique_ptr<VdbVolume>> OpenOpened(const std::string& path, s
     }
   });
   if (volume == nullptr) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: grid \"%s\" of %s has no component %d that can be read: it has changed",
-                        path, name, std::string(grid.type()), component));
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: grid \"%s\" of %s has no component %d that can be read: it has changed", path, name,
+        std::string(grid.type()), component));
   }
   return volume;
 }

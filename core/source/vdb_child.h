@@ -19,13 +19,12 @@
 namespace isoscope::source {
 
 struct VdbGrid {
-  std::string name;           // unique in the file: "density", "density[1]"; "": it has none
-  std::string type;           // the library's name of its tree: "Tree_float_5_4_3"
-  int components = 0;         // 1 or 3; 0: such values are not read
-  std::string grid_class;     // "level set", "fog volume", "staggered"; "unknown"
-  std::string transform;      // the library's name of its map: "UniformScaleMap"
-  bool is_linear = false;     // else it is a frustum, say
-  std::int64_t alike = 0;     // the first grid that has the same transform
+  std::string name;        // unique in the file: "density", "density[1]"; "": it has none
+  std::string type;        // the library's name of its tree: "Tree_float_5_4_3"
+  int components = 0;      // 1 or 3; 0: such values are not read
+  std::string grid_class;  // "level set", "fog volume", "staggered"; "unknown"
+  bool is_linear = false;  // else it is a frustum, say
+  std::int64_t alike = 0;  // the first grid that has the same transform
 };
 
 // One component of the samples in the box of the active voxels of a grid, or of a file.
@@ -49,7 +48,8 @@ class VdbVolume {
 
 // The calls of the module. Both may crash, hang, or take all memory.
 struct VdbModule {
-  // All grids, without their voxels. INVALID_ARGUMENT: no OpenVDB file.
+  // All grids, without their voxels. INVALID_ARGUMENT: more grids, or longer names, than a file
+  // should have. DATA_LOSS: no OpenVDB file, or a damaged one.
   absl::StatusOr<std::vector<VdbGrid>> (*list)(const std::string& path);
   // Grid `grid` of that list. `is_joined`: the box is that around the active voxels of all grids
   // that can be read and have its transform. INVALID_ARGUMENT: the grid can't be read, its

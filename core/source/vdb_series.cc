@@ -90,9 +90,8 @@ SourceField VdbFieldOf(const VdbGrid& grid, const std::vector<VdbGrid>& grids,
                     .long_name = grid.grid_class == "unknown" ? "" : grid.grid_class};
   if (field.name.empty()) {
     field.name = FieldNameOf(path);
-    const bool is_taken = std::any_of(grids.begin(), grids.end(), [&](const VdbGrid& other) {
-      return other.name == field.name;
-    });
+    const bool is_taken = std::any_of(
+        grids.begin(), grids.end(), [&](const VdbGrid& other) { return other.name == field.name; });
     if (is_taken || field.name.empty()) {
       field.name = "[0]";  // the library calls others without a name "[1]" and so on
     }
