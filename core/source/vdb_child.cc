@@ -45,6 +45,10 @@ auto Caught(const std::string& path, Act act) -> decltype(act()) {
   } catch (const std::bad_alloc&) {
     return absl::DataLossError(absl::StrCat(
         path, ": OpenVDB needs more memory than such a file should: it is damaged, or too large"));
+  } catch (const openvdb::LookupError& error) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": OpenVDB does not know the types of all its grids: ", error.what(),
+                     ": write the others into a file of their own"));
   } catch (const std::exception& error) {
     return absl::DataLossError(
         absl::StrCat(path, ": OpenVDB can't read it, it is damaged or cut: ", error.what()));
@@ -216,26 +220,22 @@ absl::StatusOr<VdbFile*> OpenVdbFile(const std::string& path) {
 
 // Describes grid `index`, but for `alike`. Throws.
 VdbGrid Describe(std::size_t index, VdbFile* file) {
+  const GridBase& grid = file->ReadHead(index);
   VdbGrid listed;
   listed.name = file->names()[index];
-  try {
-    const GridBase& grid = file->ReadHead(index);
-    listed.type = grid.type();
-    listed.grid_class = GridBase::gridClassToString(grid.getGridClass());
-    listed.is_linear = grid.transform().isLinear();
-    VisitVdbGrid(grid, [&]<typename GridType>(const GridType& /*typed*/) {
-      listed.components = kIsVdbVector<typename GridType::ValueType> ? 3 : 1;
-    });
-  } catch (const openvdb::LookupError& error) {
-    listed.type = error.what();  // a type that the library does not know
-  }
+  listed.type = grid.type();
+  listed.grid_class = GridBase::gridClassToString(grid.getGridClass());
+  listed.is_linear = grid.transform().isLinear();
+  VisitVdbGrid(grid, [&]<typename GridType>(const GridType& /*typed*/) {
+    listed.components = kIsVdbVector<typename GridType::ValueType> ? 3 : 1;
+  });
   return listed;
 }
 
 absl::StatusOr<std::vector<VdbGrid>> ListOpened(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(VdbFile* const file, OpenVdbFile(path));
   std::vector<VdbGrid> list;
-  std::vector<const openvdb::math::Transform*> transforms;  // null: of a grid that is not read
+  std::vector<const openvdb::math::Transform*> transforms;
   for (std::size_t i = 0; i < file->names().size(); ++i) {
     const std::string& name = file->names()[i];
     if (name.size() > kMaxVdbName) {
@@ -243,15 +243,12 @@ absl::StatusOr<std::vector<VdbGrid>> ListOpened(const std::string& path) {
           absl::StrFormat("%s: a grid has a name of %d bytes; expected at most %d: rename it", path,
                           name.size(), kMaxVdbName));
     }
-    VdbGrid listed = Describe(i, file);
-    transforms.push_back(listed.components > 0 ? &file->ReadHead(i).transform() : nullptr);
-    const auto alike = std::find_if(
-        transforms.begin(), transforms.end(), [&](const openvdb::math::Transform* other) {
-          return other == transforms.back() ||
-                 (other != nullptr && transforms.back() != nullptr && *other == *transforms.back());
-        });
-    listed.alike = alike - transforms.begin();
-    list.push_back(std::move(listed));
+    list.push_back(Describe(i, file));
+    const openvdb::math::Transform& own = file->ReadHead(i).transform();
+    transforms.push_back(&own);
+    while (*transforms[static_cast<std::size_t>(list.back().alike)] != own) {
+      ++list.back().alike;
+    }
   }
   return list;
 }
@@ -293,9 +290,9 @@ std::unique_ptr<VdbVolume> MakeVolume(const std::string& path, const GridType& g
 CoordBBox BoxOf(const GridBase& grid, std::size_t index, bool is_joined, VdbFile* file) {
   CoordBBox box = grid.evalActiveVoxelBoundingBox();
   for (std::size_t i = 0; is_joined && i < file->names().size(); ++i) {
-    const openvdb::math::Transform* const transform =
-        i != index && Describe(i, file).components > 0 ? &file->ReadHead(i).transform() : nullptr;
-    if (transform != nullptr && *transform == grid.transform()) {
+    const bool is_alike = i != index && Describe(i, file).components > 0 &&
+                          file->ReadHead(i).transform() == grid.transform();
+    if (is_alike) {
       const CoordBBox other = file->Read(i).evalActiveVoxelBoundingBox();
       if (!other.empty()) {
         box.expand(other);

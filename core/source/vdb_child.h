@@ -19,7 +19,7 @@
 namespace isoscope::source {
 
 struct VdbGrid {
-  std::string name;        // unique in the file: "density", "density[1]"; "": it has none
+  std::string name;        // unique in the file: "density", "density[1]"; "[0]": it has none
   std::string type;        // the library's name of its tree: "Tree_float_5_4_3"
   int components = 0;      // 1 or 3; 0: such values are not read
   std::string grid_class;  // "level set", "fog volume", "staggered"; "unknown"
@@ -49,7 +49,8 @@ class VdbVolume {
 // The calls of the module. Both may crash, hang, or take all memory.
 struct VdbModule {
   // All grids, without their voxels. INVALID_ARGUMENT: more grids, or longer names, than a file
-  // should have. DATA_LOSS: no OpenVDB file, or a damaged one.
+  // should have, or a type that the library does not know. DATA_LOSS: no OpenVDB file, or a damaged
+  // one.
   absl::StatusOr<std::vector<VdbGrid>> (*list)(const std::string& path);
   // Grid `grid` of that list. `is_joined`: the box is that around the active voxels of all grids
   // that can be read and have its transform. INVALID_ARGUMENT: the grid can't be read, its

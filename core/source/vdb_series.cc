@@ -88,13 +88,11 @@ SourceField VdbFieldOf(const VdbGrid& grid, const std::vector<VdbGrid>& grids,
                        const std::string& path) {
   SourceField field{.name = grid.name,
                     .long_name = grid.grid_class == "unknown" ? "" : grid.grid_class};
-  if (field.name.empty()) {
-    field.name = FieldNameOf(path);
-    const bool is_taken = std::any_of(
-        grids.begin(), grids.end(), [&](const VdbGrid& other) { return other.name == field.name; });
-    if (is_taken || field.name.empty()) {
-      field.name = "[0]";  // the library calls others without a name "[1]" and so on
-    }
+  if (grid.name == "[0]") {
+    const std::string name = FieldNameOf(path);
+    const bool is_taken = std::any_of(grids.begin(), grids.end(),
+                                      [&](const VdbGrid& other) { return other.name == name; });
+    field.name = is_taken || name.empty() ? grid.name : name;
   }
   if (grid.components == 3) {
     field.components = {"x", "y", "z"};

@@ -1,11 +1,13 @@
 #include "tests/support/vdb_file.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <fstream>
 #include <type_traits>
 
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
+#include <openvdb/points/PointDataGrid.h>
 
 #include "core/base/check.h"
 
@@ -24,8 +26,6 @@ Value ValueOf(double value) {
                  static_cast<Element>(value + 2));
   } else if constexpr (std::is_same_v<Value, bool>) {
     return value != 0;
-  } else if constexpr (std::is_same_v<Value, std::string>) {
-    return std::to_string(value);
   } else {
     return static_cast<Value>(value);
   }
@@ -34,19 +34,24 @@ Value ValueOf(double value) {
 template <typename GridType>
 void Fill(const VdbFill& fill, GridType* grid) {
   using Value = typename GridType::ValueType;
+  // The value of a mask's voxel is whether it is active.
+  const double value =
+      std::is_same_v<GridType, openvdb::MaskGrid> ? (fill.is_active ? 1 : 0) : fill.value;
   const openvdb::CoordBBox box(CoordOf(fill.begin), CoordOf(fill.end).offsetBy(-1));
   if (!fill.has_pattern) {
-    grid->fill(box, ValueOf<Value>(fill.value), fill.is_active);
+    grid->fill(box, ValueOf<Value>(value), fill.is_active);
     return;
   }
   auto accessor = grid->getAccessor();
   for (auto at = box.begin(); at; ++at) {
     const openvdb::Coord& c = *at;
-    const auto value = ValueOf<Value>(VdbPattern(fill.value, {c.x(), c.y(), c.z()}));
+    const double pattern = std::is_same_v<GridType, openvdb::MaskGrid>
+                               ? value
+                               : VdbPattern(value, {c.x(), c.y(), c.z()});
     if (fill.is_active) {
-      accessor.setValueOn(c, value);
+      accessor.setValueOn(c, ValueOf<Value>(pattern));
     } else {
-      accessor.setValueOff(c, value);
+      accessor.setValueOff(c, ValueOf<Value>(pattern));
     }
   }
 }
@@ -88,8 +93,14 @@ openvdb::GridBase::Ptr Make(const VdbFileGrid& from) {
   return grid;
 }
 
+// Of no points.
+openvdb::GridBase::Ptr MakePoints(const VdbFileGrid& from) {
+  auto grid = openvdb::points::PointDataGrid::create();
+  grid->setName(from.name);
+  return grid;
+}
+
 openvdb::GridBase::Ptr MakeOfType(const VdbFileGrid& grid) {
-  using StringTree = openvdb::tree::Tree4<std::string, 5, 4, 3>::Type;
   const std::string& type = grid.type;
   return type == "double"   ? Make<openvdb::DoubleGrid>(grid)
          : type == "int32"  ? Make<openvdb::Int32Grid>(grid)
@@ -99,7 +110,7 @@ openvdb::GridBase::Ptr MakeOfType(const VdbFileGrid& grid) {
          : type == "vec3f"  ? Make<openvdb::Vec3SGrid>(grid)
          : type == "vec3d"  ? Make<openvdb::Vec3DGrid>(grid)
          : type == "vec3i"  ? Make<openvdb::Vec3IGrid>(grid)
-         : type == "string" ? Make<openvdb::Grid<StringTree>>(grid)
+         : type == "points" ? MakePoints(grid)
                             : Make<openvdb::FloatGrid>(grid);
 }
 

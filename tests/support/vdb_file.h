@@ -26,7 +26,7 @@ double VdbPattern(double value, const math::Index3& at);
 
 struct VdbFileGrid {
   std::string name = "density";
-  // float, half, double, int32, int64, bool, mask, vec3f, vec3d, vec3i; string, which is not read.
+  // float, half, double, int32, int64, bool, mask, vec3f, vec3d, vec3i; points, which are not read.
   std::string type = "float";
   double background = 0;  // of a vector: of each component
   std::vector<VdbFill> fills{};

@@ -27,7 +27,7 @@ TEST(VdbChildTest, ListsTypesClassesAndTransforms) {
   testing::WriteVdbFile(dir.Sub("a.vdb"), {{.name = "a", .is_level_set = true},
                                            {.name = "b", .type = "vec3f"},
                                            scaled,
-                                           {.name = "d", .type = "string"},
+                                           {.name = "d", .type = "points"},
                                            {.name = "e", .is_frustum = true}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grids, VdbCalls().list(dir.Sub("a.vdb")));
   ASSERT_EQ(grids.size(), 5);
@@ -40,7 +40,7 @@ TEST(VdbChildTest, ListsTypesClassesAndTransforms) {
   EXPECT_EQ(grids[1].alike, 0);
   EXPECT_EQ(grids[2].alike, 2);
   EXPECT_EQ(grids[3].components, 0);
-  EXPECT_THAT(grids[3].type, HasSubstr("string"));
+  EXPECT_THAT(grids[3].type, HasSubstr("ptdata"));
   EXPECT_FALSE(grids[4].is_linear);
 }
 

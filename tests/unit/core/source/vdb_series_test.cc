@@ -206,7 +206,7 @@ TEST_F(VdbSeriesTest, GridsOfOneTransformShareABoxAndAloneHaveTheirOwn) {
       .is_level_set = true};
   VdbFileGrid other{.name = "other", .fills = a.fills};
   other.world[2][3] = 1;
-  const std::string path = Write({a, v, other, {.name = "text", .type = "string"}});
+  const std::string path = Write({a, v, other, {.name = "text", .type = "points"}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
   ASSERT_EQ(series->fields().size(), 2);
   EXPECT_EQ(series->fields()[0].name, "a");
@@ -223,9 +223,19 @@ TEST_F(VdbSeriesTest, GridsOfOneTransformShareABoxAndAloneHaveTheirOwn) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto third, OpenVolumeFile(absl::StrCat(path, ":other")));
   EXPECT_EQ(third->geometry().origin, (math::Vec3d{0, 0, 1}));
   EXPECT_THAT(OpenVolumeFile(absl::StrCat(path, ":text")),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("string")));
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("ptdata")));
   EXPECT_THAT(OpenVolumeFile(absl::StrCat(path, ":b")),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("a, other, v (x, y, z)")));
+}
+
+TEST_F(VdbSeriesTest, ATypeThatTheLibraryDoesNotKnowIsNamed) {
+  std::string bytes = testing::ReadFile(Write({Patchwork("float")}));
+  const std::size_t at = bytes.find("Tree_float_5_4_3");
+  ASSERT_NE(at, std::string::npos);
+  bytes.replace(at, 10, "Tree_gravy");
+  testing::WriteFile(dir_.Sub("b.vdb"), bytes);
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("b.vdb")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("Tree_gravy_5_4_3")));
 }
 
 TEST_F(VdbSeriesTest, NamesThatAreMissingOrThereTwice) {
