@@ -276,8 +276,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,
                                                          const std::string& path) {
   Child child(library, path, "");
-  ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
-                            child.Ask(Question::kFindFiles, {.memory_bytes = library.memory_bytes}));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const Answer answer, child.Ask(Question::kFindFiles, {.memory_bytes = library.memory_bytes}));
   return absl::StrSplit(absl::string_view(child.shared(), answer.text_bytes), '\0',
                         absl::SkipEmpty());
 }

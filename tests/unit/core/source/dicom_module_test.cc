@@ -13,7 +13,8 @@ TEST(DicomModuleTest, ItsHandlerAnswersThatAnAbsentFileIsNotDecoded) {
   ISOSCOPE_ASSERT_OK(handler.status());
   DicomRequest request;
   request.path = {'n', 'o', 'n', 'e'};
-  DicomAnswer answer{.outcome = DicomOutcome::kPixels};
+  DicomAnswer answer{};
+  answer.outcome = DicomOutcome::kPixels;
   (*handler)(&request, &answer, nullptr);
   EXPECT_EQ(answer.outcome, DicomOutcome::kNotDecoded);
   EXPECT_EQ(LoadDicomModule().value(), *handler);
