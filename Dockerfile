@@ -17,7 +17,7 @@ COPY scripts/packages.sh scripts/packages.sh
 RUN bash -euc '. scripts/packages.sh; install_packages "${ISOSCOPE_BUILD_PACKAGES[@]}"; apt-get clean'
 COPY . .
 ARG ISOSCOPE_VERSION
-RUN bash scripts/build.sh && strip build/release/bin/isoscope*
+RUN bash scripts/build.sh && strip build/release/bin/isoscope* build/release/lib/isoscope/*.so
 
 # Packages of the coordinator and the gateway: neither geometry nor OpenGL.
 FROM ${BASE_IMAGE} AS runtime
@@ -81,6 +81,7 @@ FROM runtime AS cli-cpu
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages libepoxy0 "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
+COPY --from=build /src/build/release/lib/isoscope/ /usr/local/lib/isoscope/
 ARG ISOSCOPE_VERSION
 LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
 ENV ISOSCOPE_VIEW_PUBLISHED=localhost:8080
@@ -93,6 +94,7 @@ FROM rendering AS cli
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope /src/build/release/bin/isoscope-bench /usr/local/bin/
+COPY --from=build /src/build/release/lib/isoscope/ /usr/local/lib/isoscope/
 ARG ISOSCOPE_VERSION
 LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
 ENV ISOSCOPE_VIEW_PUBLISHED=localhost:8080

@@ -1,24 +1,15 @@
 #include "core/source/dicom_module.h"
 
-#include <dlfcn.h>
-
-#include "absl/status/status.h"
-#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/source/decoder_module.h"
 
 namespace isoscope::source {
 namespace {
 
 absl::StatusOr<DecoderProcess::Handler> Load() {
-  void* const module = ::dlopen("isoscope_dicom.so", RTLD_NOW | RTLD_LOCAL);
-  void* const symbol = module != nullptr ? ::dlsym(module, "IsoscopeDecodeDicom") : nullptr;
-  if (symbol == nullptr) {
-    // NOLINTNEXTLINE(concurrency-mt-unsafe): glibc keeps the text by thread
-    const char* const why = ::dlerror();
-    return absl::FailedPreconditionError(
-        absl::StrCat("DICOM files can't be read (", why != nullptr ? why : "no handler",
-                     "); isoscope_dicom.so belongs in lib/isoscope, beside the folder of the "
-                     "program: install it again"));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(void* const symbol, LoadDecoderModule({.file = "isoscope_dicom.so",
+                                                                   .symbol = "IsoscopeDecodeDicom",
+                                                                   .format = "DICOM"}));
   return reinterpret_cast<DecoderProcess::Handler>(symbol);
 }
 

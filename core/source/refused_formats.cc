@@ -1,15 +1,12 @@
 #include "core/source/refused_formats.h"
 
 #include <algorithm>
-#include <cstddef>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/string_view.h"
 
 #include "core/io/file.h"
-#include "core/source/file_start.h"
 
 namespace isoscope::source {
 namespace {
@@ -19,17 +16,10 @@ struct RefusedFormat {
   std::vector<std::string> endings;
   const char* advice;
   std::vector<std::string> in_folder{};  // a folder with such a file is of this format
-  absl::string_view mark{};              // the first bytes
 };
 
 const std::vector<RefusedFormat>& RefusedFormats() {
   static const auto* const formats = new std::vector<RefusedFormat>{
-      {.name = "OpenVDB, a sparse tree of voxels",
-       .endings = {".vdb"},
-       .advice =
-           "copy a grid of it into an array, as copyToArray() of pyopenvdb does, and save that "
-           "as NRRD",
-       .mark = absl::string_view(" BDV\0\0\0\0", 8)},
       {.name = "N5",
        .endings = {".n5", "attributes.json"},
        .advice = "save the dataset as HDF5 or as TIFF slices, as Fiji does",
@@ -53,15 +43,14 @@ const std::vector<RefusedFormat>& RefusedFormats() {
   return *formats;
 }
 
-bool IsOf(const RefusedFormat& format, const std::string& path, absl::string_view head) {
+bool IsOf(const RefusedFormat& format, const std::string& path) {
   const auto in_folder = [&](const std::string& name) {
     return io::PathExists(absl::StrCat(path, "/", name));
   };
   return std::any_of(
              format.endings.begin(), format.endings.end(),
              [&](const std::string& ending) { return absl::EndsWithIgnoreCase(path, ending); }) ||
-         std::any_of(format.in_folder.begin(), format.in_folder.end(), in_folder) ||
-         (!format.mark.empty() && absl::StartsWith(head, format.mark));
+         std::any_of(format.in_folder.begin(), format.in_folder.end(), in_folder);
 }
 
 }  // namespace
@@ -71,10 +60,8 @@ std::optional<std::string> WhyRefused(const std::string& path) {
   while (name.size() > 1 && name.back() == '/') {
     name.pop_back();
   }
-  constexpr std::size_t kMarkBytes = 8;
-  const auto head = ReadFileStart(name, kMarkBytes);
   for (const RefusedFormat& format : RefusedFormats()) {
-    if (IsOf(format, name, head.ok() ? head->bytes : "")) {
+    if (IsOf(format, name)) {
       return absl::StrCat(format.name, ", which is not read: ", format.advice);
     }
   }

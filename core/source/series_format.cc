@@ -28,6 +28,7 @@
 #include "core/source/slc_series.h"
 #include "core/source/tiff_file.h"
 #include "core/source/tiff_source.h"
+#include "core/source/vdb_series.h"
 #include "core/source/vtk_series.h"
 
 namespace isoscope::source {
@@ -178,6 +179,13 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .is_content = IsSlc,
        .open = [](const std::string& file, const std::string& field,
                   const std::string& /*part*/) { return OpenSlcSeries(file, field); }},
+      {.name = "OpenVDB",
+       .endings = {".vdb"},
+       .has_field_names = true,
+       .is_content = IsVdb,
+       .open_by_rules = [](const std::string& file, const std::string& /*field*/,
+                           const std::string& part,
+                           const GridRules& rules) { return OpenVdbSeries(file, part, rules); }},
       {.name = "netCDF",
        .endings = {".nc", ".nc4", ".cdf", ".netcdf"},
        .has_field_names = true,

@@ -39,7 +39,6 @@ namespace {
 
 constexpr std::int64_t kRunBytes = 8 * base::kMiB;
 constexpr std::size_t kSharedBytes = 32 * base::kMiB;  // memory only as far as it is used
-constexpr std::int64_t kOpenMemoryBytes = base::kGiB;
 
 enum class Question : std::uint32_t { kOpen, kReadRows, kFindFiles, kDescribe };
 
@@ -191,8 +190,12 @@ class Child {
 
 class WalledSource final : public VolumeSource {
  public:
-  WalledSource(std::unique_ptr<Child> child, const Header& header, std::string name)
-      : child_(std::move(child)), header_(header), name_(std::move(name)) {}
+  WalledSource(std::unique_ptr<Child> child, const Header& header, std::string name,
+               std::int64_t library_bytes)
+      : child_(std::move(child)),
+        header_(header),
+        name_(std::move(name)),
+        limits_{.memory_bytes = library_bytes + 2 * header.memory_bytes} {}
 
   [[nodiscard]] const volume::GridGeometry& geometry() const override { return header_.geometry; }
   [[nodiscard]] volume::ScalarType scalar_type() const override { return header_.type; }
@@ -239,7 +242,7 @@ class WalledSource final : public VolumeSource {
   const std::int64_t run_rows_ =
       std::min(std::max(kRunBytes / row_bytes_, header_.geometry.sample_dims.y),
                static_cast<std::int64_t>(kSharedBytes) / row_bytes_);
-  const DecoderProcess::Limits limits_{.memory_bytes = kOpenMemoryBytes + 2 * header_.memory_bytes};
+  const DecoderProcess::Limits limits_;
   absl::Status failure_;  // the first one; it stays
 };
 
@@ -250,7 +253,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
                                                          const std::string& part) {
   auto child = std::make_unique<Child>(library, path, part);
   ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
-                            child->Ask(Question::kOpen, {.memory_bytes = kOpenMemoryBytes}));
+                            child->Ask(Question::kOpen, {.memory_bytes = library.memory_bytes}));
   const Header& header = answer.header;
   constexpr std::int64_t kMaxMemoryBytes = std::int64_t{1} << 40;
   const bool has_type =
@@ -266,14 +269,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
         absl::StrCat(path, ": rows of ", row_bytes, " bytes; expected at most ", kSharedBytes));
   }
   std::string name = child->Text(answer);
-  return std::make_unique<WalledSource>(std::move(child), header, std::move(name));
+  return std::make_unique<WalledSource>(std::move(child), header, std::move(name),
+                                        library.memory_bytes);
 }
 
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,
                                                          const std::string& path) {
   Child child(library, path, "");
-  ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
-                            child.Ask(Question::kFindFiles, {.memory_bytes = kOpenMemoryBytes}));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const Answer answer, child.Ask(Question::kFindFiles, {.memory_bytes = library.memory_bytes}));
   return absl::StrSplit(absl::string_view(child.shared(), answer.text_bytes), '\0',
                         absl::SkipEmpty());
 }
@@ -283,7 +287,7 @@ absl::StatusOr<std::vector<std::string>> DescribeWalled(const WalledLibrary& lib
                                                         const std::string& part) {
   Child child(library, path, part);
   ISOSCOPE_ASSIGN_OR_RETURN(const Answer answer,
-                            child.Ask(Question::kDescribe, {.memory_bytes = kOpenMemoryBytes}));
+                            child.Ask(Question::kDescribe, {.memory_bytes = library.memory_bytes}));
   return absl::StrSplit(child.Text(answer), '\0', absl::SkipEmpty());
 }
 

@@ -3,12 +3,14 @@
 #ifndef ISOSCOPE_CORE_SOURCE_WALLED_SOURCE_H_
 #define ISOSCOPE_CORE_SOURCE_WALLED_SOURCE_H_
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 
+#include "core/base/units.h"
 #include "core/source/volume_source.h"
 
 namespace isoscope::source {
@@ -22,6 +24,8 @@ struct WalledLibrary {
                                                         const std::string& part) = nullptr;
   Texts (*find_files)(const std::string& path) = nullptr;
   Texts (*describe)(const std::string& path, const std::string& part) = nullptr;  // none empty
+  // Address space for all that VolumeSource::memory_bytes does not count.
+  std::int64_t memory_bytes = base::kGiB;
 };
 
 // Opens the volume by `library.open` in a child process, which then reads the rows, too, and ends

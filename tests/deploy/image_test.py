@@ -96,7 +96,10 @@ class Image:
             folder = self.root / target.lstrip("/")
             folder.mkdir(parents=True, exist_ok=True)
             for source in map(pathlib.Path, sources):
-                if "--from=build" in rest:
+                if "--from=build" in rest and source.name == "isoscope" and source.parent.name == "lib":
+                    for module in (PROGRAMS.parent / "lib" / "isoscope").glob("*.so"):
+                        must("strip", "-o", folder / module.name, module)
+                elif "--from=build" in rest:
                     must("strip", "-o", folder / source.name, PROGRAMS / source.name)
                 else:
                     shutil.copy(ROOT / source, folder)

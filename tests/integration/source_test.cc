@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <iterator>
 #include <ostream>
@@ -24,6 +25,7 @@
 #include "tests/support/process_cluster.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
+#include "tests/support/vdb_file.h"
 #include "tests/support/volume_files.h"
 #include "tiffio.h"
 
@@ -214,6 +216,23 @@ void WriteRaw(const std::string& folder, const Samples& samples) {
   WriteFile(folder + "/v.raw", samples.now);
 }
 
+void WriteVdb(const std::string& folder, const Samples& samples) {
+  testing::VdbFileGrid grid{.type = "int32"};
+  const char* next = samples.now.data();
+  for (math::Index3 at{0, 0, 0}; at.z < kDims.z; ++at.z) {
+    for (at.y = 0; at.y < kDims.y; ++at.y) {
+      for (at.x = 0; at.x < kDims.x; ++at.x) {
+        std::int16_t sample = 0;
+        std::memcpy(&sample, next, sizeof(sample));
+        next += sizeof(sample);
+        grid.fills.push_back(
+            {.begin = at, .end = at + math::Index3{1, 1, 1}, .value = 1.0 * sample});
+      }
+    }
+  }
+  testing::WriteVdbFile(folder + "/v.vdb", {grid});
+}
+
 class SourceTest : public ::testing::TestWithParam<Source> {
  protected:
   // Returns the file that a command writes to its --output from `input`. The cache is the test's
@@ -324,7 +343,8 @@ INSTANTIATE_TEST_SUITE_P(
                .write = WriteDicomSlices,
                .input = "im3",
                .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
-               .origin = "(10,20,30)"}),
+               .origin = "(10,20,30)"},
+        Source{.name = "Vdb", .write = WriteVdb, .input = "v.vdb:density"}),
     [](const auto& test) { return std::string(test.param.name); });
 
 TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
@@ -347,7 +367,7 @@ TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
   EXPECT_FALSE(absl::StrContains(result.out + result.err, "Doe"));
 }
 
-TEST(DicomModuleTest, AProgramWithoutItReadsOtherFilesAndSaysWhatIsMissing) {
+TEST(DecoderModuleTest, AProgramWithoutOneReadsOtherFilesAndSaysWhatIsMissing) {
   const testing::TempDir directory;
   const std::string program = directory.Sub("isoscope");
   std::filesystem::copy_file(testing::IsoscopePath(), program);
@@ -361,6 +381,10 @@ TEST(DicomModuleTest, AProgramWithoutItReadsOtherFilesAndSaysWhatIsMissing) {
   EXPECT_EQ(dicom.exit_code, 1) << dicom.err;
   EXPECT_TRUE(absl::StrContains(dicom.err, "isoscope_dicom.so belongs in lib/isoscope"))
       << dicom.err;
+  WriteFile(directory.Sub("a.vdb"), "x");
+  const CommandResult vdb = testing::RunCommand({program, "info", directory.Sub("a.vdb")}, {});
+  EXPECT_EQ(vdb.exit_code, 1) << vdb.err;
+  EXPECT_TRUE(absl::StrContains(vdb.err, "isoscope_vdb.so belongs in lib/isoscope")) << vdb.err;
 }
 
 TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {

@@ -40,11 +40,6 @@ class RefusedFormatsTest : public ::testing::Test {
   const testing::TempDir dir_;
 };
 
-TEST_F(RefusedFormatsTest, OpenVdbIsKnownByItsNameAndByItsMark) {
-  Expect(Write("a.vdb", "x"), "OpenVDB", "copyToArray");
-  Expect(Write("unnamed", std::string(" BDV\0\0\0\0\xe0\0\0\0", 12)), "OpenVDB", "NRRD");
-}
-
 TEST_F(RefusedFormatsTest, FoldersOfArraysAreKnownByTheirFiles) {
   Write("a.n5/attributes.json", "{\"n5\":\"2.5.0\"}");
   Write("a.n5/c0/attributes.json", "{}");

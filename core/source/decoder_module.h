@@ -1,0 +1,25 @@
+// The modules of lib/isoscope: libraries of formats that take longer to load than everything else
+// that starts a program, and that most runs do not need.
+
+#ifndef ISOSCOPE_CORE_SOURCE_DECODER_MODULE_H_
+#define ISOSCOPE_CORE_SOURCE_DECODER_MODULE_H_
+
+#include "absl/status/statusor.h"
+
+namespace isoscope::source {
+
+// A module, and a function of it with C linkage.
+struct DecoderModule {
+  const char* file;    // "isoscope_dicom.so"
+  const char* symbol;  // "IsoscopeDecodeDicom"
+  const char* format;  // "DICOM", for messages
+};
+
+// Loads the module, for good, and returns the address of the function, which is never null. The
+// program's run path finds the file: in ../lib/isoscope, beside the program's folder.
+// FAILED_PRECONDITION: it is not there, or a library that it needs is missing. Thread-safe.
+absl::StatusOr<void*> LoadDecoderModule(const DecoderModule& module);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_DECODER_MODULE_H_
