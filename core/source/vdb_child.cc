@@ -200,7 +200,8 @@ class VdbFile {
     if (grid == nullptr) {
       throw std::runtime_error("a grid is missing");
     }
-    return **new GridBase::Ptr(std::move(grid));
+    static auto* const kept = new std::vector<GridBase::Ptr>();
+    return *kept->emplace_back(std::move(grid));
   }
 
   openvdb::io::File file_;
@@ -210,7 +211,8 @@ class VdbFile {
 // Opens it, for good. Throws.
 absl::StatusOr<VdbFile*> OpenVdbFile(const std::string& path) {
   openvdb::initialize();
-  auto* const file = new VdbFile(path);
+  static auto* const kept = new std::vector<std::unique_ptr<VdbFile>>();
+  VdbFile* const file = kept->emplace_back(std::make_unique<VdbFile>(path)).get();
   if (file->names().size() > kMaxVdbGrids) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %d grids; expected at most %d", path,
                                                       file->names().size(), kMaxVdbGrids));
