@@ -105,7 +105,7 @@ VdbFileGrid Patchwork(const std::string& type) {
 class VdbSeriesTest : public ::testing::Test {
  protected:
   std::string Write(const std::vector<VdbFileGrid>& grids, bool is_stream = false) {
-    const std::string path = dir_.Sub("a.vdb");
+    std::string path = dir_.Sub("a.vdb");
     testing::WriteVdbFile(path, grids, is_stream);
     return path;
   }
