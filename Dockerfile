@@ -75,13 +75,14 @@ USER isoscope
 ENTRYPOINT ["isoscope-agent"]
 CMD ["--shard", "/shard"]
 
-# isoscope alone, without Mesa. The page of `isoscope view` is for the engine to publish, and its address is that of the
-# engine's host; for another port than 8080: -e ISOSCOPE_VIEW_PUBLISHED=localhost:9000 -p 127.0.0.1:9000:9000.
+# isoscope alone, without Mesa and OpenVDB. The page of `isoscope view` is for the engine to publish, and its address is
+# that of the engine's host; for another port than 8080: -e ISOSCOPE_VIEW_PUBLISHED=localhost:9000
+# -p 127.0.0.1:9000:9000.
 FROM runtime AS cli-cpu
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages libepoxy0 "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
-COPY --from=build /src/build/release/lib/isoscope/ /usr/local/lib/isoscope/
+COPY --from=build /src/build/release/lib/isoscope/isoscope_dicom.so /usr/local/lib/isoscope/
 ARG ISOSCOPE_VERSION
 LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"
 ENV ISOSCOPE_VIEW_PUBLISHED=localhost:8080
@@ -91,7 +92,8 @@ WORKDIR /data
 ENTRYPOINT ["isoscope"]
 
 FROM rendering AS cli
-RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}" \
+      "${ISOSCOPE_VDB_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope /src/build/release/bin/isoscope-bench /usr/local/bin/
 COPY --from=build /src/build/release/lib/isoscope/ /usr/local/lib/isoscope/

@@ -25,8 +25,9 @@ ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
   libprometheus-cpp-pull1.0)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libexpat1 libopenvdb10.0 libwebp7
-  libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libexpat1 libwebp7 libwebpmux3
+  libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
+ISOSCOPE_VDB_PACKAGES=(libopenvdb10.0)
 
 # Packages to build tests and benchmarks; to run the unit tests and the guards of the promises; to run the other tests:
 # the Python client, shells, manuals.

@@ -56,6 +56,10 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindHdf5Meshes(hid_t file) {
     ISOSCOPE_ASSIGN_OR_RETURN(Hdf5MeshFile meshes, FindImarisImage(file));
     return meshes;
   }
+  if (IsItkHdf(file)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(Hdf5MeshFile meshes, FindItkHdfImage(file));
+    return meshes;
+  }
   return std::nullopt;
 }
 

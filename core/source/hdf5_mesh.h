@@ -1,5 +1,5 @@
-// HDF5 files that describe their own meshes: VTKHDF images, openPMD and Imaris. Calls the library:
-// for the process that it runs in (walled_source.h).
+// HDF5 files that describe their own meshes: VTKHDF images, openPMD, Imaris and ITK. Calls the
+// library: for the process that it runs in (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_
 #define ISOSCOPE_CORE_SOURCE_HDF5_MESH_H_
@@ -52,12 +52,14 @@ std::vector<double> Hdf5Numbers(hid_t object, const char* attribute);
 // The names in a group, in ascending order, 4096 at most; none if it is no group.
 std::vector<std::string> Hdf5NamesIn(hid_t group);
 
-// The kinds (vtk_hdf_image.cc, openpmd_meshes.cc, imaris_image.cc), of the group VTKHDF and the
-// root.
+// The kinds (vtk_hdf_image.cc, openpmd_meshes.cc, imaris_image.cc, itk_hdf_image.cc), of the group
+// VTKHDF and the root.
 absl::StatusOr<Hdf5MeshFile> FindVtkHdfImage(hid_t root);
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file);
 bool IsImaris(hid_t file);
 absl::StatusOr<Hdf5MeshFile> FindImarisImage(hid_t file);
+bool IsItkHdf(hid_t file);
+absl::StatusOr<Hdf5MeshFile> FindItkHdfImage(hid_t file);
 
 }  // namespace isoscope::source
 

@@ -96,11 +96,10 @@ class Image:
             folder = self.root / target.lstrip("/")
             folder.mkdir(parents=True, exist_ok=True)
             for source in map(pathlib.Path, sources):
-                if "--from=build" in rest and source.name == "isoscope" and source.parent.name == "lib":
-                    for module in (PROGRAMS.parent / "lib" / "isoscope").glob("*.so"):
-                        must("strip", "-o", folder / module.name, module)
-                elif "--from=build" in rest:
-                    must("strip", "-o", folder / source.name, PROGRAMS / source.name)
+                if "--from=build" in rest:
+                    built = PROGRAMS.parent / source.relative_to("/src/build/release")
+                    for file in built.iterdir() if built.is_dir() else [built]:
+                        must("strip", "-o", folder / file.name, file)
                 else:
                     shutil.copy(ROOT / source, folder)
         elif name == "ENV":

@@ -294,5 +294,37 @@ TEST_F(Hdf5MeshSeriesTest, ImarisSizesThatMakeNoSenseAreRefused) {
               StatusIs(kInvalid, HasSubstr("an Imaris file with 0 steps")));
 }
 
+// What ITK writes itself is in itk_hdf_image_test.cc.
+TEST_F(Hdf5MeshSeriesTest, ItkImagesWithoutTheNumbersOfAGridAreRefused) {
+  const std::string path = dir_.Sub("a.h5");
+  const std::vector<double> numbers{1, 0, 0, 0, 1, 0, 0, 0, 1};
+  for (const std::string broken : {"", "Origin", "Spacing", "Directions", "VoxelData"}) {
+    {
+      Hdf5MeshWriter writer(path);
+      writer.Group("/ITKImage");
+      writer.Group("/ITKImage/0");
+      for (const std::string name : {"Origin", "Spacing", "Directions"}) {
+        const hsize_t right = name == "Directions" ? 9 : 3;
+        testing::WriteHdf5Dataset(writer.file(), "/ITKImage/0/" + name,
+                                  {name == broken ? hsize_t{2} : right}, H5T_NATIVE_DOUBLE,
+                                  numbers.data());
+      }
+      if (broken == "VoxelData") {
+        writer.Ramp("/ITKImage/0/VoxelData", {2, 3, 4, 0});
+      } else {
+        writer.Ramp("/ITKImage/0/VoxelData", {2, 3, 4});
+      }
+    }
+    const auto series = OpenVolumeSeries(path);
+    if (!broken.empty()) {
+      EXPECT_THAT(series.status(), StatusIs(kInvalid, HasSubstr("/ITKImage/0/" + broken)));
+      continue;
+    }
+    // The second axis has no spacing.
+    ISOSCOPE_ASSERT_OK(series.status());
+    EXPECT_THAT((*series)->Open(0, 0, 0).status(), StatusIs(kInvalid, HasSubstr("spacing")));
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::source
