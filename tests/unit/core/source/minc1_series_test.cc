@@ -92,8 +92,12 @@ class Minc1SeriesTest : public ::testing::Test {
       }
     }
     const double most = minc.type == NC_BYTE ? 127 : 1e6;
+    std::size_t sample_count = 1;
+    for (const std::size_t size : count) {
+      sample_count *= size;
+    }
     std::vector<double> samples;
-    for (std::size_t i = 0; i < kSamples * std::max<std::size_t>(minc.steps, 1); ++i) {
+    for (std::size_t i = 0; i < sample_count; ++i) {
       samples.push_back(std::min(first + 40.0 * static_cast<double>(i), most));
     }
     writer.Variable("image", minc.type, all, count, samples, {{"signtype", minc.sign}});
