@@ -19,7 +19,7 @@
 
 namespace isoscope::source {
 
-// A volume of a dataset.
+// A volume of a dataset, or of a constant (Hdf5Constant).
 struct Hdf5MeshVolume {
   std::string dataset;
   AxisOrder axes;
@@ -41,6 +41,15 @@ struct Hdf5MeshFile {
   std::string time_unit{};
   std::string length_unit{};
 };
+
+// A constant component of openPMD: a group that says its samples by their value and number.
+struct Hdf5Constant {
+  double value = 0;
+  bool is_single = false;          // a float of 32 bits
+  std::vector<std::int64_t> dims;  // slowest first
+};
+// Not set if the object is not such a group, or its shape has numbers that are no sizes.
+std::optional<Hdf5Constant> FindHdf5Constant(hid_t object);
 
 // Not set if the file describes no meshes. Errors are without the file's name. INVALID_ARGUMENT: a
 // VTKHDF file of another Type than ImageData; no mesh in space; times that do not ascend; more than

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -43,6 +44,41 @@ class MovedSource final : public VolumeSource {
   const volume::GridGeometry geometry_;
 };
 
+// Samples of one value.
+class ConstantSource final : public VolumeSource {
+ public:
+  ConstantSource(std::string name, const Hdf5Constant& constant,
+                 const volume::GridGeometry& geometry)
+      : name_(std::move(name)), constant_(constant), geometry_(geometry) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override {
+    return constant_.is_single ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
+  }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const std::int64_t count = (end_row - begin_row) * geometry_.sample_dims.x;
+    const auto single = static_cast<float>(constant_.value);
+    for (std::int64_t i = 0; i < count; ++i) {
+      if (constant_.is_single) {
+        std::memcpy(out + i * 4, &single, 4);
+      } else {
+        std::memcpy(out + i * 8, &constant_.value, 8);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const std::string name_;
+  const Hdf5Constant constant_;
+  const volume::GridGeometry geometry_;
+};
+
+absl::Status WithName(const std::string& name, const absl::Status& status) {
+  return absl::Status(status.code(), absl::StrCat(name, ": ", status.message()));
+}
+
 absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path) {
   if (!io::PathExists(path)) {
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
@@ -54,8 +90,7 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path
   }
   auto meshes = FindHdf5Meshes(file.get());
   if (!meshes.ok()) {
-    return absl::Status(meshes.status().code(),
-                        absl::StrCat(path, ": ", meshes.status().message()));
+    return WithName(path, meshes.status());
   }
   return meshes;
 }
@@ -93,6 +128,29 @@ absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
   return WalledTexts(file);
 }
 
+// INVALID_ARGUMENT unless a dataset of these sizes has the samples of the field's grid.
+absl::Status CheckSamples(const Hdf5MeshField& field, const AxisOrder& axes,
+                          const std::vector<std::int64_t>& dims) {
+  const math::Index3& samples = field.geometry.sample_dims;
+  const auto fits = [&](std::size_t axis, std::int64_t size) {
+    return dims[axis] == size || (field.is_filled_up && dims[axis] > size);
+  };
+  if (dims.size() <= axes.x || !fits(axes.z, samples.z) || !fits(axes.y, samples.y) ||
+      !fits(axes.x, samples.x)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "it has not the %d x %d x %d samples of the first step: all steps must lie on one grid",
+        samples.z, samples.y, samples.x));
+  }
+  return volume::Validate(field.geometry);
+}
+
+// The constant that a volume is; not set if it is a dataset.
+std::optional<Hdf5Constant> FindConstantOf(const std::string& path, const Hdf5MeshVolume& volume) {
+  const Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  const Hdf5Handle object(H5Oopen(file.get(), volume.dataset.c_str(), H5P_DEFAULT), H5Oclose);
+  return FindHdf5Constant(object.get());
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
                                                        const std::string& part) {
   const auto [number, step, component] = ParseWalledPart(part);
@@ -107,31 +165,27 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
     return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
   }
   const Hdf5MeshVolume& wanted = field.volumes[static_cast<std::size_t>(index)];
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      NamedHdf5Dataset named,
-      OpenHdf5ByName(absl::StrCat(path, ":", wanted.dataset), Hdf5Types::kAll));
+  const std::string wanted_name = absl::StrCat(path, ":", wanted.dataset);
+  if (const auto constant = FindConstantOf(path, wanted); constant.has_value()) {
+    const absl::Status valid = CheckSamples(field, wanted.axes, constant->dims);
+    if (!valid.ok()) {
+      return WithName(wanted_name, valid);
+    }
+    return std::make_unique<ConstantSource>(wanted_name, *constant, field.geometry);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenHdf5ByName(wanted_name, Hdf5Types::kAll));
   const std::string name = named.parts.name();
   ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
-  const std::vector<std::int64_t> dims = Hdf5DimsOf(named.dataset.get());
-  const math::Index3& samples = field.geometry.sample_dims;
-  const AxisOrder& axes = wanted.axes;
-  const auto fits = [&](std::size_t axis, std::int64_t size) {
-    return dims[axis] == size || (field.is_filled_up && dims[axis] > size);
-  };
-  if (dims.size() <= axes.x || !fits(axes.z, samples.z) || !fits(axes.y, samples.y) ||
-      !fits(axes.x, samples.x)) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: it has not the %d x %d x %d samples of the first step: all steps must lie on one grid",
-        name, samples.z, samples.y, samples.x));
-  }
   auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll);
-  const absl::Status valid = type.ok() ? volume::Validate(field.geometry) : type.status();
+  const absl::Status valid =
+      type.ok() ? CheckSamples(field, wanted.axes, Hdf5DimsOf(named.dataset.get())) : type.status();
   if (!valid.ok()) {
-    return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
+    return WithName(name, valid);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
-                            OpenHdf5Volume(std::move(named), *std::move(type), axes, wanted.step,
-                                           wanted.component, samples));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::unique_ptr<VolumeSource> source,
+      OpenHdf5Volume(std::move(named), *std::move(type), wanted.axes, wanted.step, wanted.component,
+                     field.geometry.sample_dims));
   return std::make_unique<MovedSource>(std::move(source), field.geometry);
 }
 

@@ -10,11 +10,15 @@
 //
 //   (gridGlobalOffset + (i + position) * gridSpacing) * gridUnitSI
 //
+// A constant component is a group with the attributes value and shape in place of a dataset.
+//
 // Source: openPMD standard 1.1 and 2.0, https://github.com/openPMD/openPMD-standard.
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -143,14 +147,20 @@ bool OpenPmdGrid(hid_t record, hid_t component, const std::vector<std::int64_t>&
   return true;
 }
 
+bool IsOpenPmdComponent(hid_t object) {
+  return H5Iget_type(object) == H5I_DATASET || FindHdf5Constant(object).has_value();
+}
+
 // Adds a component of a record, as a field of its own.
 void AddOpenPmdField(hid_t record, hid_t component, const std::string& name,
                      const std::string& path, const std::vector<OpenPmdStep>& steps,
                      Hdf5MeshFile* meshes) {
   Hdf5MeshField field{.field = {.name = name, .unit = OpenPmdUnit(record, component)},
                       .geometry = {}};
-  if (!Hdf5SampleTypeOf(component, Hdf5Types::kAll).ok() ||
-      !OpenPmdGrid(record, component, Hdf5DimsOf(component), &field.geometry)) {
+  const std::optional<Hdf5Constant> constant = FindHdf5Constant(component);
+  if ((!constant.has_value() && !Hdf5SampleTypeOf(component, Hdf5Types::kAll).ok()) ||
+      !OpenPmdGrid(record, component, constant.has_value() ? constant->dims : Hdf5DimsOf(component),
+                   &field.geometry)) {
     return;
   }
   for (const OpenPmdStep& step : steps) {
@@ -189,6 +199,27 @@ void JoinOpenPmdComponents(const std::string& record, std::size_t first,
 
 }  // namespace
 
+std::optional<Hdf5Constant> FindHdf5Constant(hid_t object) {
+  constexpr double kMaxSize = 1e9;
+  const std::vector<double> value = Hdf5Numbers(object, "value");
+  Hdf5Constant constant;
+  for (const double size : Hdf5Numbers(object, "shape")) {
+    if (!(size >= 1 && size <= kMaxSize)) {
+      return std::nullopt;
+    }
+    constant.dims.push_back(static_cast<std::int64_t>(size));
+  }
+  if (H5Iget_type(object) != H5I_GROUP || value.size() != 1 || constant.dims.empty()) {
+    return std::nullopt;
+  }
+  const Hdf5Handle attribute(H5Aopen(object, "value", H5P_DEFAULT), H5Aclose);
+  const Hdf5Handle type(H5Aget_type(attribute.get()), H5Tclose);
+  constant.value = value[0];
+  constant.is_single =
+      H5Tget_class(type.get()) == H5T_FLOAT && H5Tget_size(type.get()) <= sizeof(float);
+  return constant;
+}
+
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<OpenPmdStep> steps, FindOpenPmdSteps(file));
   Hdf5MeshFile meshes{.time_unit = "s", .length_unit = "m"};
@@ -201,9 +232,14 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   }
   const std::string first_path = absl::StrCat(steps.front().path, folder);
   const Hdf5Handle group(H5Gopen2(file, first_path.c_str(), H5P_DEFAULT), H5Gclose);
+  std::string other;  // of a record
   for (const std::string& name : Hdf5NamesIn(group.get())) {
     const Hdf5Handle record(H5Oopen(group.get(), name.c_str(), H5P_DEFAULT), H5Oclose);
-    if (H5Iget_type(record.get()) == H5I_DATASET) {
+    const std::string kind = Hdf5Text(record.get(), {"geometry"});
+    if (!kind.empty() && kind != "cartesian") {
+      other = absl::StrFormat("; %s has the geometry \"%s\"", name, kind);
+    }
+    if (IsOpenPmdComponent(record.get())) {
       AddOpenPmdField(record.get(), record.get(), name, folder + name, steps, &meshes);
       continue;
     }
@@ -211,7 +247,7 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
     const std::vector<std::string> components = Hdf5NamesIn(record.get());
     for (const std::string& part : components) {
       const Hdf5Handle component(H5Oopen(record.get(), part.c_str(), H5P_DEFAULT), H5Oclose);
-      if (H5Iget_type(component.get()) == H5I_DATASET) {
+      if (IsOpenPmdComponent(component.get())) {
         AddOpenPmdField(record.get(), component.get(), absl::StrCat(name, "/", part),
                         absl::StrCat(folder, name, "/", part), steps, &meshes);
       }
@@ -220,7 +256,7 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   }
   if (meshes.fields.empty()) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "no mesh of openPMD below %s with three cartesian axes x, y and z", first_path));
+        "no mesh of openPMD below %s with three cartesian axes x, y and z%s", first_path, other));
   }
   return meshes;
 }

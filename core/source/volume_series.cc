@@ -12,7 +12,7 @@
 #include "core/io/file.h"
 #include "core/source/dicom_folder.h"
 #include "core/source/dicom_source.h"
-#include "core/source/hdf5_mesh_series.h"
+#include "core/source/hdf5_file_series.h"
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
@@ -39,13 +39,19 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path
       {.path = path, .field = std::move(field), .volume = std::move(volume), .open = open});
 }
 
-// The meshes of a file, if it has some and the path names no dataset; else its datasets.
+// The meshes of the files, if they have some and the path names no dataset; else a dataset.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Path(const std::string& path,
                                                            const Hdf5Path& parts,
                                                            const std::string& axes) {
-  if (axes.empty() && !absl::StartsWith(parts.dataset, "/")) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
-                              OpenHdf5MeshSeries(parts.file, parts.dataset));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto pattern_files, FilesOfHdf5Pattern(parts.file));
+  if (pattern_files.has_value() && !axes.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": --axes ", axes,
+        ": a pattern of HDF5 files is for meshes, whose axes have their meaning; --axes is for a "
+        "dataset of one file"));
+  }
+  if (axes.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes, OpenHdf5Meshes(parts));
     if (meshes != nullptr) {
       return meshes;
     }

@@ -1,7 +1,7 @@
 // A path becomes a source in two steps. FindVolume decides, in this order, by name and content:
 //
 //   a pattern ("slice*.tif")      TIFF stack
-//   file.h5:/dataset              HDF5
+//   file.h5:/dataset, data*.h5    HDF5
 //   a folder                      TIFF files if it has some, else a DICOM series
 //   file.vti, file.vti:array      VTK ImageData, as are .pvti
 //   .mrc, .tif and the like       the formats of series_format.h
@@ -29,7 +29,7 @@
 #include "core/source/dicom_source.h"
 #include "core/source/file_source.h"
 #include "core/source/file_start.h"
-#include "core/source/hdf5_mesh_series.h"
+#include "core/source/hdf5_file_series.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/itk_header.h"
 #include "core/source/itk_image.h"
@@ -121,7 +121,8 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
         ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
         "file.vti:array:component), ",
         ListedSeriesFormats(),
-        ", HDF5 (file.h5:/dataset), DICOM (a series' folder or a file of it), TIFF (a folder, a "
+        ", HDF5 (file.h5:/dataset, data%T.h5), DICOM (a series' folder or a file of it), TIFF (a "
+        "folder, a "
         "pattern in quotation marks, or a file of many pages), PNG or BMP slices (a folder or a "
         "pattern); anything else is read as raw "
         "samples with --dims X,Y,Z "
@@ -186,7 +187,9 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
     return FoundVolume{.kind = SourceKind::kItkSlices, .files = FilesNamed(path, IsItkSliceName)};
   }
   if (SplitHdf5Path(path, &hdf5)) {
-    return FoundVolume{.kind = SourceKind::kHdf5, .files = {hdf5.file}};
+    ISOSCOPE_ASSIGN_OR_RETURN(auto files, FilesOfHdf5Pattern(hdf5.file));
+    return FoundVolume{.kind = SourceKind::kHdf5,
+                       .files = files.value_or(std::vector<std::string>{hdf5.file})};
   }
   if (io::IsDirectory(path)) {
     return FindInFolder(path);
@@ -212,15 +215,11 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   return FindSampleFile(path, std::nullopt, rules);
 }
 
-// The meshes of a VTKHDF or openPMD file, unless the path names a dataset of it; null if it has
-// none.
+// The meshes of an HDF5 file or pattern, unless the path names a dataset; null if it has none.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMeshesOf(const std::string& path) {
   Hdf5Path hdf5;
   ISOSCOPE_CHECK(SplitHdf5Path(path, &hdf5));
-  if (absl::StartsWith(hdf5.dataset, "/")) {
-    return nullptr;
-  }
-  return OpenHdf5MeshSeries(hdf5.file, hdf5.dataset);
+  return OpenHdf5Meshes(hdf5);
 }
 
 // The collection and its steps, those of .pvti with their pieces.
@@ -254,7 +253,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
       return OpenItkSlices(path);
     case SourceKind::kHdf5: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
-      return meshes != nullptr ? OpenOnlyVolume(*meshes, found.files.front(), true)
+      return meshes != nullptr ? OpenOnlyVolume(*meshes, meshes->name(), true)
                                : OpenHdf5Dataset(path);
     }
     case SourceKind::kDicom:
@@ -296,7 +295,7 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
     return FilesOfPvd(path);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
-  if (found.kind == SourceKind::kHdf5) {
+  if (found.kind == SourceKind::kHdf5 && found.files.size() == 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
     return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);
   }
@@ -335,7 +334,7 @@ std::vector<FormatName> FormatNames() {
       {"dicom", "a folder of a series, or a file of it"},
       {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
       {"slices", ".png .bmp: a folder of them, or a pattern", false},
-      {"hdf5", "file.h5:/dataset, .vtkhdf, .ims, openPMD: file.h5", false}};
+      {"hdf5", "file.h5:/dataset, .vtkhdf, .ims, openPMD: file.h5, or a pattern", false}};
   for (const SeriesFormat& format : SeriesFormats()) {
     names.push_back({FormatNameOf(format),
                      format.endings.empty()

@@ -24,6 +24,7 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/source/one_grid.h"
 #include "core/source/vtk_image.h"
 #include "core/source/vtr_image.h"
 #include "core/source/xml_tags.h"
@@ -120,21 +121,9 @@ class PvdSeries final : public VtkSeries {
           "%s: %s of %d components; the first step, %s, has %s of %d", place, found->type,
           found->components, steps_.front().file, like.type, like.components));
     }
-    if (image_->geometry() != geometry_) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %s; the first step, %s, has %s: all steps must lie on one grid", place,
-          Described(image_->geometry()), steps_.front().file, Described(geometry_)));
-    }
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckOneGrid(place, image_->geometry(), steps_.front().file, geometry_));
     return static_cast<std::size_t>(found - arrays.begin());
-  }
-
-  static std::string Described(const volume::GridGeometry& geometry) {
-    const math::Index3& dims = geometry.sample_dims;
-    const math::Vec3d& spacing = geometry.spacing;
-    const math::Vec3d& origin = geometry.origin;
-    return absl::StrFormat("%d x %d x %d samples, %g x %g x %g apart, from (%g, %g, %g)", dims.x,
-                           dims.y, dims.z, spacing.x, spacing.y, spacing.z, origin.x, origin.y,
-                           origin.z);
   }
 
   const std::vector<PvdStep> steps_;

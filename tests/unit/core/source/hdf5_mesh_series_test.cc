@@ -181,6 +181,52 @@ TEST_F(Hdf5MeshSeriesTest, StaggeredComponentsAreFieldsOfTheirOwn) {
   EXPECT_EQ(At(*volume, {0, 0, 0}), (math::Vec3d{20, 42, 64}));
 }
 
+// A scalar record and a component that are groups, in place of datasets.
+TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
+  const std::string path = dir_.Sub("a.h5");
+  const auto write = [&](const std::vector<double>& shape) {
+    Hdf5MeshWriter writer(path);
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    writer.Texts("/", "meshesPath", {"fields/"});
+    for (const char* group : {"/data", "/data/5", "/data/5/fields", "/data/5/fields/rho",
+                              "/data/5/fields/B", "/data/5/fields/B/x"}) {
+      writer.Group(group);
+    }
+    writer.Ramp("/data/5/fields/B/y", {2, 3, 4});
+    for (const char* record : {"/data/5/fields/rho", "/data/5/fields/B"}) {
+      Record(&writer, record, "C");
+    }
+    for (const char* constant : {"/data/5/fields/rho", "/data/5/fields/B/x"}) {
+      writer.Numbers(constant, "value", {-0.1});
+      writer.Numbers(constant, "shape", shape);
+    }
+  };
+  write({2, 3, 4});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+  ASSERT_EQ(series->fields().size(), 2u);
+  EXPECT_THAT(series->fields()[0].components, ElementsAre("x", "y"));
+  EXPECT_EQ(series->fields()[1].name, "rho");
+  for (const int field : {0, 1}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(field, 0, 0));
+    EXPECT_EQ(volume->scalar_type(), volume::ScalarType::kFloat64);
+    EXPECT_EQ(At(*volume, {3, 2, 1}), (math::Vec3d{2 * 11.5, 2 * 24, 2 * 34}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 1));
+    EXPECT_EQ(ValuesOf<double>(bytes), std::vector<double>(24, -0.1));
+  }
+  // Shapes that are none leave the components out.
+  for (const std::vector<double>& shape :
+       {std::vector<double>{2, 3}, {2, 3, 0}, {2, 3, -4}, {2, 3, 1e300}, {2, 3, 4, 5}}) {
+    write(shape);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, OpenVolumeSeries(path));
+    ASSERT_EQ(others->fields().size(), 1u);
+    EXPECT_EQ(others->fields()[0].name, "B/y");
+  }
+  // A grid that is too large for any volume.
+  write({1e9, 1e9, 1e9});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto huge, OpenVolumeSeries(path + ":rho"));
+  EXPECT_THAT(huge->Open(0, 0, 0), StatusIs(kInvalid, HasSubstr("fields/rho: ")));
+}
+
 TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {
   WriteImage(dir_.Sub("a.h5"), {}, "UnstructuredGrid");
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.h5")),
@@ -203,6 +249,17 @@ TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {
     writer.Group("/data");
   }
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("c.h5")), StatusIs(kInvalid, HasSubstr("0 iterations")));
+  {
+    Hdf5MeshWriter writer(dir_.Sub("theta.h5"));
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    for (const char* group : {"/data", "/data/5", "/data/5/meshes"}) {
+      writer.Group(group);
+    }
+    writer.Ramp("/data/5/meshes/rho", {3, 4, 5});
+    writer.Texts("/data/5/meshes/rho", "geometry", {"thetaMode"});
+  }
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("theta.h5")),
+              StatusIs(kInvalid, HasSubstr("rho has the geometry \"thetaMode\"")));
   testing::WriteFile(dir_.Sub("d.h5"), "text");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, OpenHdf5MeshSeries(dir_.Sub("d.h5"), ""));
   EXPECT_EQ(none, nullptr);
