@@ -180,13 +180,14 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 
 Action RegisterPartitionFlags(FlagSet* set) {
   const auto flags = std::make_shared<PartitionFlags>();
-  AddFlag(set, "input", "INPUT", &flags->input, ParseText,
-          absl::StrCat(
-              "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
-              "several), file.vti[:array[:component]], file.h5:/dataset, ",
-              source::ListedSeriesFormats(),
-              ", a folder or a file of a DICOM series, a folder or 'pattern*.tif' of slices, or a "
-              "raw file"));
+  AddFlag(
+      set, "input", "INPUT", &flags->input, ParseText,
+      absl::StrCat(
+          "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
+          "several), file.vti[:array[:component]], file.h5:/dataset, 'pattern*.h5' of openPMD, ",
+          source::ListedSeriesFormats(),
+          ", a folder or a file of a DICOM series, a folder or 'pattern*.tif' of slices, or a "
+          "raw file"));
   AddFlag(set, "-o,--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(set, "--append", "DIR", &flags->append, ParseText,

@@ -350,13 +350,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnlyVolume(VolumeSeries& serie
   const std::string name =
       absl::StrCat(first.name, first.components.size() > 1 ? ":" : "", first.components[0]);
   const bool has_steps = series.step_count() > 1;
+  const bool is_word = file.find_first_of(" *?[") == std::string::npos;
+  const std::string typed = is_word ? file : absl::StrCat("'", file, "'");
   return absl::InvalidArgumentError(absl::StrCat(
       file, ": several volumes, of which one must be chosen; fields: ",
       DescribeFields(series.fields()), has_steps ? "; steps: " : "",
       has_steps ? DescribeSteps(series.times(), series.time_unit()) : "",
       !has_steps && has_parts ? absl::StrCat("; choose one, as in ", file, ":", name, ", or ")
                               : "; ",
-      "make a dataset of all, `isoscope partition ", file,
+      "make a dataset of all, `isoscope partition ", typed,
       " --output DIR`, and draw one of it, `isoscope render DIR --field ", name,
       has_steps ? absl::StrCat(" --step ", series.step_count() - 1, "` or `--time ",
                                series.times().back())

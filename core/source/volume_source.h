@@ -73,12 +73,11 @@ struct RawFormat {
 // Opens NIfTI (.nii .hdr .img, each also .gz), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), the
 // latter two with samples in one file or several; an array of a VTK ImageData file ("file.vti",
 // "file.vti:array", "file.vti:array:component"), of points or cells, and .pvti alike; a dataset of
-// an HDF5 file
-// ("file.h5:/dataset"); a DICOM series (its folder or a file of it); a TIFF stack (a folder, a
-// pattern with '*' or '?', a file of many pages); the only volume of a file, or of a part of it, in
-// a format of series_format.h. NOT_FOUND, INVALID_ARGUMENT (unknown format:
-// lists those known, and says how to read it as raw; not three-dimensional; more than one
-// component), DATA_LOSS.
+// an HDF5 file ("file.h5:/dataset"), or the only mesh of one or of a pattern (hdf5_file_series.h);
+// a DICOM series (its folder or a file of it); a TIFF stack (a folder, a pattern with '*' or '?', a
+// file of many pages); the only volume of a file, or of a part of it, in a format of
+// series_format.h. NOT_FOUND, INVALID_ARGUMENT (unknown format: lists those known, and says how to
+// read it as raw; not three-dimensional; more than one component), DATA_LOSS.
 // `format` forces one of those that FormatNames lists; "": name and content decide. A grid that is
 // sheared or uneven is INVALID_ARGUMENT, with its numbers, unless the rules take it.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
@@ -88,8 +87,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 // not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
 // names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
 // missing files.
-// Those of a ParaView collection (.pvd, volume_series.h) are its steps; those of a .pvti its
-// pieces.
+// Those of a ParaView collection (.pvd, volume_series.h) are its steps, as of a pattern of HDF5
+// files; those of a .pvti its pieces.
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
                                                        const std::string& format = "",
                                                        const GridRules& rules = {});
