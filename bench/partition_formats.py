@@ -306,7 +306,7 @@ FORMATS = {
     'VTI': write_vti,
     'VTI zlib': lambda folder, samples: write_vti(folder, samples, True),
     'HDF5': write_hdf5,
-    'HDF5 chunks, gzip': lambda folder, samples: write_hdf5(folder, samples, True),
+    'HDF5 gzip chunks': lambda folder, samples: write_hdf5(folder, samples, True),
     'TIFF': write_tiff,
     'DICOM slices': write_dicom_slices,
     'DICOM frames': write_dicom_frames,

@@ -127,17 +127,22 @@ bool IsDicomFile(const std::string& path) {
          std::memcmp(mark, "DICM", sizeof(mark)) == 0;
 }
 
-std::vector<std::string> DicomFilesIn(const std::string& folder) {
+std::vector<std::string> DicomCandidatesIn(const std::string& folder) {
   std::vector<std::string> files;
   std::error_code error;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    const std::string path = entry->path().string();
-    if (entry->path().filename() != "DICOMDIR" && IsDicomFile(path)) {
-      files.push_back(path);
+    if (entry->path().filename() != "DICOMDIR") {
+      files.push_back(entry->path().string());
     }
   }
   std::sort(files.begin(), files.end());
+  return files;
+}
+
+std::vector<std::string> DicomFilesIn(const std::string& folder) {
+  std::vector<std::string> files = DicomCandidatesIn(folder);
+  std::erase_if(files, [](const std::string& file) { return !IsDicomFile(file); });
   return files;
 }
 

@@ -17,7 +17,9 @@ namespace isoscope::source {
 // True if the file carries the DICOM mark.
 bool IsDicomFile(const std::string& path);
 
-// Returns the files of a folder that carry the mark, sorted by name, without DICOMDIR.
+// Returns the files of a folder, sorted by name, without DICOMDIR: all, or those that carry the
+// mark.
+std::vector<std::string> DicomCandidatesIn(const std::string& folder);
 std::vector<std::string> DicomFilesIn(const std::string& folder);
 // Returns the folder of the series that `path` names: `path` itself, or the folder of a file.
 std::string DicomFolder(const std::string& path);

@@ -16,8 +16,11 @@ namespace isoscope::source {
 
 absl::StatusOr<std::vector<volume::Label>> ReadDicomLabels(const std::string& path) {
   const std::vector<std::string> files =
-      io::IsDirectory(path) ? DicomFilesIn(path) : std::vector<std::string>{path};
+      io::IsDirectory(path) ? DicomCandidatesIn(path) : std::vector<std::string>{path};
   for (const std::string& file : files) {
+    if (!IsDicomFile(file)) {
+      continue;
+    }
     const absl::StatusOr<DicomScan> scan = ScanDicomFile(file);
     if (!scan.ok() || scan->content == DicomContent::kNoImage) {
       continue;
