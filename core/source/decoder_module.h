@@ -1,5 +1,5 @@
-// The modules of lib/isoscope: libraries of formats that take longer to load than everything else
-// that starts a program, and that most runs do not need.
+// The modules of lib/isoscope: libraries of formats that take long to load, and that most runs do
+// not need.
 
 #ifndef ISOSCOPE_CORE_SOURCE_DECODER_MODULE_H_
 #define ISOSCOPE_CORE_SOURCE_DECODER_MODULE_H_

@@ -1,5 +1,5 @@
-// The module that has ITK's and GDCM's readers of DICOM files (dicom_child.h). Loading GDCM takes
-// longer than everything else that starts a program, and most runs do not need it.
+// The module that has ITK's and GDCM's readers of DICOM files (dicom_child.h). GDCM takes long to
+// load, and most runs do not need it.
 
 #ifndef ISOSCOPE_CORE_SOURCE_DICOM_MODULE_H_
 #define ISOSCOPE_CORE_SOURCE_DICOM_MODULE_H_
