@@ -24,6 +24,10 @@ if(ISOSCOPE_SANITIZE AND NOT ISOSCOPE_BUILD_FUZZERS)
 endif()
 option(ISOSCOPE_SHARED_LIBRARIES "Link the product's libraries into programs when these start" ${is_shared})
 set(ISOSCOPE_TESTS_DIR "${PROJECT_SOURCE_DIR}/tests")
+set(ISOSCOPE_LIBRARY_KIND STATIC)  # of the product
+if(ISOSCOPE_SHARED_LIBRARIES)
+  set(ISOSCOPE_LIBRARY_KIND SHARED)
+endif()
 
 option(ISOSCOPE_PRECOMPILED_HEADERS "Compile what most tests include once" ON)
 
