@@ -78,14 +78,14 @@ endfunction()
 
 # isoscope_module(NAME isoscope_dicom SRCS entry.cc DEPS isoscope::dicom_child)
 #
-# Makes lib/isoscope/NAME.so, beside the folder of the programs: CMAKE_INSTALL_RPATH leads there.
+# Makes lib/isoscope/NAME.so, beside the folder of the programs, where core/source/decoder_module.cc looks for it.
 function(isoscope_module)
   cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
   add_library(${ARG_NAME} MODULE ${ARG_SRCS})
   target_link_libraries(${ARG_NAME} PRIVATE
     ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
   set_target_properties(${ARG_NAME} PROPERTIES
-    PREFIX "" INSTALL_RPATH "" LIBRARY_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/lib/isoscope")
+    PREFIX "" LIBRARY_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/lib/isoscope")
 endfunction()
 
 # isoscope_executable(NAME isoscope-agent SRCS main.cc DEPS isoscope::agent)

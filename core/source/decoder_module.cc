@@ -2,13 +2,22 @@
 
 #include <dlfcn.h>
 
+#include <filesystem>
+#include <string>
+#include <system_error>
+
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
 namespace isoscope::source {
 
 absl::StatusOr<void*> LoadDecoderModule(const DecoderModule& module) {
-  void* const library = ::dlopen(module.file, RTLD_NOW | RTLD_LOCAL);
+  // Not by a run path: the loader takes that of its caller, which may be AddressSanitizer.
+  std::error_code error;
+  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
+  const std::string path =
+      (program.parent_path().parent_path() / "lib" / "isoscope" / module.file).string();
+  void* const library = ::dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   void* const symbol = library != nullptr ? ::dlsym(library, module.symbol) : nullptr;
   if (symbol == nullptr) {
     // NOLINTNEXTLINE(concurrency-mt-unsafe): glibc keeps the text by thread

@@ -16,8 +16,9 @@ struct DecoderModule {
 };
 
 // Loads the module, for good, and returns the address of the function, which is never null. The
-// program's run path finds the file: in ../lib/isoscope, beside the program's folder.
-// FAILED_PRECONDITION: it is not there, or a library that it needs is missing. Thread-safe.
+// file is in lib/isoscope, beside the folder of the program: /usr/lib/isoscope for
+// /usr/bin/isoscope. FAILED_PRECONDITION: it is not there, or a library that it needs is missing.
+// Thread-safe.
 absl::StatusOr<void*> LoadDecoderModule(const DecoderModule& module);
 
 }  // namespace isoscope::source

@@ -10,9 +10,8 @@
 
 namespace isoscope::source {
 
-// Loads isoscope_dicom.so, for good, and returns its DecodeDicomInChild. The program's run path
-// finds it: in ../lib/isoscope, beside the program's folder. FAILED_PRECONDITION: it is not there,
-// or a library that it needs is missing. Cheap when called again. Thread-safe.
+// Loads isoscope_dicom.so, for good, and returns its DecodeDicomInChild. Errors: LoadDecoderModule.
+// Cheap when called again. Thread-safe.
 absl::StatusOr<DecoderProcess::Handler> LoadDicomModule();
 
 }  // namespace isoscope::source
