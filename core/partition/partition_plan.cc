@@ -213,13 +213,17 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
   }
   const math::Index3& dims = layout.sample_dims();
   const math::Index3& cells = layout.block_cells();
+  const std::int64_t needed = planner.plan().total_bytes;
+  // Other blocks change nothing in what the reader takes.
+  const bool is_for_blocks = source_bytes < needed / 2;
   const bool is_greedy = distribution == store::Distribution::kGreedy;
   return absl::InvalidArgumentError(absl::StrFormat(
-      "memory limit %d bytes: one row of blocks (%d x %d x %d samples of %s) with tables for %d "
-      "blocks needs %d bytes; raise --memory-limit, or use larger blocks%s",
-      memory_limit_bytes, dims.x, std::min(cells.y + 3, dims.y), std::min(cells.z + 3, dims.z),
-      volume::NameOf(type), layout.block_count(), planner.plan().total_bytes,
-      is_greedy ? " or the random distribution" : ""));
+      "memory limit %d bytes: the reader with its %d bytes and one row of blocks (%d x %d x %d "
+      "samples of %s, tables for %d blocks) needs %d bytes; raise --memory-limit%s%s",
+      memory_limit_bytes, source_bytes, dims.x, std::min(cells.y + 3, dims.y),
+      std::min(cells.z + 3, dims.z), volume::NameOf(type), layout.block_count(), needed,
+      is_for_blocks ? ", or use larger blocks" : "",
+      is_for_blocks && is_greedy ? " or the random distribution" : ""));
 }
 
 absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout) {

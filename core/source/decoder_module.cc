@@ -15,6 +15,12 @@ absl::StatusOr<void*> LoadDecoderModule(const DecoderModule& module) {
   // Not by a run path: the loader takes that of its caller, which may be AddressSanitizer.
   std::error_code error;
   const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (error) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        module.format, " files can't be read: their library ", module.file,
+        " is found beside the program, and /proc/self/exe does not say where that is: ",
+        error.message(), "; mount /proc"));
+  }
   const std::string path =
       (program.parent_path().parent_path() / "lib" / "isoscope" / module.file).string();
   void* const library = ::dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);

@@ -17,8 +17,8 @@ struct DecoderModule {
 
 // Loads the module, for good, and returns the address of the function, which is never null. The
 // file is in lib/isoscope, beside the folder of the program: /usr/lib/isoscope for
-// /usr/bin/isoscope. FAILED_PRECONDITION: it is not there, or a library that it needs is missing.
-// Thread-safe.
+// /usr/bin/isoscope. FAILED_PRECONDITION: it is not there, a library that it needs is missing, or
+// /proc is. Thread-safe.
 absl::StatusOr<void*> LoadDecoderModule(const DecoderModule& module);
 
 }  // namespace isoscope::source

@@ -1,8 +1,9 @@
 // A tree of OpenVDB ends in leaves of 8 x 8 x 8 voxels, and a larger node has one value for each
 // part of it without a leaf. So each aligned cube of 8 x 8 x 8 voxels is either a leaf or constant.
 //
-// Files are mapped, and leaves are loaded when their first voxel is read: the box of the active
-// voxels needs the masks alone.
+// Files are mapped, and the box of the active voxels needs the masks alone. The values of a leaf
+// are loaded when its first voxel is read, into a copy of its buffer: the tree would keep them. The
+// copies are dropped at the next layer of cubes, so that memory holds one layer.
 //
 // Grids are never freed, because the library does that by TBB. After a fork, TBB may wait for a
 // lock of a thread that is no more. The process holds one volume, and ends with it.
@@ -13,12 +14,14 @@
 #include <cstddef>
 #include <cstring>
 #include <exception>
+#include <limits>
 #include <new>
 #include <stdexcept>
 #include <tuple>
 #include <type_traits>
 #include <utility>
 
+#include "absl/container/flat_hash_map.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include <openvdb/openvdb.h>
@@ -36,6 +39,8 @@ using volume::ScalarType;
 constexpr std::int64_t kMaxVdbGrids = 4096;
 constexpr std::size_t kMaxVdbName = 255;
 constexpr std::int64_t kCubeSide = 8;
+constexpr int kLog2CubeSide = 3;
+constexpr std::int64_t kAllocationBytes = 16;  // of the allocator, for each piece of memory
 
 // Calls `act`, whose result is a StatusOr or a Status, and turns exceptions into errors.
 template <typename Act>
@@ -86,6 +91,45 @@ constexpr ScalarType VdbScalarType() {
                                                  : ScalarType::kFloat64;  // and of int64, its bits
 }
 
+// Of bits, all in memory with the tree.
+template <typename GridType>
+constexpr bool kIsVdbBits = std::is_same_v<typename GridType::ValueType, bool>;
+
+// The tree without the values of the leaves that are still in the file.
+template <typename GridType>
+std::int64_t TreeBytes(const GridType& grid) {
+  using Upper = typename GridType::TreeType::RootNodeType::ChildNodeType;
+  using Lower = typename Upper::ChildNodeType;
+  const std::vector<openvdb::Index32> counts = grid.tree().nodeCount();  // leaves first
+  std::int64_t bytes = static_cast<std::int64_t>(sizeof(Lower)) * counts[1] +
+                       static_cast<std::int64_t>(sizeof(Upper)) * counts[2];
+  for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
+    bytes += std::int64_t{leaf->memUsage()} + 2 * kAllocationBytes;
+  }
+  return bytes;
+}
+
+// The values of the leaves in the layer of cubes that has the most.
+template <typename GridType>
+std::int64_t LayerBytes(const GridType& grid) {
+  std::int64_t most = 0;
+  if constexpr (!kIsVdbBits<GridType>) {
+    constexpr auto kLoadedBytes = static_cast<std::int64_t>(
+        sizeof(typename GridType::TreeType::LeafNodeType::Buffer) +
+        GridType::TreeType::LeafNodeType::SIZE * sizeof(typename GridType::ValueType) +
+        2 * kAllocationBytes + 4 * sizeof(void*));
+    absl::flat_hash_map<int, std::int64_t> layers;
+    for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
+      if (leaf->buffer().isOutOfCore()) {
+        std::int64_t& bytes = layers[leaf->origin().z()];
+        bytes += kLoadedBytes;
+        most = std::max(most, bytes);
+      }
+    }
+  }
+  return most;
+}
+
 // One sample, at `out`.
 template <typename Value>
 void PutVdbSample(const Value& value, int component, char* out) {
@@ -118,6 +162,7 @@ class GridVolume final : public VdbVolume {
  private:
   using Value = typename GridType::ValueType;
   using Leaf = typename GridType::TreeType::LeafNodeType;
+  using Buffer = typename Leaf::Buffer;
   static_assert(Leaf::DIM == kCubeSide);
 
   static std::int64_t InCube(std::int64_t index) { return index & (kCubeSide - 1); }
@@ -147,7 +192,24 @@ class GridVolume final : public VdbVolume {
     }
   }
 
+  // The values of a leaf, loaded if they are not. Valid until the next layer of cubes is read.
+  const Value* ValuesOf(const Leaf& leaf) {
+    if (!leaf.buffer().isOutOfCore()) {
+      return leaf.buffer().data();
+    }
+    std::unique_ptr<Buffer>& copy = loaded_[&leaf];
+    if (copy == nullptr) {
+      copy = std::make_unique<Buffer>(leaf.buffer());
+    }
+    return std::as_const(*copy).data();
+  }
+
   void ReadPlaneRows(std::int64_t y, std::int64_t z, std::int64_t count, char* out) {
+    const std::int64_t layer = (first_.z() + z) >> kLog2CubeSide;
+    if (layer != loaded_layer_) {
+      loaded_.clear();
+      loaded_layer_ = layer;
+    }
     std::int64_t x = 0;
     while (x < header_.dims.x) {
       const std::int64_t side = kCubeSide - InCube(first_.x() + x);
@@ -156,11 +218,20 @@ class GridVolume final : public VdbVolume {
           first_.offsetBy(static_cast<int>(x), static_cast<int>(y), static_cast<int>(z));
       const Leaf* const leaf = accessor_.probeConstLeaf(begin);
       const Value constant = leaf == nullptr ? ConstantAt(begin) : Value();
+      const Value* values = nullptr;
+      if constexpr (!kIsVdbBits<GridType>) {
+        values = leaf != nullptr ? ValuesOf(*leaf) : nullptr;
+      }
       for (std::int64_t row = 0; row < count; ++row) {
         char* next = out + row * row_bytes_ + x * sample_bytes_;
         for (std::int64_t i = 0; i < run; ++i) {
           const Coord at = begin.offsetBy(static_cast<int>(i), static_cast<int>(row), 0);
-          PutVdbSample<Value>(leaf != nullptr ? leaf->getValue(at) : constant, component_, next);
+          if constexpr (kIsVdbBits<GridType>) {
+            PutVdbSample<Value>(leaf != nullptr ? leaf->getValue(at) : constant, component_, next);
+          } else {
+            PutVdbSample<Value>(leaf != nullptr ? values[Leaf::coordToOffset(at)] : constant,
+                                component_, next);
+          }
           next += sample_bytes_;
         }
       }
@@ -175,6 +246,8 @@ class GridVolume final : public VdbVolume {
   const Header header_;
   const std::int64_t sample_bytes_ = static_cast<std::int64_t>(volume::SizeOf(header_.type));
   const std::int64_t row_bytes_ = header_.dims.x * sample_bytes_;
+  std::int64_t loaded_layer_ = std::numeric_limits<std::int64_t>::min();
+  absl::flat_hash_map<const Leaf*, std::unique_ptr<Buffer>> loaded_;  // in that layer
 };
 
 class VdbFile {
@@ -270,34 +343,33 @@ std::array<std::array<double, 4>, 3> WorldFromBox(const openvdb::math::Transform
 
 template <typename GridType>
 std::unique_ptr<VdbVolume> MakeVolume(const std::string& path, const GridType& grid, int component,
-                                      const CoordBBox& box) {
+                                      const CoordBBox& box, std::int64_t other_bytes) {
   using Value = typename GridType::ValueType;
   const auto size = [](int first, int last) { return std::int64_t{last} - first + 1; };
-  constexpr std::int64_t kCubeVoxels = kCubeSide * kCubeSide * kCubeSide;
-  constexpr std::int64_t kNodeValues = 4096;  // of most nodes
-  const auto value_bytes = static_cast<std::int64_t>(std::max(sizeof(Value), sizeof(void*)));
   const VdbVolume::Header header{
       .type = VdbScalarType<Value>(),
       .is_int64 = std::is_same_v<Value, std::int64_t>,
       .dims = {size(box.min().x(), box.max().x()), size(box.min().y(), box.max().y()),
                size(box.min().z(), box.max().z())},
       .world_from_index = WorldFromBox(grid.transform(), box.min()),
-      .memory_bytes = value_bytes * (kCubeVoxels * std::int64_t{grid.tree().leafCount()} +
-                                     kNodeValues * std::int64_t{grid.tree().nonLeafCount()})};
+      .memory_bytes = TreeBytes(grid) + LayerBytes(grid) + other_bytes};
   return std::make_unique<GridVolume<GridType>>(path, grid, component, box.min(), header);
 }
 
 // The box of the active voxels of the grid, or of all that can be read and have its transform.
-// Throws.
-CoordBBox BoxOf(const GridBase& grid, std::size_t index, bool is_joined, VdbFile* file) {
+// Adds the memory of the others to `other_bytes`. Throws.
+CoordBBox BoxOf(const GridBase& grid, std::size_t index, bool is_joined, VdbFile* file,
+                std::int64_t* other_bytes) {
   CoordBBox box = grid.evalActiveVoxelBoundingBox();
   for (std::size_t i = 0; is_joined && i < file->names().size(); ++i) {
     const bool is_alike = i != index && Describe(i, file).components > 0 &&
                           file->ReadHead(i).transform() == grid.transform();
     if (is_alike) {
-      const CoordBBox other = file->Read(i).evalActiveVoxelBoundingBox();
-      if (!other.empty()) {
-        box.expand(other);
+      const GridBase& other = file->Read(i);
+      VisitVdbGrid(other, [&](const auto& typed) { *other_bytes += TreeBytes(typed); });
+      const CoordBBox other_box = other.evalActiveVoxelBoundingBox();
+      if (!other_box.empty()) {
+        box.expand(other_box);
       }
     }
   }
@@ -320,7 +392,8 @@ absl::StatusOr<std::unique_ptr<VdbVolume>> OpenOpened(const std::string& path, s
         path, name, std::string(transform.mapType())));
   }
   const GridBase& grid = file->Read(index);
-  const CoordBBox box = BoxOf(grid, index, is_joined, file);
+  std::int64_t other_bytes = 0;
+  const CoordBBox box = BoxOf(grid, index, is_joined, file, &other_bytes);
   if (box.empty()) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: no voxel of grid \"%s\" is active, so that it has no box: write it with the voxels "
@@ -330,7 +403,7 @@ absl::StatusOr<std::unique_ptr<VdbVolume>> OpenOpened(const std::string& path, s
   std::unique_ptr<VdbVolume> volume;
   VisitVdbGrid(grid, [&]<typename GridType>(const GridType& typed) {
     if (component < (kIsVdbVector<typename GridType::ValueType> ? 3 : 1)) {
-      volume = MakeVolume(path, typed, static_cast<int>(component), box);
+      volume = MakeVolume(path, typed, static_cast<int>(component), box, other_bytes);
     }
   });
   if (volume == nullptr) {

@@ -37,7 +37,7 @@ class VdbVolume {
     // Rows: world[r] = rows[r][0] x + rows[r][1] y + rows[r][2] z + rows[r][3], of indices in the
     // box.
     std::array<std::array<double, 4>, 3> world_from_index{};
-    std::int64_t memory_bytes = 0;  // when all voxels are loaded
+    std::int64_t memory_bytes = 0;  // the tree, and the values of one layer of its leaves
   };
 
   virtual ~VdbVolume() = default;

@@ -21,6 +21,8 @@
 #include "core/volume/scalar_type.h"
 #include "hdf5.h"
 #include "tests/support/dicom_file.h"
+#include "tests/support/hdf5_file.h"
+#include "tests/support/hdf5_mesh_file.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/synthetic_fields.h"
@@ -114,21 +116,61 @@ void WriteDicomSlices(const std::string& folder, const Samples& samples) {
   }
 }
 
+const std::vector<hsize_t> kHdf5Dims{static_cast<hsize_t>(kDims.z), static_cast<hsize_t>(kDims.y),
+                                     static_cast<hsize_t>(kDims.x)};
+
 // Two datasets: of the other one no sample reaches the isovalue.
 void WriteHdf5(const std::string& folder, const Samples& samples) {
-  const hid_t file = H5Fcreate((folder + "/v.h5").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
-  const hsize_t dims[3] = {static_cast<hsize_t>(kDims.z), static_cast<hsize_t>(kDims.y),
-                           static_cast<hsize_t>(kDims.x)};
-  const hid_t space = H5Screate_simple(3, dims, nullptr);
+  const testing::Hdf5MeshWriter writer(folder + "/v.h5");
   const std::string other(samples.now.size(), '\x80');
   for (const auto& [name, bytes] : {std::pair{"field", &samples.now}, std::pair{"other", &other}}) {
-    const hid_t dataset =
-        H5Dcreate2(file, name, H5T_STD_I16LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    ASSERT_GE(H5Dwrite(dataset, H5T_STD_I16LE, H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes->data()), 0);
-    H5Dclose(dataset);
+    testing::WriteHdf5Dataset(writer.file(), name, kHdf5Dims, H5T_STD_I16LE, bytes->data());
   }
-  H5Sclose(space);
-  H5Fclose(file);
+}
+
+// Two iterations in files of their own: in the first no sample reaches the isovalue.
+void WriteOpenPmd(const std::string& folder, const Samples& samples) {
+  const std::string other(samples.now.size(), '\x80');
+  for (const auto& [number, bytes] : {std::pair{"90", &other}, std::pair{"100", &samples.now}}) {
+    if (bytes == &other && !samples.before.empty()) {
+      continue;
+    }
+    testing::Hdf5MeshWriter writer(absl::StrCat(folder, "/data", number, ".h5"));
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    writer.Texts("/", "basePath", {"/data/%T/"});
+    writer.Texts("/", "meshesPath", {"fields/"});
+    const std::string iteration = absl::StrCat("/data/", number);
+    writer.Group("/data");
+    writer.Group(iteration);
+    writer.Numbers(iteration, "time", {std::stod(number)});
+    writer.Numbers(iteration, "timeUnitSI", {1});
+    writer.Group(iteration + "/fields");
+    const std::string rho = iteration + "/fields/rho";
+    testing::WriteHdf5Dataset(writer.file(), rho, kHdf5Dims, H5T_STD_I16LE, bytes->data());
+    writer.Texts(rho, "geometry", {"cartesian"});
+    writer.Texts(rho, "dataOrder", {"C"});
+    writer.Texts(rho, "axisLabels", {"z", "y", "x"});
+    writer.Numbers(rho, "gridSpacing", {3, 2, 1.5});
+    writer.Numbers(rho, "gridGlobalOffset", {30, 20, 10});
+    writer.Numbers(rho, "unitSI", {1});
+  }
+}
+
+// As ITK writes it.
+void WriteItkHdf5(const std::string& folder, const Samples& samples) {
+  testing::Hdf5MeshWriter writer(folder + "/v.h5");
+  writer.Group("/ITKImage");
+  writer.Group("/ITKImage/0");
+  const auto write = [&](const char* name, const std::vector<hsize_t>& dims,
+                         const std::vector<double>& numbers) {
+    testing::WriteHdf5Dataset(writer.file(), absl::StrCat("/ITKImage/0/", name), dims,
+                              H5T_NATIVE_DOUBLE, numbers.data());
+  };
+  write("Origin", {3}, {10, 20, 30});
+  write("Spacing", {3}, {1.5, 2, 3});
+  write("Directions", {3, 3}, {0, 1, 0, -1, 0, 0, 0, 0, 1});
+  testing::WriteHdf5Dataset(writer.file(), "/ITKImage/0/VoxelData", kHdf5Dims, H5T_STD_I16LE,
+                            samples.now.data());
 }
 
 // An array of points or cells with the tags around it.
@@ -342,6 +384,17 @@ INSTANTIATE_TEST_SUITE_P(
                .origin = "(0.5,0.5,0.5)"},
         Source{.name = "VtiComponent", .write = WriteVtiComponents, .input = "v.vti:v:1"},
         Source{.name = "Hdf5", .write = WriteHdf5, .input = "v.h5:/field"},
+        Source{.name = "OpenPmdPattern",
+               .write = WriteOpenPmd,
+               .input = "data%T.h5:rho",
+               .directions = "(1.5,0,0) (0,2,0) (0,0,3)",
+               .origin = "(10,20,30)",
+               .flags = {"--step", "1"}},
+        Source{.name = "ItkHdf5",
+               .write = WriteItkHdf5,
+               .input = "v.h5",
+               .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+               .origin = "(10,20,30)"},
         Source{.name = "TiffFolder", .write = WriteTiffSlices, .input = ""},
         Source{.name = "TiffPattern", .write = WriteTiffSlices, .input = "s*.tif"},
         Source{.name = "TiffPages", .write = WriteTiffPages, .input = "pages.tif"},

@@ -303,6 +303,37 @@ def test_no_fork_after_a_call_ends_the_child(client, support):
     assert done.stdout.strip() == "{0: 20}", done.stderr
 
 
+FORK_IN_SHUTDOWN = """
+import os, sys, threading, time
+import isoscope
+
+dataset = isoscope.connect(sys.argv[1], token_file=sys.argv[2])["shells"]
+dataset.render(127.5, size=8)
+is_named, has_ended = threading.Event(), threading.Event()
+
+def as_the_thread_of_grpc():
+    with open(f"/proc/self/task/{threading.get_native_id()}/comm", "w") as name:
+        name.write("grpc_shutdown")
+    is_named.set()
+    time.sleep(0.3)
+    has_ended.set()
+
+threading.Thread(target=as_the_thread_of_grpc).start()
+is_named.wait()
+child = os.fork()
+if child == 0:
+    os._exit(0 if has_ended.is_set() and dataset.render(127.5, size=8).png else 1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def test_a_fork_waits_for_the_thread_that_shuts_grpc_down(client):
+    """It holds a lock that a new channel needs: on a busy machine a child waited for it for ever."""
+    command = [sys.executable, "-c", FORK_IN_SHUTDOWN, client.address, client.token_file]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "0", done.stderr
+
+
 FORKS_AT_WORK = """
 import os, sys
 import isoscope

@@ -23,8 +23,17 @@ import grpc
 from isoscope._channel import Target
 from isoscope.errors import CancelledError, FailedPreconditionError
 
-# Names of the threads of gRPC's core, as Linux cuts them: 15 characters.
-_CORE_THREADS = ("default-executo", "resolver-executo", "grpc_global_tim", "event_engine", "timer_manager", "lifeguard")
+# Names of the threads of gRPC's core, as Linux cuts them: 15 characters. The last one, "grpc_shutdown", ends the others
+# and then holds the lock that a new channel needs: a child forked there would wait for it for ever.
+_CORE_THREADS = (
+    "default-executo",
+    "resolver-execut",
+    "grpc_global_tim",
+    "event_engine",
+    "timer_manager",
+    "lifeguard",
+    "grpc_shutdown",
+)
 # The core ends its threads within 10 ms on a busy machine; this is for one that hardly runs.
 _SHUTDOWN_SECONDS = 1.0
 

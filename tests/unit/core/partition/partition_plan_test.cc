@@ -16,6 +16,7 @@ namespace {
 
 using ::isoscope::testing::StatusIs;
 using store::Distribution;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using volume::ScalarType;
 
@@ -78,6 +79,19 @@ TEST(PartitionPlanTest, WideSlicesAreTakenInBands) {
       PlanPartition(layout, ScalarType::kFloat64, 16, Distribution::kRandom, 0, 160 * base::kMiB));
   EXPECT_FALSE(plan.has_whole_planes(layout));
   EXPECT_GT(plan.block_rows_per_portion, 1);
+}
+
+TEST(PartitionPlanTest, TheMessageAdvisesWhatHelps) {
+  const auto message = [](std::int64_t source_bytes) {
+    return std::string(PlanPartition(Layout({100, 100, 60}), ScalarType::kFloat32, 1,
+                                     Distribution::kGreedy, source_bytes, 5)
+                           .status()
+                           .message());
+  };
+  EXPECT_THAT(message(1000), HasSubstr("reader with its 1000 bytes"));
+  EXPECT_THAT(message(1000),
+              EndsWith("--memory-limit, or use larger blocks or the random distribution"));
+  EXPECT_THAT(message(base::kGiB), EndsWith("; raise --memory-limit"));
 }
 
 TEST(PartitionPlanTest, WhatTheMessageAsksForIsEnoughAndNoByteLess) {

@@ -1,7 +1,15 @@
 #include "core/source/decoder_module.h"
 
+#include <sched.h>
+#include <unistd.h>
+
+#include <string>
+
+#include "absl/strings/match.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <sys/mount.h>
+#include <sys/wait.h>
 
 #include "tests/support/status_matchers.h"
 
@@ -32,6 +40,34 @@ TEST(DecoderModuleTest, AModuleOfAnotherVersionIsRefused) {
       LoadDecoderModule({.file = "isoscope_dicom.so", .symbol = "NoSuchCall", .format = "DICOM"}),
       StatusIs(absl::StatusCode::kFailedPrecondition,
                AllOf(HasSubstr("NoSuchCall"), HasSubstr("install it again"))));
+}
+
+// Not from the current folder, where anybody may have put one.
+TEST(DecoderModuleTest, WithoutProcNoModuleIsLoaded) {
+  constexpr int kNotPermitted = 77;
+  const pid_t child = ::fork();
+  if (child == 0) {
+    if (::unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0 ||
+        ::mount("none", "/proc", "tmpfs", 0, nullptr) != 0) {
+      ::_exit(kNotPermitted);
+    }
+    const absl::Status status =
+        LoadDecoderModule(
+            {.file = "isoscope_dicom.so", .symbol = "IsoscopeDecodeDicom", .format = "DICOM"})
+            .status();
+    ::_exit(status.code() == absl::StatusCode::kFailedPrecondition &&
+                    absl::StrContains(status.message(), "mount /proc")
+                ? 0
+                : 1);
+  }
+  ASSERT_GT(child, 0);
+  int state = 0;
+  ASSERT_EQ(::waitpid(child, &state, 0), child);
+  ASSERT_TRUE(WIFEXITED(state));
+  if (WEXITSTATUS(state) == kNotPermitted) {
+    GTEST_SKIP() << "no namespace may be made here";
+  }
+  EXPECT_EQ(WEXITSTATUS(state), 0);
 }
 
 }  // namespace

@@ -7,9 +7,9 @@
 #include "gtest/gtest.h"
 
 #include "hdf5.h"
+#include "tests/support/hdf5_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/core/source/hdf5_files.h"
 
 // libhdf5 does not free what it had read of a file that it then refuses.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }

@@ -10,10 +10,10 @@
 
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
+#include "tests/support/hdf5_mesh_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
-#include "tests/unit/core/source/hdf5_mesh_files.h"
 #include "tests/unit/core/source/vti_bytes.h"
 
 // libhdf5 does not free what it had read of a file that it then refuses.

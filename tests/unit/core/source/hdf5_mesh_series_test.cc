@@ -9,10 +9,10 @@
 
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
+#include "tests/support/hdf5_mesh_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
-#include "tests/unit/core/source/hdf5_mesh_files.h"
 #include "tests/unit/core/source/vti_bytes.h"
 
 // libhdf5 does not free what it had read of a file that it then refuses.
@@ -35,7 +35,7 @@ class Hdf5MeshSeriesTest : public ::testing::Test {
  protected:
   // An image of 4 x 3 x 2 points, with steps if there are times.
   void WriteImage(const std::string& path, const std::vector<double>& times,
-                  const std::string& type = "ImageData") {
+                  const std::string& type = "ImageData", float begin = 0) {
     Hdf5MeshWriter writer(path);
     writer.Group("/VTKHDF");
     writer.Texts("/VTKHDF", "Type", {type});
@@ -46,11 +46,11 @@ class Hdf5MeshSeriesTest : public ::testing::Test {
     writer.Group("/VTKHDF/PointData");
     writer.Group("/VTKHDF/CellData");
     if (times.empty()) {
-      writer.Ramp("/VTKHDF/PointData/p", {2, 3, 4});
+      writer.Ramp("/VTKHDF/PointData/p", {2, 3, 4}, begin);
       writer.Ramp("/VTKHDF/PointData/v", {2, 3, 4, 3});
       return;
     }
-    writer.Ramp("/VTKHDF/PointData/p", {times.size(), 2, 3, 4});
+    writer.Ramp("/VTKHDF/PointData/p", {times.size(), 2, 3, 4}, begin);
     writer.Ramp("/VTKHDF/PointData/v", {times.size(), 2, 3, 4, 3});
     writer.Group("/VTKHDF/Steps");
     writer.Numbers("/VTKHDF/Steps", "NSteps", {static_cast<double>(times.size())});
@@ -149,6 +149,29 @@ TEST_F(Hdf5MeshSeriesTest, ArraysOfVtkHdfWithAndWithoutSteps) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto raw,
                                 OpenVolumeFile(dir_.Sub("a.vtkhdf:/VTKHDF/PointData/p")));
   EXPECT_EQ(At(*raw, {0, 0, 0}), (math::Vec3d{0, 0, 0}));
+}
+
+TEST_F(Hdf5MeshSeriesTest, FilesOfVtkHdfAreStepsByAPattern) {
+  WriteImage(dir_.Sub("a9.vtkhdf"), {});
+  WriteImage(dir_.Sub("a10.vtkhdf"), {}, "ImageData", 100);
+  WriteImage(dir_.Sub("b9.h5"), {2.5});
+  WriteImage(dir_.Sub("b10.h5"), {4}, "ImageData", 100);
+  struct Case {
+    std::string pattern;
+    std::vector<double> times;
+  };
+  for (const Case& c : {Case{"a*.vtkhdf", {0, 1}}, Case{"b%T.h5", {2.5, 4}}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub(c.pattern)));
+    EXPECT_EQ(series->times(), c.times);
+    ASSERT_EQ(series->fields().size(), 2u);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, series->Open(0, 0, 1));
+    EXPECT_EQ(At(*p, {3, 2, 1}), (math::Vec3d{6, 22, 34}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*p, 1));
+    EXPECT_EQ(ValuesOf<float>(read)[7], 107);
+  }
+  WriteImage(dir_.Sub("b10.h5"), {4, 5});
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("b*.h5")),
+              StatusIs(kInvalid, AllOf(HasSubstr("b10.h5"), HasSubstr("2 steps"))));
 }
 
 TEST_F(Hdf5MeshSeriesTest, RecordsOfOpenPmd) {
@@ -267,7 +290,7 @@ TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {
 
 // An Imaris file of 3 x 2 x 2 samples, in datasets of 4 x 4 x 2, by step and channel.
 void WriteImaris(const std::string& path, int steps, const std::string& second_time,
-                 const std::string& samples_along_x = "3") {
+                 const std::string& samples_along_x = "3", float begin = 0) {
   Hdf5MeshWriter writer(path);
   writer.Characters("/", "ImarisVersion", "5.5.0");
   for (const char* group :
@@ -297,7 +320,8 @@ void WriteImaris(const std::string& path, int steps, const std::string& second_t
     for (int channel = 0; channel < 2; ++channel) {
       const std::string group = point + "/Channel " + std::to_string(channel);
       writer.Group(group);
-      writer.Ramp(group + "/Data", {2, 4, 4}, static_cast<float>(1000 * step + 100 * channel));
+      writer.Ramp(group + "/Data", {2, 4, 4},
+                  begin + static_cast<float>(1000 * step + 100 * channel));
     }
   }
 }
@@ -323,6 +347,21 @@ TEST_F(Hdf5MeshSeriesTest, ChannelsOfImarisAreFieldsOnTheGridOfItsBorders) {
               ElementsAre(1100, 1101, 1102, 1104, 1105, 1106, 1116, 1117, 1118, 1120, 1121, 1122));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":DAPI"));
   EXPECT_EQ(part->fields().size(), 1u);
+}
+
+TEST_F(Hdf5MeshSeriesTest, FilesOfImarisAreStepsByAPattern) {
+  WriteImaris(dir_.Sub("a9.ims"), 1, "");
+  WriteImaris(dir_.Sub("a10.ims"), 1, "", "3", 5000);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a*.ims")));
+  EXPECT_THAT(series->times(), ElementsAre(0, 1));
+  EXPECT_EQ(series->length_unit(), "um");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 2));
+  EXPECT_EQ(ValuesOf<float>(bytes)[3], 5104);
+  EXPECT_EQ(source->geometry().origin, (math::Vec3d{10.25, -1, 2}));
+  WriteImaris(dir_.Sub("a10.ims"), 1, "", "2");
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a*.ims")),
+              StatusIs(kInvalid, AllOf(HasSubstr("a10.ims"), HasSubstr("2 x 2 x 2 samples"))));
 }
 
 TEST_F(Hdf5MeshSeriesTest, ImarisTimesThatDoNotAscendAreNumbers) {

@@ -5,9 +5,9 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "tests/support/hdf5_mesh_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/core/source/hdf5_mesh_files.h"
 
 namespace isoscope::source {
 namespace {

@@ -10,10 +10,10 @@
 
 #include "core/source/hdf5_handle.h"
 #include "hdf5.h"
+#include "tests/support/hdf5_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
-#include "tests/unit/core/source/hdf5_files.h"
 #include "tests/unit/core/source/vti_bytes.h"
 
 // libhdf5 does not free what it had read of a file that it then refuses.

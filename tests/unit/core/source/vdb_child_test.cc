@@ -3,7 +3,12 @@
 
 #include "core/source/vdb_child.h"
 
+#include <malloc.h>
+
+#include <cstdint>
+#include <cstring>
 #include <string>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -55,6 +60,44 @@ TEST(VdbChildTest, ErrorsNameTheFile) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no grid 1")));
   EXPECT_THAT(VdbCalls().open(dir.Sub("b.vdb"), 0, 1, false),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no component 1")));
+}
+
+std::int64_t HeapBytes() {
+  const auto heap = ::mallinfo2();
+  return static_cast<std::int64_t>(heap.uordblks + heap.hblkhd);
+}
+
+TEST(VdbChildTest, ADenseGridIsReadInAnyOrderWithTheTreeAndOneLayerInMemory) {
+  constexpr std::int64_t kSide = 64;
+  constexpr std::int64_t kPlanes = 256;
+  constexpr std::int64_t kRowBytes = kSide * 4;
+  const testing::TempDir dir;
+  const VdbFileGrid grid{
+      .fills = {{.begin = {0, 0, 0}, .end = {kSide, kSide, kPlanes}, .has_pattern = true}}};
+  testing::WriteVdbFile(dir.Sub("a.vdb"), {grid});
+  std::vector<char> plane(kSide * kRowBytes);
+  const std::int64_t before = HeapBytes();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, VdbCalls().open(dir.Sub("a.vdb"), 0, 0, false));
+  const std::int64_t stated = volume->header().memory_bytes;
+  EXPECT_LT(stated, kPlanes * kSide * kRowBytes / 2);
+  const auto expect_rows = [&](std::int64_t begin_row, std::int64_t end_row) {
+    ISOSCOPE_ASSERT_OK(volume->ReadRows(begin_row, end_row, plane.data()));
+    EXPECT_LE(HeapBytes() - before, stated);
+    for (std::int64_t row = begin_row; row < end_row; ++row) {
+      for (std::int64_t x = 0; x < kSide; ++x) {
+        float read = 0;
+        std::memcpy(&read, plane.data() + (row - begin_row) * kRowBytes + x * 4, sizeof(read));
+        ASSERT_EQ(read, testing::VdbVoxelAt(grid, {x, row % kSide, row / kSide}, 0).value)
+            << x << " in row " << row;
+      }
+    }
+  };
+  for (std::int64_t z = 0; z < kPlanes; ++z) {
+    expect_rows(z * kSide, (z + 1) * kSide);
+  }
+  expect_rows(20 * kSide + 3, 20 * kSide + 5);
+  expect_rows(3 * kSide + 60, 4 * kSide + 7);
+  expect_rows(250 * kSide, 251 * kSide);
 }
 
 }  // namespace

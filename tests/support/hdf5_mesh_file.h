@@ -1,13 +1,13 @@
 // HDF5 files with groups and attributes, as VTKHDF and openPMD have them.
 
-#ifndef ISOSCOPE_TESTS_UNIT_CORE_SOURCE_HDF5_MESH_FILES_H_
-#define ISOSCOPE_TESTS_UNIT_CORE_SOURCE_HDF5_MESH_FILES_H_
+#ifndef ISOSCOPE_TESTS_SUPPORT_HDF5_MESH_FILE_H_
+#define ISOSCOPE_TESTS_SUPPORT_HDF5_MESH_FILE_H_
 
 #include <string>
 #include <vector>
 
 #include "hdf5.h"
-#include "tests/unit/core/source/hdf5_files.h"
+#include "tests/support/hdf5_file.h"
 
 namespace isoscope::testing {
 
@@ -83,4 +83,4 @@ class Hdf5MeshWriter {
 
 }  // namespace isoscope::testing
 
-#endif  // ISOSCOPE_TESTS_UNIT_CORE_SOURCE_HDF5_MESH_FILES_H_
+#endif  // ISOSCOPE_TESTS_SUPPORT_HDF5_MESH_FILE_H_

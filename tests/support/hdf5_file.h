@@ -1,7 +1,7 @@
 // HDF5 files of known values, with attributes and scales as h5py and netCDF-4 write them.
 
-#ifndef ISOSCOPE_TESTS_UNIT_CORE_SOURCE_HDF5_FILES_H_
-#define ISOSCOPE_TESTS_UNIT_CORE_SOURCE_HDF5_FILES_H_
+#ifndef ISOSCOPE_TESTS_SUPPORT_HDF5_FILE_H_
+#define ISOSCOPE_TESTS_SUPPORT_HDF5_FILE_H_
 
 #include <algorithm>
 #include <cstddef>
@@ -83,4 +83,4 @@ inline void WriteHdf5Scales(hid_t file, const std::string& dataset,
 
 }  // namespace isoscope::testing
 
-#endif  // ISOSCOPE_TESTS_UNIT_CORE_SOURCE_HDF5_FILES_H_
+#endif  // ISOSCOPE_TESTS_SUPPORT_HDF5_FILE_H_
