@@ -104,7 +104,7 @@ std::int64_t TreeBytes(const GridType& grid) {
   std::int64_t bytes = static_cast<std::int64_t>(sizeof(Lower)) * counts[1] +
                        static_cast<std::int64_t>(sizeof(Upper)) * counts[2];
   for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
-    bytes += std::int64_t{leaf->memUsage()} + 2 * kAllocationBytes;
+    bytes += static_cast<std::int64_t>(leaf->memUsage()) + 2 * kAllocationBytes;
   }
   return bytes;
 }
