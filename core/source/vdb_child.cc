@@ -41,6 +41,7 @@ constexpr std::size_t kMaxVdbName = 255;
 constexpr std::int64_t kCubeSide = 8;
 constexpr int kLog2CubeSide = 3;
 constexpr std::int64_t kAllocationBytes = 16;  // of the allocator, for each piece of memory
+constexpr std::int64_t kOpenFileBytes = std::int64_t{1} << 20;  // metadata, streams, buffers
 
 // Calls `act`, whose result is a StatusOr or a Status, and turns exceptions into errors.
 template <typename Act>
@@ -352,7 +353,7 @@ std::unique_ptr<VdbVolume> MakeVolume(const std::string& path, const GridType& g
       .dims = {size(box.min().x(), box.max().x()), size(box.min().y(), box.max().y()),
                size(box.min().z(), box.max().z())},
       .world_from_index = WorldFromBox(grid.transform(), box.min()),
-      .memory_bytes = TreeBytes(grid) + LayerBytes(grid) + other_bytes};
+      .memory_bytes = kOpenFileBytes + TreeBytes(grid) + LayerBytes(grid) + other_bytes};
   return std::make_unique<GridVolume<GridType>>(path, grid, component, box.min(), header);
 }
 

@@ -285,7 +285,7 @@ void WriteVdb(const std::string& folder, const Samples& samples) {
   testing::WriteVdbFile(folder + "/v.vdb", {grid});
 }
 
-class SourceTest : public ::testing::TestWithParam<Source> {
+class CommandTest : public ::testing::Test {
  protected:
   // Returns the file that a command writes to its --output from `input`. The cache is the test's
   // own.
@@ -310,6 +310,8 @@ class SourceTest : public ::testing::TestWithParam<Source> {
 
   testing::TempDir directory_;
 };
+
+class SourceTest : public CommandTest, public ::testing::WithParamInterface<Source> {};
 
 TEST_P(SourceTest, GivesWhatItsSamplesGiveAndChangesWithThem) {
   const Source& source = GetParam();
@@ -386,10 +388,9 @@ INSTANTIATE_TEST_SUITE_P(
         Source{.name = "Hdf5", .write = WriteHdf5, .input = "v.h5:/field"},
         Source{.name = "OpenPmdPattern",
                .write = WriteOpenPmd,
-               .input = "data%T.h5:rho",
+               .input = "data1%T.h5:rho",
                .directions = "(1.5,0,0) (0,2,0) (0,0,3)",
-               .origin = "(10,20,30)",
-               .flags = {"--step", "1"}},
+               .origin = "(10,20,30)"},
         Source{.name = "ItkHdf5",
                .write = WriteItkHdf5,
                .input = "v.h5",
@@ -410,6 +411,36 @@ INSTANTIATE_TEST_SUITE_P(
                .origin = "(10,20,30)"},
         Source{.name = "Vdb", .write = WriteVdb, .input = "v.vdb:density", .is_int32 = true}),
     [](const auto& test) { return std::string(test.param.name); });
+
+using PatternTest = CommandTest;
+
+// The files of a pattern are steps of one dataset.
+TEST_F(PatternTest, EachStepOfAPatternGivesThePictureOfItsSamples) {
+  const std::string folder = directory_.Sub("source");
+  fs::create_directory(folder);
+  const Samples samples{.now = testing::SampleField(testing::GyroidField(2), kDims,
+                                                    volume::ScalarType::kInt16, 300, 0),
+                        .before = ""};
+  ASSERT_NO_FATAL_FAILURE(WriteOpenPmd(folder, samples));
+  const std::string nrrd = directory_.Sub("reference.nrrd");
+  WriteFile(nrrd,
+            absl::StrCat("NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\n"
+                         "sizes: ",
+                         kDims.x, " ", kDims.y, " ", kDims.z,
+                         "\nspace directions: (1.5,0,0) (0,2,0) (0,0,3)\nspace origin: "
+                         "(10,20,30)\nendian: little\nencoding: raw\n\n",
+                         samples.now));
+  const std::string dataset = directory_.Sub("dataset");
+  const CommandResult partitioned =
+      testing::RunIsoscope({"partition", folder + "/data%T.h5", "--shards", "3", "--memory-limit",
+                            "128MiB", "--output", dataset},
+                           {});
+  ASSERT_EQ(partitioned.exit_code, 0) << partitioned.err;
+  const std::string expected = Output("render", nrrd, {});
+  EXPECT_TRUE(Output("render", dataset, {"--step", "1"}) == expected);
+  EXPECT_TRUE(Output("render", dataset, {"--time", "100"}) == expected);
+  EXPECT_FALSE(Output("render", dataset, {"--step", "0"}) == expected);
+}
 
 TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
   const testing::TempDir directory;

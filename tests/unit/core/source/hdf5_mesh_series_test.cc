@@ -57,7 +57,7 @@ class Hdf5MeshSeriesTest : public ::testing::Test {
     testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/Steps/Values", {times.size()},
                               H5T_NATIVE_DOUBLE, times.data());
     writer.Group("/VTKHDF/Steps/PointDataOffsets");
-    const std::vector<int> offsets(times.size(), 1);
+    const std::vector<int> offsets(times.size(), times.size() > 1 ? 1 : 0);
     testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/Steps/PointDataOffsets/v", {times.size()},
                               H5T_NATIVE_INT, offsets.data());
   }
@@ -352,13 +352,15 @@ TEST_F(Hdf5MeshSeriesTest, ChannelsOfImarisAreFieldsOnTheGridOfItsBorders) {
 TEST_F(Hdf5MeshSeriesTest, FilesOfImarisAreStepsByAPattern) {
   WriteImaris(dir_.Sub("a9.ims"), 1, "");
   WriteImaris(dir_.Sub("a10.ims"), 1, "", "3", 5000);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a*.ims")));
-  EXPECT_THAT(series->times(), ElementsAre(0, 1));
-  EXPECT_EQ(series->length_unit(), "um");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 2));
-  EXPECT_EQ(ValuesOf<float>(bytes)[3], 5104);
-  EXPECT_EQ(source->geometry().origin, (math::Vec3d{10.25, -1, 2}));
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a*.ims")));
+    EXPECT_THAT(series->times(), ElementsAre(0, 1));
+    EXPECT_EQ(series->length_unit(), "um");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 2));
+    EXPECT_EQ(ValuesOf<float>(bytes)[3], 5104);
+    EXPECT_EQ(source->geometry().origin, (math::Vec3d{10.25, -1, 2}));
+  }
   WriteImaris(dir_.Sub("a10.ims"), 1, "", "2");
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a*.ims")),
               StatusIs(kInvalid, AllOf(HasSubstr("a10.ims"), HasSubstr("2 x 2 x 2 samples"))));
