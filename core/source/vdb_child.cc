@@ -15,13 +15,14 @@
 #include <cstring>
 #include <exception>
 #include <limits>
+#include <map>
 #include <new>
 #include <stdexcept>
 #include <tuple>
 #include <type_traits>
+#include <unordered_map>
 #include <utility>
 
-#include "absl/container/flat_hash_map.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include <openvdb/openvdb.h>
@@ -119,7 +120,7 @@ std::int64_t LayerBytes(const GridType& grid) {
         sizeof(typename GridType::TreeType::LeafNodeType::Buffer) +
         GridType::TreeType::LeafNodeType::SIZE * sizeof(typename GridType::ValueType) +
         2 * kAllocationBytes + 4 * sizeof(void*));
-    absl::flat_hash_map<int, std::int64_t> layers;
+    std::map<int, std::int64_t> layers;
     for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
       if (leaf->buffer().isOutOfCore()) {
         std::int64_t& bytes = layers[leaf->origin().z()];
@@ -149,7 +150,7 @@ class GridVolume final : public VdbVolume {
   GridVolume(std::string path, const GridType& grid, int component, const Coord& first,
              const Header& header)
       : path_(std::move(path)),
-        accessor_(grid.getConstUnsafeAccessor()),
+        tree_(grid.constTree()),
         component_(component),
         first_(first),
         header_(header) {}
@@ -187,9 +188,9 @@ class GridVolume final : public VdbVolume {
   // The value of a cube without a leaf.
   [[nodiscard]] Value ConstantAt(const Coord& at) const {
     if constexpr (std::is_same_v<GridType, openvdb::MaskGrid>) {
-      return accessor_.isValueOn(at);
+      return tree_.isValueOn(at);
     } else {
-      return accessor_.getValue(at);
+      return tree_.getValue(at);
     }
   }
 
@@ -217,7 +218,7 @@ class GridVolume final : public VdbVolume {
       const std::int64_t run = std::min(header_.dims.x - x, side);
       const Coord begin =
           first_.offsetBy(static_cast<int>(x), static_cast<int>(y), static_cast<int>(z));
-      const Leaf* const leaf = accessor_.probeConstLeaf(begin);
+      const Leaf* const leaf = tree_.probeConstLeaf(begin);
       const Value constant = leaf == nullptr ? ConstantAt(begin) : Value();
       const Value* values = nullptr;
       if constexpr (!kIsVdbBits<GridType>) {
@@ -241,14 +242,14 @@ class GridVolume final : public VdbVolume {
   }
 
   const std::string path_;
-  const typename GridType::ConstUnsafeAccessor accessor_;
+  const typename GridType::TreeType& tree_;  // not by an accessor, which loads leaves
   const int component_;
   const Coord first_;
   const Header header_;
   const std::int64_t sample_bytes_ = static_cast<std::int64_t>(volume::SizeOf(header_.type));
   const std::int64_t row_bytes_ = header_.dims.x * sample_bytes_;
   std::int64_t loaded_layer_ = std::numeric_limits<std::int64_t>::min();
-  absl::flat_hash_map<const Leaf*, std::unique_ptr<Buffer>> loaded_;  // in that layer
+  std::unordered_map<const Leaf*, std::unique_ptr<Buffer>> loaded_;  // in that layer
 };
 
 class VdbFile {
