@@ -83,7 +83,8 @@ std::string LayoutHeaderPath(const std::string& path) {
     const char* samples;
     std::array<const char*, 3> headers;  // null behind the last one
   };
-  constexpr std::array<Pair, 6> kPairs{{{".img", {".hdr", ".HDR", ".hdr.gz"}},
+  constexpr std::array<Pair, 7> kPairs{{{".img", {".hdr", ".HDR", ".hdr.gz"}},
+                                        {"2dseq", {"visu_pars"}},
                                         {".rec", {".PAR", ".par"}},
                                         {".img.gz", {".hdr", ".HDR", ".hdr.gz"}},
                                         {".brik", {".HEAD", ".head"}},

@@ -22,9 +22,10 @@ bool IsMghHeader(
 bool IsAfniHeader(absl::string_view head);
 bool IsParHeader(absl::string_view head);
 bool IsGiplHeader(absl::string_view head);
+bool IsBrukerHeader(absl::string_view head);
 
 // The header beside a file of samples: "a.hdr" or "a.hdr.gz" for "a.img" and "a.img.gz", "a.HEAD"
-// for "a.BRIK.gz", "a.PAR" for "a.REC"; else `path` itself.
+// for "a.BRIK.gz", "a.PAR" for "a.REC", "visu_pars" for "2dseq"; else `path` itself.
 std::string LayoutHeaderPath(const std::string& path);
 
 // The readers of headers. A grid that is sheared is read as it is: MakeLayoutSeries refuses it.
@@ -49,6 +50,9 @@ absl::StatusOr<FileLayout> ReadAfniLayout(const std::string& path);
 absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path);
 // GIPL, also as a gzip stream. A fourth axis makes steps without a time.
 absl::StatusOr<FileLayout> ReadGiplLayout(const std::string& path);
+// Reconstructions of Bruker's ParaVision: visu_pars with 2dseq. Images of several kinds and coils
+// are fields; echoes, cycles and other groups of frames are steps without a time.
+absl::StatusOr<FileLayout> ReadBrukerLayout(const std::string& path);
 
 }  // namespace isoscope::source
 

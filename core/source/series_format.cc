@@ -139,6 +139,7 @@ const std::vector<SeriesFormat>& SeriesFormats() {
       LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
       LayoutRow<IsGiplHeader, ReadGiplLayout>("GIPL", {".gipl", ".gipl.gz"}),
+      LayoutRow<IsBrukerHeader, ReadBrukerLayout>("ParaVision", {"2dseq", "visu_pars"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,

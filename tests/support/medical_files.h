@@ -10,9 +10,11 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/math/vec.h"
 
@@ -199,6 +201,65 @@ inline std::string ParBytes(const std::string& images, const std::string& angles
       ".    Angulation midslice(ap,fh,rl)[degr]:   ", angles, "\n",
       ".    Off Centre midslice(ap,fh,rl) [mm] :   10 20 30\n#\n#  sl ec dyn ...\n\n", images,
       "\n# === END OF DATA DESCRIPTION FILE ===\n");
+}
+
+// The parameters of a ParaVision reconstruction of frames of 4 x 3 samples, each 2 x 1.5 mm.
+struct BrukerScan {
+  struct Group {
+    int count = 1;
+    std::string name{};
+  };
+  int slices = 3;
+  bool is_volume = false;         // frames of this many slices; else a frame is one
+  std::vector<Group> groups{};    // empty: FG_SLICE, or none of a volume
+  std::vector<double> slopes{2};  // one, or by frame
+  std::vector<double> offsets{0};
+  std::string axes = "1 0 0 0 1 0 0 0 1";
+  math::Vec3d slice_step{0, 0, 3};  // from (10, 20, 30) on
+  std::string type = "_16BIT_SGN_INT";
+  std::string byte_order = "littleEndian";
+  std::string more{};
+};
+
+inline std::string BrukerText(BrukerScan scan) {
+  if (scan.groups.empty() && !scan.is_volume) {
+    scan.groups = {{scan.slices, "FG_SLICE"}};
+  }
+  int frames = 1;
+  std::string groups;
+  for (const BrukerScan::Group& group : scan.groups) {
+    frames *= group.count;
+    absl::StrAppend(&groups, groups.empty() ? "" : " ", "(", group.count, ", <", group.name,
+                    ">, <a (b)>, 0, 2)");
+  }
+  const int places = scan.is_volume ? 1 : scan.slices;
+  std::vector<std::string> axes;
+  std::vector<std::string> positions;
+  for (int i = 0; i < places; ++i) {
+    axes.push_back(scan.axes);
+    const math::Vec3d at = math::Vec3d{10, 20, 30} + scan.slice_step * static_cast<double>(i);
+    positions.push_back(absl::StrFormat("%g %g %g", at.x, at.y, at.z));
+  }
+  const auto array = [](std::size_t count, const std::string& values) {
+    return absl::StrCat("( ", count, " )\n", values, "\n");
+  };
+  return absl::StrCat(
+      "##TITLE=Parameter List\n##JCAMPDX=4.24\n$$ a comment\n##$VisuVersion=1\n"
+      "##$VisuCoreFrameCount=",
+      frames, "\n##$VisuCoreDim=", scan.is_volume ? 3 : 2, "\n##$VisuCoreSize=",
+      scan.is_volume ? array(3, absl::StrCat("4 3 ", scan.slices)) : array(2, "4 3"),
+      "##$VisuCoreDimDesc=",
+      scan.is_volume ? array(3, "spatial spatial spatial") : array(2, "spatial spatial"),
+      "##$VisuCoreExtent=",
+      scan.is_volume ? array(3, absl::StrCat("8 4.5 ", 3 * scan.slices)) : array(2, "8 4.5"),
+      "##$VisuCoreFrameThickness=", array(1, "2.5"), "##$VisuCoreOrientation=( ", places, ", 9 )\n",
+      absl::StrJoin(axes, " "), "\n##$VisuCorePosition=( ", places, ", 3 )\n",
+      absl::StrJoin(positions, " "),
+      "\n##$VisuCoreDataOffs=", array(scan.offsets.size(), absl::StrJoin(scan.offsets, " ")),
+      "##$VisuCoreDataSlope=", array(scan.slopes.size(), absl::StrJoin(scan.slopes, " ")),
+      "##$VisuCoreWordType=", scan.type, "\n##$VisuCoreByteOrder=", scan.byte_order, "\n",
+      groups.empty() ? "" : absl::StrCat("##$VisuFGOrderDesc=", array(scan.groups.size(), groups)),
+      scan.more, "##END=\n");
 }
 
 }  // namespace isoscope::testing

@@ -1,5 +1,5 @@
-// NIfTI-2 (one file, a stream, a pair), Analyze, MGH, AFNI, PAR/REC and GIPL. The first byte
-// chooses.
+// NIfTI-2 (one file, a stream, a pair), Analyze, MGH, AFNI, PAR/REC, GIPL and ParaVision. The first
+// byte chooses.
 
 #include <cstddef>
 #include <cstdint>
@@ -25,6 +25,7 @@ enum Kind : std::uint8_t {
   kAfni,
   kParRec,
   kGipl,
+  kBruker,
   kKinds
 };
 
@@ -57,6 +58,10 @@ std::vector<std::string> Seeds() {
       Seed(kMgz, testing::Gzip(testing::MghBytes({.type = 3}) + samples)),
       Seed(kGipl, testing::GiplBytes({}) + samples),
       Seed(kGipl, testing::GiplBytes({.steps = 2, .type = 64}) + samples),
+      Seed(kBruker, testing::BrukerText({})),
+      Seed(kBruker, testing::BrukerText({.groups = {{2, "FG_ISA"}, {3, "FG_SLICE"}},
+                                         .slopes = {1, 2, 3, 4, 5, 6}})),
+      Seed(kBruker, testing::BrukerText({.is_volume = true, .groups = {{2, "FG_ECHO"}}})),
       Seed(kAfni, AfniBytes(1, "1", "0.5")),
       Seed(kAfni, AfniBytes(3, "1 1 1", "0 0 1", AfniText("BRICK_LABS", "a~b~a"))),
       Seed(kAfni, AfniBytes(2, "0 0", "0 0",
@@ -74,10 +79,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace isoscope::fuzz;
   Input input(data, size);
   const std::uint8_t kind = input.Byte() % kKinds;
-  constexpr const char* kNames[] = {"v.nii", "v.nii.gz", "w.hdr",  "unnamed", "w.hdr",
-                                    "v.mgh", "v.mgz",    "v.HEAD", "v.PAR",   "v.gipl"};
+  constexpr const char* kNames[] = {"v.nii", "v.nii.gz", "w.hdr", "unnamed", "w.hdr",    "v.mgh",
+                                    "v.mgz", "v.HEAD",   "v.PAR", "v.gipl",  "visu_pars"};
   WriteVolumeFile(kNames[kind], input.Rest());
-  for (const char* samples : {"w.img", "v.BRIK", "v.REC"}) {
+  for (const char* samples : {"w.img", "v.BRIK", "v.REC", "2dseq"}) {
     WriteVolumeFile(samples, std::string(600, 'c'));
   }
   OpenAndReadSeries(InVolumeFolder(kNames[kind]));

@@ -11,6 +11,7 @@
 #include <sys/mount.h>
 #include <sys/wait.h>
 
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::source {
@@ -65,7 +66,7 @@ TEST(DecoderModuleTest, WithoutProcNoModuleIsLoaded) {
   ASSERT_EQ(::waitpid(child, &state, 0), child);
   ASSERT_TRUE(WIFEXITED(state));
   if (WEXITSTATUS(state) == kNotPermitted) {
-    GTEST_SKIP() << "no namespace may be made here";
+    ISOSCOPE_SKIP("namespaces", "no namespace may be made here (user namespaces)");
   }
   EXPECT_EQ(WEXITSTATUS(state), 0);
 }

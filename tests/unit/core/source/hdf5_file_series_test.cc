@@ -137,7 +137,8 @@ TEST_F(Hdf5FileSeriesTest, EachPatternOpensAllFilesAsSteps) {
 }
 
 TEST_F(Hdf5FileSeriesTest, AMarkStandsForDigitsAlone) {
-  for (const std::string file : {"a9.h5", "a10.h5", "a10_copy.h5", "ab.h5", "a*1.h5"}) {
+  for (const std::string file :
+       {"a9.h5", "a10.h5", "a10_copy.h5", "ab.h5", "a*1.h5", "c[d]7.h5", "cd7.h5"}) {
     WriteIteration(file, 9, 9);
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfHdf5Pattern(dir_.Sub("a%T.h5")));
@@ -146,6 +147,8 @@ TEST_F(Hdf5FileSeriesTest, AMarkStandsForDigitsAlone) {
   // Other characters of such a pattern stand for themselves.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto star, FilesOfHdf5Pattern(dir_.Sub("a*%01T.h5")));
   EXPECT_THAT(star.value(), ElementsAre(dir_.Sub("a*1.h5")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto brackets, FilesOfHdf5Pattern(dir_.Sub("c[d]%T.h5")));
+  EXPECT_THAT(brackets.value(), ElementsAre(dir_.Sub("c[d]7.h5")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto padded, FilesOfHdf5Pattern(dir_.Sub("a%02T.h5")));
   EXPECT_THAT(padded.value(), ElementsAre(dir_.Sub("a10.h5")));
   for (const std::string name : {"a*1.h5", "no.h5", "a%dT.h5", "a%5T.h5", "a%.h5"}) {
@@ -205,11 +208,15 @@ TEST_F(Hdf5FileSeriesTest, TheFileThatDiffersIsNamedWithItsValues) {
     EXPECT_THAT(OpenVolumeSeries(dir_.Sub("data*.h5")),
                 StatusIs(kInvalid, AllOf(HasSubstr("data00000090.h5"), HasSubstr(bad.expected))));
   }
-  // More fields than the first has are passed over.
-  WriteIteration("data00000000.h5", 0, 0, {.lacks = "rho"});
+  // More fields than the first has are passed over, also one in front of its own.
+  WriteIteration("data00000000.h5", 0, 0, {.lacks = "E"});
   WriteIteration("data00000090.h5", 90, 90);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("data*.h5")));
-  EXPECT_EQ(series->fields().size(), 1u);
+  ASSERT_EQ(series->fields().size(), 1u);
+  EXPECT_EQ(series->fields()[0].name, "rho");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto rho, series->Open(0, 0, 1));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*rho, 1));
+  EXPECT_EQ(ValuesOf<float>(bytes)[7], 97);
 }
 
 TEST_F(Hdf5FileSeriesTest, ADamagedFileAmongOthersIsNamed) {

@@ -169,6 +169,9 @@ TEST_F(Hdf5MeshSeriesTest, FilesOfVtkHdfAreStepsByAPattern) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*p, 1));
     EXPECT_EQ(ValuesOf<float>(read)[7], 107);
   }
+  // A file alone has no time, as without a pattern.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeSeries(dir_.Sub("a9*.vtkhdf")));
+  EXPECT_TRUE(one->times().empty());
   WriteImage(dir_.Sub("b10.h5"), {4, 5});
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("b*.h5")),
               StatusIs(kInvalid, AllOf(HasSubstr("b10.h5"), HasSubstr("2 steps"))));

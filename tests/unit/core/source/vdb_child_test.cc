@@ -69,7 +69,7 @@ std::int64_t HeapBytes() {
 
 TEST(VdbChildTest, ADenseGridIsReadInAnyOrderWithTheTreeAndOneLayerInMemory) {
   constexpr std::int64_t kSide = 64;
-  constexpr std::int64_t kPlanes = 512;
+  constexpr std::int64_t kPlanes = 1024;
   constexpr std::int64_t kRowBytes = kSide * 4;
   const testing::TempDir dir;
   const VdbFileGrid grid{
