@@ -42,6 +42,12 @@ class Hdf5MeshWriter {
     Put(object, name, H5T_NATIVE_DOUBLE, numbers.size(), numbers.data());
     H5Oclose(object);
   }
+  // A number of 32 bits.
+  void Float(const std::string& path, const std::string& name, float number) {
+    const hid_t object = H5Oopen(file_, path.c_str(), H5P_DEFAULT);
+    Put(object, name, H5T_NATIVE_FLOAT, 1, &number);
+    H5Oclose(object);
+  }
   // A text as an array of single characters, as Imaris writes it.
   void Characters(const std::string& path, const std::string& name, const std::string& text) {
     const hid_t object = H5Oopen(file_, path.c_str(), H5P_DEFAULT);

@@ -70,7 +70,7 @@ class BrukerLayoutTest : public ::testing::Test {
       region.SetSize(axis, io->GetDimensions(axis));
     }
     io->SetIORegion(region);
-    std::vector<float> samples(io->GetImageSizeInPixels());
+    std::vector<float> samples(static_cast<std::size_t>(io->GetImageSizeInPixels()));
     io->Read(samples.data());
     return samples;
   }

@@ -210,7 +210,7 @@ TEST_F(Hdf5MeshSeriesTest, StaggeredComponentsAreFieldsOfTheirOwn) {
 // A scalar record and a component that are groups, in place of datasets.
 TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
   const std::string path = dir_.Sub("a.h5");
-  const auto write = [&](const std::vector<double>& shape) {
+  const auto write = [&](const std::vector<double>& shape, bool is_single = false) {
     Hdf5MeshWriter writer(path);
     writer.Texts("/", "openPMD", {"1.1.0"});
     writer.Texts("/", "meshesPath", {"fields/"});
@@ -223,7 +223,11 @@ TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
       Record(&writer, record, "C");
     }
     for (const char* constant : {"/data/5/fields/rho", "/data/5/fields/B/x"}) {
-      writer.Numbers(constant, "value", {-0.1});
+      if (is_single) {
+        writer.Float(constant, "value", -0.1F);
+      } else {
+        writer.Numbers(constant, "value", {-0.1});
+      }
       writer.Numbers(constant, "shape", shape);
     }
   };
@@ -239,6 +243,11 @@ TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 1));
     EXPECT_EQ(ValuesOf<double>(bytes), std::vector<double>(24, -0.1));
   }
+  write({2, 3, 4}, true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto single, OpenVolumeFile(path + ":rho"));
+  EXPECT_EQ(single->scalar_type(), volume::ScalarType::kFloat32);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string floats, ReadAll(*single, 1));
+  EXPECT_EQ(ValuesOf<float>(floats), std::vector<float>(24, -0.1F));
   // Shapes that are none leave the components out.
   for (const std::vector<double>& shape :
        {std::vector<double>{2, 3}, {2, 3, 0}, {2, 3, -4}, {2, 3, 1e300}, {2, 3, 4, 5}}) {
