@@ -7,8 +7,6 @@
 //   80 64
 //   ##$VisuCoreExtent=( 2 )                 its size in mm, from border to border
 //   44 44
-//   ##$VisuCoreFrameThickness=( 1 )         mm
-//   2
 //   ##$VisuCoreOrientation=( 5, 9 )         by slice: the directions of x, y and the normal
 //   1 0 0 0 0 -1 0 1 0 @4*(...)             @N*(...) repeats
 //   ##$VisuCorePosition=( 5, 3 )            by slice: its first corner; of a slice in its middle
@@ -165,12 +163,13 @@ class BrukerHeader {
     while (!text.empty()) {
       const std::size_t end = EndOfTuple(text);
       const std::vector<absl::string_view> parts = absl::StrSplit(text.substr(0, end), ',');
+      const absl::string_view whole = text;
       FrameGroup group;
       if (end == text.npos || parts.size() < 2 || !absl::ConsumePrefix(&text, "(") ||
           !absl::SimpleAtoi(parts[0].substr(1), &group.count) || group.count < 1 ||
           group.count > kMaxBrukerFrames) {
         return Error(absl::StrFormat("VisuFGOrderDesc has \"%s\"; expected (COUNT, <NAME>, ...)",
-                                     text.substr(0, 20)));
+                                     whole.substr(0, 20)));
       }
       absl::string_view name = absl::StripAsciiWhitespace(parts[1]);
       absl::ConsumePrefix(&name, "<");
@@ -422,12 +421,11 @@ absl::Status SetBrukerGrid(const BrukerHeader& header, const FrameOrder& order, 
     steps.at(axis) = axes.at(axis) * (extent[axis] / sizes[axis]);
     first = first + steps.at(axis) * 0.5;  // from the corner to the middle of the first sample
   }
+  if (is_sliced) {
+    steps[2] = axes[2];  // of one slice, which is refused by its number
+  }
   if (is_sliced && slices > 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(steps[2], SliceStep(header, positions, axes[2]));
-  } else if (is_sliced) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> thickness,
-                              header.Numbers("VisuCoreFrameThickness", {1}));
-    steps[2] = axes[2] * thickness[0];
   }
   AffineRows rows;
   for (int world = 0; world < 3; ++world) {

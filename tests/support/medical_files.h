@@ -244,7 +244,8 @@ inline std::string BrukerText(BrukerScan scan) {
     return absl::StrCat("( ", count, " )\n", values, "\n");
   };
   return absl::StrCat(
-      "##TITLE=Parameter List\n##JCAMPDX=4.24\n$$ a comment\n##$VisuVersion=1\n"
+      "##TITLE=Parameter List\n##JCAMPDX=4.24\n##DATATYPE=Parameter Values\n##ORIGIN=a\n"
+      "##OWNER=b\n$$ a date\n$$ a path\n##$VisuVersion=1\n"
       "##$VisuCoreFrameCount=",
       frames, "\n##$VisuCoreDim=", scan.is_volume ? 3 : 2, "\n##$VisuCoreSize=",
       scan.is_volume ? array(3, absl::StrCat("4 3 ", scan.slices)) : array(2, "4 3"),
@@ -252,9 +253,8 @@ inline std::string BrukerText(BrukerScan scan) {
       scan.is_volume ? array(3, "spatial spatial spatial") : array(2, "spatial spatial"),
       "##$VisuCoreExtent=",
       scan.is_volume ? array(3, absl::StrCat("8 4.5 ", 3 * scan.slices)) : array(2, "8 4.5"),
-      "##$VisuCoreFrameThickness=", array(1, "2.5"), "##$VisuCoreOrientation=( ", places, ", 9 )\n",
-      absl::StrJoin(axes, " "), "\n##$VisuCorePosition=( ", places, ", 3 )\n",
-      absl::StrJoin(positions, " "),
+      "##$VisuCoreOrientation=( ", places, ", 9 )\n", absl::StrJoin(axes, " "),
+      "\n##$VisuCorePosition=( ", places, ", 3 )\n", absl::StrJoin(positions, " "),
       "\n##$VisuCoreDataOffs=", array(scan.offsets.size(), absl::StrJoin(scan.offsets, " ")),
       "##$VisuCoreDataSlope=", array(scan.slopes.size(), absl::StrJoin(scan.slopes, " ")),
       "##$VisuCoreWordType=", scan.type, "\n##$VisuCoreByteOrder=", scan.byte_order, "\n",
