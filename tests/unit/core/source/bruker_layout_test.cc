@@ -116,7 +116,16 @@ TEST_F(BrukerLayoutTest, SamplesAreThoseThatItkReads) {
   };
   for (const Case& c : cases) {
     SCOPED_TRACE(c.name);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(BrukerText(c.scan), Planes(3 * c.steps)));
+    BrukerScan scan = c.scan;
+    // Of each frame, since ITK 5.2 reads behind the end of a shorter list.
+    const int frames = (scan.is_volume ? 1 : 3) * c.steps;
+    scan.slopes.clear();
+    scan.offsets.clear();
+    for (int frame = 0; frame < frames; ++frame) {
+      scan.slopes.push_back(0.5 + frame);
+      scan.offsets.push_back(frame % 2 - 3);
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(BrukerText(scan), Planes(3 * c.steps)));
     EXPECT_EQ(series->step_count(), c.steps);
     EXPECT_EQ(ReadByUs(series.get()), ReadByItk());
   }
