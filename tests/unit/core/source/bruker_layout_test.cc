@@ -132,6 +132,15 @@ TEST_F(BrukerLayoutTest, SamplesAreThoseThatItkReads) {
   }
 }
 
+TEST_F(BrukerLayoutTest, FramesWithoutGroupsAreSlices) {
+  std::string text = BrukerText({});
+  const std::size_t at = text.find("##$VisuFGOrderDesc");
+  text = text.substr(0, at) + "##END=\n";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(text, Planes(3)));
+  EXPECT_EQ(series->step_count(), 1);
+  EXPECT_EQ(ReadByUs(series.get())[35], 2 * 211);
+}
+
 TEST_F(BrukerLayoutTest, OneSlopeIsThatOfAllFrames) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
                                 Open(BrukerText({.slopes = {0.25}, .offsets = {7}}), Planes(3)));
@@ -262,6 +271,8 @@ TEST_F(BrukerLayoutTest, WhatIsNoPlainVolumeIsRefusedWithItsNumbers) {
               StatusIs(kInvalid, HasSubstr("VisuCorePosition has 8 numbers; expected 3 or 9")));
   EXPECT_THAT(Error(with("##END=\n", "")), StatusIs(kInvalid, HasSubstr("no ##END")));
   EXPECT_THAT(Error(with("\n2 2 2\n", "\n@99999999999*(1)\n")),
+              StatusIs(kInvalid, HasSubstr("more than")));
+  EXPECT_THAT(Error(with("\n2 2 2\n", "\n@9223372036854775808*(1 1)\n")),  // 2 to the 63
               StatusIs(kInvalid, HasSubstr("more than")));
   EXPECT_THAT(Error(with("\n2 2 2\n", "\n@2*1\n")), StatusIs(kInvalid, HasSubstr("@COUNT")));
   EXPECT_THAT(Error(good, Planes(2)).message(), HasSubstr("2dseq"));
