@@ -10,6 +10,7 @@
 
 #include "core/base/coding.h"
 #include "core/io/file.h"
+#include "core/source/part_path.h"
 
 namespace isoscope::source {
 namespace {
@@ -91,7 +92,7 @@ std::string LayoutHeaderPath(const std::string& path) {
                                         {".brik.gz", {".HEAD", ".head"}},
                                         {".brik.bz2", {".HEAD", ".head"}}}};
   for (const Pair& pair : kPairs) {
-    if (absl::EndsWithIgnoreCase(path, pair.samples)) {
+    if (HasEnding(path, pair.samples)) {
       const std::string stem = path.substr(0, path.size() - std::string(pair.samples).size());
       for (const char* header : pair.headers) {
         if (header != nullptr && io::PathExists(stem + header)) {

@@ -7,12 +7,17 @@
 
 namespace isoscope::source {
 
+bool HasEnding(const std::string& path, absl::string_view ending) {
+  return absl::EndsWithIgnoreCase(path, ending) &&
+         (absl::StartsWith(ending, ".") || path.size() == ending.size() ||
+          path[path.size() - ending.size() - 1] == '/');
+}
+
 bool SplitPartPath(const std::string& path, const std::vector<std::string>& endings,
                    PartPath* parts) {
   const auto is_file = [&](const std::string& name) {
-    return std::any_of(endings.begin(), endings.end(), [&](const std::string& ending) {
-      return absl::EndsWithIgnoreCase(name, ending);
-    });
+    return std::any_of(endings.begin(), endings.end(),
+                       [&](const std::string& ending) { return HasEnding(name, ending); });
   };
   if (is_file(path)) {
     *parts = {path, ""};

@@ -20,7 +20,7 @@ namespace isoscope::source {
 
 struct SeriesFormat {
   absl::string_view name;            // "MRC"
-  std::vector<std::string> endings;  // in lower case: ".mrc"; none: content alone decides
+  std::vector<std::string> endings;  // in lower case: ".mrc", or HasEnding; none: content decides
   bool has_field_names = false;      // else the only field has the name of the file
   absl::string_view more_names{};    // what else a path may be, for people
   // True if the first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are

@@ -106,7 +106,7 @@ std::string FieldNameOf(absl::string_view path) {
   }
   for (const SeriesFormat& format : SeriesFormats()) {
     for (const std::string& ending : format.endings) {
-      if (absl::EndsWithIgnoreCase(name, ending)) {
+      if (HasEnding(std::string(name), ending)) {
         name.remove_suffix(ending.size());
       }
     }

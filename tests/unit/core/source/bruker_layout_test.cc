@@ -226,6 +226,7 @@ TEST_F(BrukerLayoutTest, EitherFileOpensAndBothAreItsFiles) {
   ISOSCOPE_ASSERT_OK(OpenVolumeFile(dir_.Sub("visu_pars")).status());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path_));
   EXPECT_THAT(files, ElementsAre(dir_.Sub("visu_pars"), path_));
+  EXPECT_EQ(LayoutHeaderPath("my2dseq"), "my2dseq");
 }
 
 TEST_F(BrukerLayoutTest, RepeatedNumbersAndCommentsAreRead) {

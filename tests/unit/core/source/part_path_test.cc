@@ -32,5 +32,18 @@ TEST(PartPathTest, FilesAndTheirPartsAreTold) {
   }
 }
 
+TEST(PartPathTest, AnEndingWithoutADotIsAWholeName) {
+  PartPath parts;
+  for (const char* path : {"2dseq", "/d/2dseq", "/d/2DSEQ"}) {
+    ASSERT_TRUE(SplitPartPath(path, {"2dseq"}, &parts)) << path;
+    EXPECT_EQ(parts.file, path);
+  }
+  ASSERT_TRUE(SplitPartPath("d/2dseq:isa 2", {"2dseq"}, &parts));
+  EXPECT_EQ(parts.part, "isa 2");
+  for (const char* path : {"my2dseq", "/d/my2dseq:part", "2dseq.nii", "seq"}) {
+    EXPECT_FALSE(SplitPartPath(path, {"2dseq"}, &parts)) << path;
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::source

@@ -32,7 +32,7 @@ TEST(SeriesFormatTest, EndingsAreInLowerCaseAndBelongToOneFormat) {
     for (const std::string& ending : format.endings) {
       EXPECT_TRUE(endings.insert(ending).second) << ending;
       EXPECT_EQ(ending, absl::AsciiStrToLower(ending));
-      EXPECT_EQ(ending.front(), '.');
+      EXPECT_EQ(ending.front() == '.', format.name != "ParaVision") << ending;
     }
   }
 }
