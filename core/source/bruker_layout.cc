@@ -1,5 +1,5 @@
 // A reconstruction of Bruker's ParaVision is a folder, pdata/1: 2dseq holds the samples, and
-// visu_pars, in JCAMP-DX, describes them:
+// visu_pars (jcamp_parameters.h) describes them:
 //
 //   ##$VisuCoreFrameCount=10
 //   ##$VisuCoreDim=2                        a frame is a slice; 3: a volume
@@ -8,7 +8,7 @@
 //   ##$VisuCoreExtent=( 2 )                 its size in mm, from border to border
 //   44 44
 //   ##$VisuCoreOrientation=( 5, 9 )         by slice: the directions of x, y and the normal
-//   1 0 0 0 0 -1 0 1 0 @4*(...)             @N*(...) repeats
+//   1 0 0 0 0 -1 0 1 0 ...
 //   ##$VisuCorePosition=( 5, 3 )            by slice: its first corner; of a slice in its middle
 //   -22 -21.2 -4 ...
 //   ##$VisuCoreDataSlope=( 10 )             by frame: value = slope * stored + VisuCoreDataOffs
@@ -28,9 +28,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -40,23 +38,20 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/affine_grid.h"
+#include "core/source/jcamp_parameters.h"
 #include "core/source/layout_formats.h"
-#include "core/source/text_header.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr std::int64_t kMaxBrukerSize = 65'536;  // of an axis
 constexpr std::int64_t kMaxBrukerFrames = 1'000'000;
-// Numbers of one parameter: an orientation is nine for a frame.
-constexpr std::size_t kMaxBrukerNumbers = std::size_t{9} * kMaxBrukerFrames;
 // Of positions and directions, which are rounded texts; a share of the distance.
 constexpr double kMaxBrukerDeviation = 1e-3;
 
@@ -77,150 +72,32 @@ std::size_t EndOfTuple(absl::string_view text) {
   return absl::string_view::npos;
 }
 
-class BrukerHeader {
- public:
-  explicit BrukerHeader(std::string path) : path_(std::move(path)) {}
-
-  void Set(absl::string_view name, absl::string_view text) {
-    parameters_[std::string(name)] = std::string(text);
-  }
-
-  // Without "( 5, 3 )" in front; "" if it is absent.
-  [[nodiscard]] absl::string_view Text(const std::string& name) const {
-    const auto found = parameters_.find(name);
-    absl::string_view text = found == parameters_.end() ? absl::string_view() : found->second;
-    if (const std::size_t end = text.find(')'); absl::StartsWith(text, "( ") && end != text.npos) {
-      text.remove_prefix(end + 1);
+// None if frames have no groups.
+absl::StatusOr<std::vector<FrameGroup>> ReadGroups(const JcampParameters& header) {
+  std::vector<FrameGroup> groups;
+  absl::string_view text = header.Text("VisuFGOrderDesc");
+  while (!text.empty()) {
+    const std::size_t end = EndOfTuple(text);
+    const std::vector<absl::string_view> parts = absl::StrSplit(text.substr(0, end), ',');
+    const absl::string_view whole = text;
+    FrameGroup group;
+    if (end == text.npos || parts.size() < 2 || !absl::ConsumePrefix(&text, "(") ||
+        !absl::SimpleAtoi(parts[0].substr(1), &group.count) || group.count < 1 ||
+        group.count > kMaxBrukerFrames) {
+      return header.Error(absl::StrFormat(
+          "VisuFGOrderDesc has \"%s\"; expected (COUNT, <NAME>, ...)", whole.substr(0, 20)));
     }
-    return absl::StripAsciiWhitespace(text);
+    absl::string_view name = absl::StripAsciiWhitespace(parts[1]);
+    absl::ConsumePrefix(&name, "<");
+    absl::ConsumeSuffix(&name, ">");
+    group.name = std::string(name);
+    groups.push_back(std::move(group));
+    text = absl::StripLeadingAsciiWhitespace(text.substr(end));
   }
-
-  // None if it is absent. INVALID_ARGUMENT: something else.
-  [[nodiscard]] absl::StatusOr<std::vector<double>> Numbers(const std::string& name) const {
-    std::vector<double> numbers;
-    absl::string_view text = Text(name);
-    while (!text.empty()) {
-      std::size_t repeats = 1;
-      absl::string_view run = text.substr(0, text.find('@'));
-      if (run.empty()) {  // "@4*(0 1) 2 3"
-        const std::size_t begin = text.find("*(");
-        const std::size_t end = text.find(')');
-        if (begin == text.npos || end == text.npos || end < begin ||
-            !absl::SimpleAtoi(text.substr(1, begin - 1), &repeats)) {
-          return Error(absl::StrFormat("%s has \"%s\"; expected @COUNT*(NUMBERS)", name,
-                                       text.substr(0, 20)));
-        }
-        run = text.substr(begin + 2, end - begin - 2);
-        text.remove_prefix(end + 1);
-      } else {
-        text.remove_prefix(run.size());
-      }
-      text = absl::StripLeadingAsciiWhitespace(text);
-      std::vector<double> read;
-      for (const absl::string_view word :
-           absl::StrSplit(run, absl::ByAnyChar(" \t\n"), absl::SkipEmpty())) {
-        if (!absl::SimpleAtod(word, &read.emplace_back()) || !std::isfinite(read.back())) {
-          return Error(
-              absl::StrFormat("%s has \"%s\"; expected numbers", name, word.substr(0, 20)));
-        }
-      }
-      if (repeats > kMaxBrukerNumbers ||
-          read.size() * repeats > kMaxBrukerNumbers - numbers.size()) {
-        return Error(absl::StrFormat("%s has more than %d numbers", name, kMaxBrukerNumbers));
-      }
-      for (; repeats > 0; --repeats) {
-        numbers.insert(numbers.end(), read.begin(), read.end());
-      }
-    }
-    return numbers;
-  }
-
-  // As Numbers, in a number that may be.
-  [[nodiscard]] absl::StatusOr<std::vector<double>> Numbers(
-      const std::string& name, const std::set<std::size_t>& counts) const {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> numbers, Numbers(name));
-    if (!counts.contains(numbers.size())) {
-      return Error(absl::StrFormat("%s has %d numbers; expected %s", name, numbers.size(),
-                                   absl::StrJoin(counts, " or ")));
-    }
-    return numbers;
-  }
-
-  [[nodiscard]] absl::StatusOr<std::int64_t> Count(const std::string& name,
-                                                   std::int64_t most) const {
-    std::int64_t count = 0;
-    if (!absl::SimpleAtoi(Text(name), &count) || count < 1 || count > most) {
-      return Error(
-          absl::StrFormat("%s is \"%s\"; expected 1 to %d", name, Text(name).substr(0, 20), most));
-    }
-    return count;
-  }
-
-  // None if frames have no groups.
-  [[nodiscard]] absl::StatusOr<std::vector<FrameGroup>> Groups() const {
-    std::vector<FrameGroup> groups;
-    absl::string_view text = Text("VisuFGOrderDesc");
-    while (!text.empty()) {
-      const std::size_t end = EndOfTuple(text);
-      const std::vector<absl::string_view> parts = absl::StrSplit(text.substr(0, end), ',');
-      const absl::string_view whole = text;
-      FrameGroup group;
-      if (end == text.npos || parts.size() < 2 || !absl::ConsumePrefix(&text, "(") ||
-          !absl::SimpleAtoi(parts[0].substr(1), &group.count) || group.count < 1 ||
-          group.count > kMaxBrukerFrames) {
-        return Error(absl::StrFormat("VisuFGOrderDesc has \"%s\"; expected (COUNT, <NAME>, ...)",
-                                     whole.substr(0, 20)));
-      }
-      absl::string_view name = absl::StripAsciiWhitespace(parts[1]);
-      absl::ConsumePrefix(&name, "<");
-      absl::ConsumeSuffix(&name, ">");
-      group.name = std::string(name);
-      groups.push_back(std::move(group));
-      text = absl::StripLeadingAsciiWhitespace(text.substr(end));
-    }
-    return groups;
-  }
-
-  [[nodiscard]] absl::Status Error(const std::string& what) const {
-    return absl::InvalidArgumentError(absl::StrCat(path_, ": ParaVision parameters: ", what));
-  }
-
- private:
-  const std::string path_;
-  std::map<std::string, std::string> parameters_;
-};
-
-absl::StatusOr<BrukerHeader> ReadBrukerHeader(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, ReadTextHeader(path));
-  BrukerHeader header(path);
-  std::string name;
-  std::string value;
-  std::size_t at = 0;
-  absl::string_view line;
-  bool has_end = false;
-  while (!has_end && NextLine(text, &at, &line)) {
-    if (absl::StartsWith(line, "$$")) {
-      continue;  // a comment, also between lines of numbers
-    }
-    if (!absl::StartsWith(line, "##")) {
-      absl::StrAppend(&value, " ", line);
-      continue;
-    }
-    if (!name.empty()) {
-      header.Set(name, value);
-    }
-    has_end = absl::StartsWith(line, "##END");
-    const std::size_t equals = std::min(line.find('='), line.size() - 1);
-    name = absl::StartsWith(line, "##$") ? std::string(line.substr(3, equals - 3)) : "";
-    value = std::string(line.substr(equals + 1));
-  }
-  if (!has_end) {
-    return header.Error("no ##END: the file is cut, or is not one of ParaVision");
-  }
-  return header;
+  return groups;
 }
 
-absl::StatusOr<volume::ScalarType> BrukerType(const BrukerHeader& header) {
+absl::StatusOr<volume::ScalarType> BrukerType(const JcampParameters& header) {
   const absl::string_view type = header.Text("VisuCoreWordType");
   if (type == "_8BIT_UNSGN_INT") {
     return volume::ScalarType::kUint8;
@@ -278,10 +155,10 @@ struct FrameOrder {
   }
 };
 
-absl::StatusOr<FrameOrder> OrderFrames(const BrukerHeader& header, std::int64_t frames,
+absl::StatusOr<FrameOrder> OrderFrames(const JcampParameters& header, std::int64_t frames,
                                        bool is_sliced) {
   FrameOrder order;
-  ISOSCOPE_ASSIGN_OR_RETURN(order.groups, header.Groups());
+  ISOSCOPE_ASSIGN_OR_RETURN(order.groups, ReadGroups(header));
   if (order.groups.empty() && frames > 1) {
     order.groups.push_back({.count = frames, .name = is_sliced ? "FG_SLICE" : "FG_CYCLE"});
   }
@@ -314,7 +191,7 @@ absl::StatusOr<FrameOrder> OrderFrames(const BrukerHeader& header, std::int64_t 
 
 // The positions of slices, from the first to the last. `numbers`: three for all, for each slice, or
 // for each frame.
-absl::StatusOr<std::vector<math::Vec3d>> SlicePositions(const BrukerHeader& header,
+absl::StatusOr<std::vector<math::Vec3d>> SlicePositions(const JcampParameters& header,
                                                         const FrameOrder& order,
                                                         const std::vector<double>& numbers) {
   const auto count = static_cast<std::int64_t>(numbers.size() / 3);
@@ -352,7 +229,7 @@ absl::StatusOr<std::vector<math::Vec3d>> SlicePositions(const BrukerHeader& head
 
 // The vector from each slice to the next. INVALID_ARGUMENT unless all are equal, and along the
 // normal.
-absl::StatusOr<math::Vec3d> SliceStep(const BrukerHeader& header,
+absl::StatusOr<math::Vec3d> SliceStep(const JcampParameters& header,
                                       const std::vector<math::Vec3d>& positions,
                                       const math::Vec3d& normal) {
   const math::Vec3d step = positions[1] - positions[0];
@@ -376,7 +253,7 @@ absl::StatusOr<math::Vec3d> SliceStep(const BrukerHeader& header,
   return step;
 }
 
-absl::StatusOr<std::array<math::Vec3d, 3>> BrukerAxes(const BrukerHeader& header,
+absl::StatusOr<std::array<math::Vec3d, 3>> BrukerAxes(const JcampParameters& header,
                                                       const std::vector<double>& numbers) {
   for (std::size_t i = 9; i < numbers.size(); ++i) {
     if (std::abs(numbers[i] - numbers[i % 9]) > kMaxBrukerDeviation) {
@@ -398,9 +275,9 @@ absl::StatusOr<std::array<math::Vec3d, 3>> BrukerAxes(const BrukerHeader& header
 }
 
 // Sets the grid of frames of these sizes.
-absl::Status SetBrukerGrid(const BrukerHeader& header, const FrameOrder& order, std::int64_t frames,
-                           const std::vector<double>& sizes, const std::string& path,
-                           FileLayout* layout) {
+absl::Status SetBrukerGrid(const JcampParameters& header, const FrameOrder& order,
+                           std::int64_t frames, const std::vector<double>& sizes,
+                           const std::string& path, FileLayout* layout) {
   const bool is_sliced = sizes.size() == 2;
   const auto slices = static_cast<std::size_t>(order.slices);
   const auto all = static_cast<std::size_t>(frames);
@@ -438,7 +315,7 @@ absl::Status SetBrukerGrid(const BrukerHeader& header, const FrameOrder& order, 
 }
 
 // The planes of all volumes, z fastest.
-absl::Status SetBrukerSlices(const BrukerHeader& header, const FrameOrder& order,
+absl::Status SetBrukerSlices(const JcampParameters& header, const FrameOrder& order,
                              std::int64_t frames, std::int64_t planes_of_frame,
                              FileLayout* layout) {
   const auto all = static_cast<std::size_t>(frames);
@@ -477,7 +354,7 @@ bool IsBrukerHeader(absl::string_view head) {
 }
 
 absl::StatusOr<FileLayout> ReadBrukerLayout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const BrukerHeader header, ReadBrukerHeader(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const JcampParameters header, ReadJcampParameters(path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t axes, header.Count("VisuCoreDim", 3));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t frames,
                             header.Count("VisuCoreFrameCount", kMaxBrukerFrames));
