@@ -38,6 +38,7 @@ namespace {
 
 constexpr absl::string_view kSlcMark = "11111";
 constexpr std::int64_t kMaxSlcAxis = 65'536;
+constexpr auto kMaxSlcSpacing = static_cast<double>(std::numeric_limits<float>::max());
 // Two bytes give 127 voxels at most.
 constexpr std::int64_t kMaxSlcRatio = 64;
 
@@ -113,7 +114,7 @@ absl::StatusOr<SlcLayout> ReadSlcLayout(const io::RandomAccessFile& file) {
   ISOSCOPE_RETURN_IF_ERROR(NextSlcNumber(&scanner, 8, 8).status());  // bits a voxel
   for (int axis = 0; axis < 3; ++axis) {
     ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry.spacing[axis],
-                              NextSlcNumber(&scanner, 0, std::numeric_limits<float>::max()));
+                              NextSlcNumber(&scanner, 0, kMaxSlcSpacing));
   }
   for (int skipped = 0; skipped < 3; ++skipped) {
     ISOSCOPE_RETURN_IF_ERROR(NextSlcNumber(&scanner, -1e9, 1e9).status());

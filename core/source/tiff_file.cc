@@ -200,8 +200,8 @@ void ReadTiffHead(TIFF* tiff, TiffPages* pages) {
   TIFFGetField(tiff, TIFFTAG_XRESOLUTION, &x_resolution);
   TIFFGetField(tiff, TIFFTAG_YRESOLUTION, &y_resolution);
   TIFFGetFieldDefaulted(tiff, TIFFTAG_RESOLUTIONUNIT, &pages->resolution_unit);
-  pages->x_resolution = x_resolution;
-  pages->y_resolution = y_resolution;
+  pages->x_resolution = static_cast<double>(x_resolution);
+  pages->y_resolution = static_cast<double>(y_resolution);
   std::uint32_t count = 0;
   const void* bytes = nullptr;
   if (TIFFGetField(tiff, kLsmInfoTag, &count, &bytes) == 1 && bytes != nullptr) {
