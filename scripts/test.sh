@@ -158,8 +158,9 @@ if [ "$guards" = true ] && [ "$status" -eq 0 ]; then
   [ "$status" -ne 0 ] || run_stage "unit tests and guards" guard_tests
 fi
 if [ "$packages_only" = true ] && [ "$status" -eq 0 ]; then
-  programs=(isoscope isoscope-bench isoscope-agent isoscope-coordinator isoscope-gateway manuals)
-  run_stage build bash scripts/build.sh --with-tests "${programs[@]/#/--target=}"
+  # All that is installed.
+  targets=(isoscope isoscope-bench isoscope-agent isoscope-coordinator isoscope-gateway isoscope_client manuals)
+  run_stage build bash scripts/build.sh --with-tests "${targets[@]/#/--target=}"
   [ "$status" -ne 0 ] || run_stage "packages and image" run_ctest build/release -L '^package$'
 fi
 if [ "$rest" = true ] && [ "$status" -eq 0 ]; then

@@ -47,10 +47,21 @@ itk::ImageIOBase::Pointer MakeIo() {
   return itk::ImageIOBase::Pointer(Io::New().GetPointer());
 }
 
+constexpr std::int64_t kBioRadHeaderBytes = 76;
+
+// Behind a header that is cut, ITK looks for notes without an end.
+absl::Status CheckBioRad(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(path));
+  if (file->size_bytes() < kBioRadHeaderBytes) {
+    return absl::DataLossError(absl::StrFormat("%s: the BioRad header has %d bytes, expected %d",
+                                               path, file->size_bytes(), kBioRadHeaderBytes));
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<std::int64_t> LeastBioRadBytes(const std::string& /*path*/,
                                               std::int64_t sample_bytes) {
-  constexpr std::int64_t kHeaderBytes = 76;
-  return kHeaderBytes + sample_bytes;
+  return kBioRadHeaderBytes + sample_bytes;
 }
 
 absl::StatusOr<std::int64_t> LeastBmpBytes(const std::string& path, std::int64_t /*sample_bytes*/) {
@@ -84,15 +95,16 @@ struct ItkFormat {
   const char* name;
   itk::ImageIOBase::Pointer (*make)();
   bool is_slice;
+  absl::Status (*check)(const std::string& path);  // before ITK reads; may be null
   // The least size of a whole file; null: ITK's reader finds out that a file is cut.
   absl::StatusOr<std::int64_t> (*least_bytes)(const std::string& path, std::int64_t sample_bytes);
 };
 
 constexpr std::array<ItkFormat, 4> kFormats{{
-    {".pic", "BioRad", MakeIo<itk::BioRadImageIO>, false, LeastBioRadBytes},
-    {".spr", "Stimulate", MakeIo<itk::StimulateImageIO>, false, nullptr},
-    {".png", "PNG", MakeIo<itk::PNGImageIO>, true, nullptr},
-    {".bmp", "BMP", MakeIo<itk::BMPImageIO>, true, LeastBmpBytes},
+    {".pic", "BioRad", MakeIo<itk::BioRadImageIO>, false, CheckBioRad, LeastBioRadBytes},
+    {".spr", "Stimulate", MakeIo<itk::StimulateImageIO>, false, nullptr, nullptr},
+    {".png", "PNG", MakeIo<itk::PNGImageIO>, true, nullptr, nullptr},
+    {".bmp", "BMP", MakeIo<itk::BMPImageIO>, true, nullptr, LeastBmpBytes},
 }};
 
 const ItkFormat* FormatOf(const std::string& path) {
@@ -134,6 +146,9 @@ bool HasGreyPalette(const itk::ImageIOBase& io) {
 absl::StatusOr<ItkHeader> ReadHeader(const std::string& path) {
   const ItkFormat* const format = FormatOf(path);
   ISOSCOPE_CHECK(format != nullptr);
+  if (format->check != nullptr) {
+    ISOSCOPE_RETURN_IF_ERROR(format->check(path));
+  }
   ItkHeader header;
   try {
     header.io = format->make();

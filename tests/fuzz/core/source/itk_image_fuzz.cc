@@ -78,6 +78,7 @@ std::string BioRad() {
 
 std::vector<std::string> Seeds() {
   return {Seed(kBioRad, BioRad()),
+          Seed(kBioRad, BioRad().substr(0, 10) + "\1" + BioRad().substr(11, 64)),  // notes, cut
           Seed(kStimulate,
                "numDim: 3\ndim: 4 3 2\norigin: 1 2 3\ninterval: 0.5 1 1.5\ndataType: BYTE\n"),
           Seed(kStimulate, "numDim: 3\ndim: 2 2 2\nfov: 1 1 1\ndataType: WORD\n"),

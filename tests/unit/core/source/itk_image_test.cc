@@ -167,6 +167,18 @@ TEST(ItkImageTest, ColoursMixedSlicesAndSingleOnesAreRefused) {
 }
 
 // Each cut of each format: an error, never samples that the memory held.
+// ITK 5.2 looks for the notes of this file without an end.
+TEST(ItkImageTest, ABioRadHeaderThatIsCutEndsAtOnce) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.pic");
+  WriteImage<itk::BioRadImageIO>(path, {4, 3, 2}, Counted<std::uint8_t>(24));
+  std::string bytes = ReadFile(path).substr(0, 75);
+  bytes[10] = 1;  // has notes
+  WriteFile(path, bytes);
+  EXPECT_THAT(OpenVolumeFile(path),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("header has 75 bytes, expected 76")));
+}
+
 TEST(ItkImageTest, CutFilesAreRefusedWhereverTheyEnd) {
   const TempDir dir;
   WriteImage<itk::BioRadImageIO>(dir.Sub("a.pic"), {40, 30, 2}, Counted<std::uint8_t>(2400));
