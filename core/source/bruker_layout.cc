@@ -52,6 +52,7 @@ namespace {
 
 constexpr std::int64_t kMaxBrukerSize = 65'536;  // of an axis
 constexpr std::int64_t kMaxBrukerFrames = 1'000'000;
+constexpr std::size_t kMaxBrukerGroups = 16;
 // Of positions and directions, which are rounded texts; a share of the distance.
 constexpr double kMaxBrukerDeviation = 1e-3;
 
@@ -77,6 +78,10 @@ absl::StatusOr<std::vector<FrameGroup>> ReadGroups(const JcampParameters& header
   std::vector<FrameGroup> groups;
   absl::string_view text = header.Text("VisuFGOrderDesc");
   while (!text.empty()) {
+    if (groups.size() == kMaxBrukerGroups) {
+      return header.Error(
+          absl::StrFormat("VisuFGOrderDesc has more than %d groups of frames", kMaxBrukerGroups));
+    }
     const std::size_t end = EndOfTuple(text);
     const std::vector<absl::string_view> parts = absl::StrSplit(text.substr(0, end), ',');
     const absl::string_view whole = text;

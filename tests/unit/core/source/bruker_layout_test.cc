@@ -263,6 +263,12 @@ TEST_F(BrukerLayoutTest, WhatIsNoPlainVolumeIsRefusedWithItsNumbers) {
               StatusIs(kInvalid, HasSubstr("has 3 frames; VisuCoreFrameCount is 4")));
   EXPECT_THAT(Error(with("(3, <FG_SLICE>", "(3 <FG_SLICE>")),
               StatusIs(kInvalid, HasSubstr("VisuFGOrderDesc has \"(3 <FG_SLICE>")));
+  std::string groups;
+  for (int i = 0; i < 100'000; ++i) {
+    groups += "(1, <FG_ECHO>) ";
+  }
+  EXPECT_THAT(Error(with("(3, <FG_SLICE>", groups + "(3, <FG_SLICE>")),
+              StatusIs(kInvalid, HasSubstr("more than 16 groups")));
   EXPECT_THAT(Error(with("_16BIT_SGN_INT", "_64BIT_FLOAT")),
               StatusIs(kInvalid, HasSubstr("_64BIT_FLOAT")));
   EXPECT_THAT(Error(with("littleEndian", "middle")), StatusIs(kInvalid, HasSubstr("middle")));
