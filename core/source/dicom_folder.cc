@@ -1,9 +1,11 @@
-// A folder may hold several series, reports and an index besides. Every file with the DICOM mark is
-// scanned (dicom_scan.h), and goes to one of three lists:
+// A folder may hold several series, reports and an index besides. Every file is scanned
+// (dicom_scan.h). One with the DICOM mark goes to one of three lists:
 //
 //   image, or cut behind its series     the files of that series (0020,000e)
 //   cut before its series               may be of any series, so it stops all of them
 //   no image                            left out
+//
+// A file that can't be opened may be a slice, so it is an error.
 //
 // Only for files that the scan can't read does GDCM find the series (dicom_decoder.h).
 
@@ -49,8 +51,16 @@ std::string SeriesUid(const std::string& path, const DicomScan& scan, DicomDecod
 
 absl::StatusOr<Folder> ScanFolder(const std::string& path, DicomDecoder* decoder) {
   Folder folder;
-  for (const std::string& file : DicomFilesIn(path)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, ScanDicomFile(file));
+  for (const std::string& file : DicomCandidatesIn(path)) {
+    absl::StatusOr<DicomScan> scanned = ScanDicomFile(file);
+    if (absl::IsFailedPrecondition(scanned.status())) {
+      continue;  // no regular file
+    }
+    // Any other file that can't be read may be a slice.
+    ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, std::move(scanned));
+    if (!scan.has_mark) {
+      continue;
+    }
     if (scan.content == DicomContent::kNoImage) {
       folder.left_out.push_back(file);
     } else if (scan.content == DicomContent::kCut && scan.series.empty()) {
@@ -144,6 +154,11 @@ std::vector<std::string> DicomFilesIn(const std::string& folder) {
   std::vector<std::string> files = DicomCandidatesIn(folder);
   std::erase_if(files, [](const std::string& file) { return !IsDicomFile(file); });
   return files;
+}
+
+bool HasDicomFile(const std::string& folder) {
+  const std::vector<std::string> files = DicomCandidatesIn(folder);
+  return std::any_of(files.begin(), files.end(), IsDicomFile);
 }
 
 std::string DicomFolder(const std::string& path) {

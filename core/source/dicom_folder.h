@@ -21,6 +21,8 @@ bool IsDicomFile(const std::string& path);
 // mark.
 std::vector<std::string> DicomCandidatesIn(const std::string& folder);
 std::vector<std::string> DicomFilesIn(const std::string& folder);
+// True if DicomFilesIn would find some. Opens files up to the first one.
+bool HasDicomFile(const std::string& folder);
 // Returns the folder of the series that `path` names: `path` itself, or the folder of a file.
 std::string DicomFolder(const std::string& path);
 
@@ -35,7 +37,7 @@ struct DicomSeriesEntry {
   std::string first_file;
 };
 // The series in a folder, by number. NOT_FOUND: no DICOM files with an image. Files that are cut
-// before their series is known are left out.
+// before their series is known are left out. Errors of reading: a file of the folder can't be read.
 absl::StatusOr<std::vector<DicomSeriesEntry>> ListDicomSeries(const std::string& folder);
 // A file of the series of that number or UID in a folder, or in the folder of a file.
 // INVALID_ARGUMENT: no such series, or several of that number (lists them).
@@ -55,7 +57,7 @@ struct DicomSeriesFiles {
 // Finds the only series in a folder, or the series that a file belongs to, in the file's folder.
 // `decoder` finds the series of files that the scan can't read. NOT_FOUND: no DICOM files with an
 // image. INVALID_ARGUMENT: several series in a folder (lists them); a file that is cut before its
-// series is known; a file without an image.
+// series is known; a file without an image. Errors of reading, as above.
 absl::StatusOr<DicomSeriesFiles> FindDicomSeries(const std::string& path, DicomDecoder* decoder);
 
 }  // namespace isoscope::source

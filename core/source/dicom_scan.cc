@@ -91,6 +91,8 @@ constexpr std::array<std::uint32_t, 11> kTexts{
     kSeriesNumber,    kAcquisitionNumber, kInstanceNumber, kTemporalPosition, kTemporalResolution,
     kFrames};
 
+constexpr std::int64_t kWindowBytes = 4096;
+
 struct Element {
   std::uint32_t tag = 0;
   std::uint32_t length = 0;
@@ -187,6 +189,25 @@ class Scanner {
 
   [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
 
+  // Reads through a window of the file: elements are small, and most headers fit one window.
+  absl::Status ReadAtPosition(std::size_t size, char* out) {
+    const std::int64_t left = file_.size_bytes() - position_;
+    if (static_cast<std::int64_t>(size) > std::min(left, kWindowBytes)) {
+      return file_.ReadAt(position_, size, out);
+    }
+    if (position_ < window_begin_ ||
+        position_ + static_cast<std::int64_t>(size) > window_begin_ + window_bytes_) {
+      const std::int64_t bytes = std::min(left, kWindowBytes);
+      window_bytes_ = 0;  // in case of an error
+      ISOSCOPE_RETURN_IF_ERROR(
+          file_.ReadAt(position_, static_cast<std::size_t>(bytes), window_.data()));
+      window_begin_ = position_;
+      window_bytes_ = bytes;
+    }
+    std::copy_n(window_.data() + (position_ - window_begin_), size, out);
+    return absl::OkStatus();
+  }
+
   // Reads the group 0002, whose length counts from behind its first element. False if it is not
   // there.
   absl::StatusOr<bool> ReadMeta() {
@@ -195,16 +216,17 @@ class Scanner {
     if (!Has(mark.size())) {
       return false;
     }
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, mark.size(), mark.data()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(mark.size(), mark.data()));
+    scan_.has_mark = std::memcmp(mark.data(), "DICM", 4) == 0;
     position_ += 4;
     Element element;
     ISOSCOPE_ASSIGN_OR_RETURN(const bool has_element, ReadHead(&element));
-    if (std::memcmp(mark.data(), "DICM", 4) != 0 || !has_element || element.tag != kMetaLength ||
-        element.length != 4 || !Has(4)) {
+    if (!scan_.has_mark || !has_element || element.tag != kMetaLength || element.length != 4 ||
+        !Has(4)) {
       return false;
     }
     std::array<char, 4> length;
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, length.size(), length.data()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(length.size(), length.data()));
     position_ += 4;
     const std::int64_t end = position_ + base::LoadLittleEndian<std::uint32_t>(length.data());
     while (position_ < end) {
@@ -230,7 +252,7 @@ class Scanner {
     }
     std::array<char, 12> head{};
     const std::int64_t size = std::min<std::int64_t>(head.size(), file_.size_bytes() - position_);
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, static_cast<std::size_t>(size), head.data()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(static_cast<std::size_t>(size), head.data()));
     const std::uint32_t group = base::LoadLittleEndian<std::uint16_t>(head.data());
     element->tag = group << 16 | base::LoadLittleEndian<std::uint16_t>(head.data() + 2);
     element->length = base::LoadLittleEndian<std::uint32_t>(head.data() + 4);
@@ -263,7 +285,7 @@ class Scanner {
   absl::StatusOr<std::string> ReadUid(std::uint32_t length) {
     constexpr std::uint32_t kMaxSeriesUidBytes = 64;
     std::string uid(std::min(length, kMaxSeriesUidBytes), '\0');
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, uid.size(), uid.data()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(uid.size(), uid.data()));
     return uid.substr(0, uid.find_first_not_of("0123456789."));
   }
 
@@ -275,7 +297,7 @@ class Scanner {
       return absl::OkStatus();
     }
     std::string text(std::min(element.length, kMaxTextBytes), '\0');
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, text.size(), text.data()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(text.size(), text.data()));
     text = text.substr(0, std::min(text.find('\0'), text.find('\\')));
     texts_[element.tag] = std::string(absl::StripAsciiWhitespace(text));
     return absl::OkStatus();
@@ -292,7 +314,7 @@ class Scanner {
       return absl::OkStatus();
     }
     std::array<char, sizeof(*number)> bytes;
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, bytes.size(), bytes.data()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(bytes.size(), bytes.data()));
     // GDCM takes one of two equal elements, so this keeps the larger number.
     *number = std::max(*number, base::LoadLittleEndian<std::uint16_t>(bytes.data()));
     return absl::OkStatus();
@@ -375,6 +397,9 @@ class Scanner {
 
   const io::RandomAccessFile& file_;
   std::int64_t position_ = 0;
+  std::array<char, kWindowBytes> window_;
+  std::int64_t window_begin_ = 0;
+  std::int64_t window_bytes_ = 0;
   bool is_explicit_ = true;
   bool has_rows_ = false;
   std::uint16_t rows_ = 0;

@@ -31,6 +31,7 @@ struct DicomMoment {
 };
 
 struct DicomScan {
+  bool has_mark = false;  // "DICM"; without it the file is kCut
   DicomContent content = DicomContent::kCut;
   // UIDs of the series and of the pixels' encoding; "" if the file ends before, or has none.
   std::string series;

@@ -33,6 +33,7 @@
 #include "core/io/file.h"
 #include "core/math/vec.h"
 #include "core/source/dicom_decoder.h"
+#include "core/source/dicom_module.h"
 #include "core/source/dicom_stack.h"
 #include "core/source/dicom_steps.h"
 #include "core/source/segment_bits.h"
@@ -91,6 +92,7 @@ class SegmentPlanes final : public SliceReader {
     return absl::OkStatus();
   }
 
+  [[nodiscard]] std::int64_t memory_bytes() const override { return kDicomModuleBytes; }
   absl::Status ReadSlice(std::int64_t z, char* out) override {
     FillEmpty(out);
     const auto here = frames_.find(z);

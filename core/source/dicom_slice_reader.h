@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/source/dicom_decoder.h"
+#include "core/source/dicom_module.h"
 #include "core/source/dicom_scan.h"
 #include "core/source/dicom_steps.h"
 #include "core/source/slice_source.h"
@@ -37,6 +38,7 @@ class DicomSliceReader final : public SliceReader {
   // Decodes the pixels of slices[z] as [y][x], rescaled. INVALID_ARGUMENT: the file is cut.
   // DATA_LOSS: pixels that can't be decoded, or the file is another than before.
   absl::Status ReadSlice(std::int64_t z, char* out) override;
+  [[nodiscard]] std::int64_t memory_bytes() const override { return kDicomModuleBytes; }
 
  private:
   absl::Status ReadFrame(const DicomSlice& slice, const DicomScan& scan, char* out);

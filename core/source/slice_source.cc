@@ -30,7 +30,7 @@ class SliceSource final : public VolumeSource {
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] bool is_seekable() const override { return false; }
   [[nodiscard]] std::int64_t memory_bytes() const override {
-    return 2 * row_bytes() * geometry_.sample_dims.y;
+    return 2 * row_bytes() * geometry_.sample_dims.y + reader_->memory_bytes();
   }
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {

@@ -20,6 +20,8 @@ class SliceReader {
   virtual ~SliceReader() = default;
   // Decodes slice `z` as [y][x], x fastest, little-endian, into `out`.
   virtual absl::Status ReadSlice(std::int64_t z, char* out) = 0;
+  // Bytes of this process that the reader takes beside the slices.
+  [[nodiscard]] virtual std::int64_t memory_bytes() const { return 0; }
 };
 
 // Makes a source from slices. Whole slices are decoded in place, parts through a copy of their

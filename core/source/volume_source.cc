@@ -65,8 +65,9 @@ enum class SourceKind { kTiff, kItkSlices, kHdf5, kDicom, kVti, kPvti, kSeriesFi
 // The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
-  std::vector<std::string>
-      files;  // TIFF: slices from the lowest up; kSampleFile: header, then samples
+  // TIFF: slices from the lowest up; kSampleFile: header, then samples; kDicom: none, since each
+  // file of the folder would be opened.
+  std::vector<std::string> files{};
   // Set for a kSampleFile only.
   FileFormat format = FileFormat::kNifti;
   SampleLocation location{};
@@ -84,21 +85,20 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   if (!tiff_files.empty()) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = std::move(tiff_files)};
   }
-  std::vector<std::string> dicom_files = DicomFilesIn(path);
-  if (dicom_files.empty()) {
-    std::vector<std::string> slices = FilesNamed(path, IsItkSliceName);
-    if (!slices.empty()) {
-      return FoundVolume{.kind = SourceKind::kItkSlices, .files = std::move(slices)};
-    }
-    if (const auto why = WhyRefused(path); why.has_value()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
-    }
-    return absl::InvalidArgumentError(
-        absl::StrCat(path,
-                     ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices "
-                     "(.png .bmp) in it"));
+  if (HasDicomFile(path)) {
+    return FoundVolume{.kind = SourceKind::kDicom};
   }
-  return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
+  std::vector<std::string> slices = FilesNamed(path, IsItkSliceName);
+  if (!slices.empty()) {
+    return FoundVolume{.kind = SourceKind::kItkSlices, .files = std::move(slices)};
+  }
+  if (const auto why = WhyRefused(path); why.has_value()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(path,
+                   ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices "
+                   "(.png .bmp) in it"));
 }
 
 // `format`: the one that it has, or not set if that is to be found out.
@@ -162,7 +162,7 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::str
     return FindSampleFile(path, sample_format, rules);
   }
   if (format == "dicom") {
-    return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
+    return FoundVolume{.kind = SourceKind::kDicom};
   }
   std::vector<std::string> names;
   for (const FormatName& known : FormatNames()) {
@@ -210,7 +210,7 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
-    return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
+    return FoundVolume{.kind = SourceKind::kDicom};
   }
   return FindSampleFile(path, std::nullopt, rules);
 }
@@ -298,6 +298,9 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
   if (found.kind == SourceKind::kHdf5 && found.files.size() == 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
     return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);
+  }
+  if (found.kind == SourceKind::kDicom) {
+    return DicomFilesIn(DicomFolder(path));
   }
   if (found.kind == SourceKind::kSeriesFile && found.series.format->find_files != nullptr) {
     return found.series.format->find_files(found.series.file);

@@ -1,10 +1,12 @@
 #include "core/source/dicom_folder.h"
 
+#include <filesystem>
 #include <string>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <sys/stat.h>
 
 #include "tests/support/dicom_file.h"
 #include "tests/support/status_matchers.h"
@@ -64,9 +66,28 @@ TEST_F(DicomFolderTest, FilesAreThoseWithTheMarkByNameWithoutTheIndex) {
   WriteFile(dir_.Sub("d"), std::string(128, 'x') + "DIC");
   EXPECT_THAT(DicomFilesIn(dir_.path()), ElementsAre(dir_.Sub("a"), dir_.Sub("b")));
   EXPECT_THAT(DicomFilesIn(dir_.Sub("none")), IsEmpty());
+  EXPECT_TRUE(HasDicomFile(dir_.path()));
+  EXPECT_FALSE(HasDicomFile(dir_.Sub("none")));
   EXPECT_TRUE(IsDicomFile(dir_.Sub("DICOMDIR")));
   EXPECT_FALSE(IsDicomFile(dir_.Sub("c")));
   EXPECT_FALSE(IsDicomFile(dir_.Sub("none")));
+}
+
+TEST_F(DicomFolderTest, FolderOfOthersHasNoDicomFile) {
+  WriteFile(dir_.Sub("DICOMDIR"), Slice(7, 0));
+  WriteFile(dir_.Sub("notes"), "notes");
+  EXPECT_FALSE(HasDicomFile(dir_.path()));
+}
+
+TEST_F(DicomFolderTest, SliceThatCantBeOpenedIsAnErrorAndNotLeftOut) {
+  WriteTwoSeries();
+  std::filesystem::create_directory(dir_.Sub("more"));
+  ASSERT_EQ(mkfifo(dir_.Sub("pipe").c_str(), 0600), 0);
+  EXPECT_TRUE(FindDicomSeries(dir_.Sub("7-0"), &decoder_).ok());
+  std::filesystem::create_symlink(dir_.Sub("away"), dir_.Sub("7-3"));  // a slice, or not
+  EXPECT_THAT(FindDicomSeries(dir_.Sub("7-0"), &decoder_).status(),
+              StatusIs(kNotFound, HasSubstr(dir_.Sub("7-3"))));
+  EXPECT_THAT(ListDicomSeries(dir_.path()).status(), StatusIs(kNotFound, HasSubstr("7-3")));
 }
 
 TEST_F(DicomFolderTest, FolderIsThePathOrThatOfTheFile) {

@@ -1,12 +1,25 @@
 #include "core/source/dicom_module.h"
 
+#include <cstdint>
+
 #include "gtest/gtest.h"
 
+#include "core/base/memory_info.h"
 #include "core/source/dicom_child.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::source {
 namespace {
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they add memory of their own
+TEST(DicomModuleTest, LoadedItTakesNoMoreMemoryThanIsStated) {       // first, since it stays loaded
+  const auto before = static_cast<std::int64_t>(base::ResidentBytes());
+  ISOSCOPE_ASSERT_OK(LoadDicomModule().status());
+  const std::int64_t bytes = static_cast<std::int64_t>(base::ResidentBytes()) - before;
+  EXPECT_LE(bytes, kDicomModuleBytes);
+  EXPECT_GE(bytes, kDicomModuleBytes / 4) << "an older test of this process has loaded it";
+}
+#endif
 
 TEST(DicomModuleTest, ItsHandlerAnswersThatAnAbsentFileIsNotDecoded) {
   const absl::StatusOr<DecoderProcess::Handler> handler = LoadDicomModule();

@@ -71,6 +71,28 @@ TEST_F(DicomScanTest, PixelsLieWhereTheScanFoundThem) {
   EXPECT_EQ(Scan(compressed).pixels_offset, -1);
 }
 
+TEST_F(DicomScanTest, HeaderMayBeLargerThanTheWindowThatTheScanReadsThrough) {
+  const std::string whole =
+      DicomBytes({.number = 3, .description = "T1 axial", .series_number = 12, .frames = 2},
+                 pixels_ + pixels_);
+  const std::size_t first = whole.find(std::string("\x08\0\x16\0", 4));
+  ASSERT_NE(first, std::string::npos);
+  const DicomScan scan = Scan(whole);
+  for (std::size_t size = 3000; size < 4300; size += 2) {  // each element lies on the edge once
+    const std::string pad = DicomElement(8, 1, "UN", std::string(size, '\x28'));
+    const DicomScan padded = Scan(whole.substr(0, first) + pad + whole.substr(first));
+    ASSERT_EQ(padded.content, DicomContent::kImage) << size;
+    ASSERT_EQ(padded.series, "1.2.3") << size;
+    ASSERT_EQ(padded.series_number, 12) << size;
+    ASSERT_EQ(padded.description, "T1 axial") << size;
+    ASSERT_EQ(padded.width, 12) << size;
+    ASSERT_EQ(padded.height, 9) << size;
+    ASSERT_EQ(padded.frames, 2) << size;
+    ASSERT_EQ(padded.moment.instance_number, 3) << size;
+    ASSERT_EQ(padded.pixels_offset, scan.pixels_offset + static_cast<std::int64_t>(pad.size()));
+  }
+}
+
 TEST_F(DicomScanTest, SegmentationsAndSlidesAreKnownByTheirClass) {
   for (const char* last : {"4", "7"}) {
     const std::string storage_class = absl::StrCat("1.2.840.10008.5.1.4.1.1.66.", last);
