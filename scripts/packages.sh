@@ -14,7 +14,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
-  libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libexpat1-dev libbz2-dev libopenvdb-dev
+  libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libopenvdb-dev
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core prometheus-cpp-dev
 )
 
@@ -25,8 +25,8 @@ ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
   libprometheus-cpp-pull1.0)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libexpat1 libwebp7 libwebpmux3
-  libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libwebp7
+  libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
 ISOSCOPE_VDB_PACKAGES=(libopenvdb10.0)
 
 # Packages to build tests and benchmarks; to run the unit tests and the guards of the promises; to run the other tests:

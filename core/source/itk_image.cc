@@ -30,17 +30,12 @@
 #include "core/source/binary_header.h"
 #include "core/source/file_start.h"
 #include "core/source/itk_types.h"
-#include "core/source/named_files.h"
 #include "core/source/silent_libraries.h"
 #include "core/source/single_series.h"
-#include "core/source/slice_source.h"
 #include "core/source/walled_source.h"
 
 namespace isoscope::source {
 namespace {
-
-// So that the bytes of three axes can be counted.
-constexpr std::int64_t kMaxAxisSamples = 65536;
 
 template <typename Io>
 itk::ImageIOBase::Pointer MakeIo() {
@@ -81,10 +76,10 @@ absl::StatusOr<std::int64_t> LeastBmpBytes(const std::string& path, std::int64_t
   }
   const std::int64_t width = std::abs(std::int64_t{header.Load<std::int32_t>(18)});
   const std::int64_t height = std::abs(std::int64_t{header.Load<std::int32_t>(22)});
-  if (width > kMaxAxisSamples || height > kMaxAxisSamples) {  // ITK read another kind of header
+  if (width > kMaxSliceSamples || height > kMaxSliceSamples) {  // ITK read another kind of header
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: a BMP header of %d x %d samples; expected at most %d along each axis",
-                        path, width, height, kMaxAxisSamples));
+                        path, width, height, kMaxSliceSamples));
   }
   const std::int64_t row = (width * header.Load<std::uint16_t>(28) + 31) / 32 * 4;
   return std::int64_t{header.Load<std::uint32_t>(10)} + row * height;
@@ -161,19 +156,16 @@ absl::StatusOr<ItkHeader> ReadHeader(const std::string& path) {
   }
   const itk::ImageIOBase& io = *header.io;
   if (io.GetNumberOfComponents() != 1 || !HasGreyPalette(io)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path,
-                     ": a colour image; expected grey samples: convert it (ImageMagick: convert IN "
-                     "-colorspace gray OUT)"));
+    return ColourSliceError(path);
   }
   const unsigned axes = io.GetNumberOfDimensions();
   for (unsigned axis = 0; axis < axes; ++axis) {
     const auto count = static_cast<std::int64_t>(io.GetDimensions(axis));
-    if (count < 1 || count > kMaxAxisSamples ||
+    if (count < 1 || count > kMaxSliceSamples ||
         (axis >= (format->is_slice ? 2U : 3U) && count != 1)) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: axis %d has %d samples; expected one %s of 1 to %d along each axis", path, axis,
-          count, format->is_slice ? "slice" : "three-dimensional volume", kMaxAxisSamples));
+          count, format->is_slice ? "slice" : "three-dimensional volume", kMaxSliceSamples));
     }
     (axis == 0 ? header.dims.x : axis == 1 ? header.dims.y : header.dims.z) *= count;
   }
@@ -258,50 +250,6 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWhole(const std::string& path,
   return std::make_unique<WholeImage>(std::move(header), geometry, path);
 }
 
-class ItkSliceReader final : public SliceReader {
- public:
-  ItkSliceReader(std::vector<std::string> files, volume::ScalarType type, const math::Index3& dims)
-      : files_(std::move(files)), type_(type), dims_(dims) {}
-
-  absl::Status ReadSlice(std::int64_t z, char* out) override {
-    const std::string& path = files_[static_cast<std::size_t>(z)];
-    ISOSCOPE_ASSIGN_OR_RETURN(const ItkHeader header, ReadHeader(path));
-    if (header.dims != dims_ || header.type != type_) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
-          "type",
-          path, header.dims.x, header.dims.y, volume::NameOf(header.type), files_[0], dims_.x,
-          dims_.y, volume::NameOf(type_)));
-    }
-    return ReadImage(header, path, out);
-  }
-
- private:
-  const std::vector<std::string> files_;
-  const volume::ScalarType type_;
-  const math::Index3 dims_;  // of a slice
-};
-
-// In the child.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path,
-                                                         const std::string& /*part*/) {
-  std::vector<std::string> files = FilesNamed(path, IsItkSliceName);
-  if (files.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": no slices (.png .bmp)"));
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const ItkHeader first, ReadHeader(files.front()));
-  volume::GridGeometry geometry;
-  geometry.sample_dims = first.dims;
-  geometry.sample_dims.z = static_cast<std::int64_t>(files.size());
-  const absl::Status valid = volume::Validate(geometry);
-  if (!valid.ok()) {
-    return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
-  }
-  return MakeSliceSource(
-      geometry, first.type, path,
-      std::make_unique<ItkSliceReader>(std::move(files), first.type, first.dims));
-}
-
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkChild(const std::string& path) {
   SilenceImageLibraries();  // first, so that its lock is free when the process forks
   return OpenWalled({.name = "ITK", .open = OpenWhole}, path);
@@ -311,7 +259,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkChild(const std::string& pa
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenItkImage(const std::string& path,
                                                            const std::string& field) {
-  if (FormatOf(path) == nullptr || IsItkSliceName(path)) {
+  const ItkFormat* const format = FormatOf(path);
+  if (format == nullptr || format->is_slice) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": expected a name that ends in .pic or .spr"));
   }
@@ -322,14 +271,14 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenItkImage(const std::string& pa
        }});
 }
 
-bool IsItkSliceName(const std::string& path) {
-  const ItkFormat* const format = FormatOf(path);
-  return format != nullptr && format->is_slice;
-}
-
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkSlices(const std::string& path) {
-  SilenceImageLibraries();
-  return OpenWalled({.name = "ITK", .open = OpenSlices}, path);
+absl::StatusOr<SliceImage> ReadItkSlice(const std::string& path, SlicePart part) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const ItkHeader header, ReadHeader(path));
+  SliceImage slice{.width = header.dims.x, .height = header.dims.y, .type = header.type};
+  if (part == SlicePart::kAll) {
+    slice.samples.resize(static_cast<std::size_t>(header.bytes()));
+    ISOSCOPE_RETURN_IF_ERROR(ReadImage(header, path, slice.samples.data()));
+  }
+  return slice;
 }
 
 }  // namespace isoscope::source

@@ -1,4 +1,4 @@
-// Formats that ITK reads, in a process of its own: BioRad, Stimulate, and slices in PNG or BMP.
+// Formats that ITK reads: BioRad and Stimulate, in a process of its own, and slices in PNG or BMP.
 
 #ifndef ISOSCOPE_CORE_SOURCE_ITK_IMAGE_H_
 #define ISOSCOPE_CORE_SOURCE_ITK_IMAGE_H_
@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/slice_image.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 
@@ -20,14 +21,9 @@ namespace isoscope::source {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenItkImage(const std::string& path,
                                                            const std::string& field);
 
-// Whether the name of a file is one of a slice: .png .bmp, in any case.
-bool IsItkSliceName(const std::string& path);
-
-// Opens the slices that `path`, a folder or a pattern, names (FilesNamed), one image each: grey, of
-// one size and type. They are read one at a time; the spacing is 1, since such files have only that
-// of a print. INVALID_ARGUMENT: no slices; colours; slices of different size or type, which are
-// found when they are read. DATA_LOSS: as above.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenItkSlices(const std::string& path);
+// Reads a slice in PNG or BMP; the ending of its name decides. For the child, since ITK may end the
+// process. INVALID_ARGUMENT: not of that format; colours or a palette. DATA_LOSS: the file is cut.
+absl::StatusOr<SliceImage> ReadItkSlice(const std::string& path, SlicePart part);
 
 }  // namespace isoscope::source
 

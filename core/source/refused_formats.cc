@@ -35,9 +35,6 @@ const std::vector<RefusedFormat>& RefusedFormats() {
       {.name = "a microscope's own format",
        .endings = {".czi", ".lif", ".nd2", ".oib", ".oif", ".vsi"},
        .advice = "convert it to OME-TIFF, as bfconvert of Bio-Formats does"},
-      {.name = "JPEG, whose samples are not those that were measured",
-       .endings = {".jpg", ".jpeg"},
-       .advice = "give the slices as PNG or TIFF"},
       {.name = "MINC as a gzip stream", .endings = {".mnc.gz"}, .advice = "decompress it (gunzip)"},
   };
   return *formats;

@@ -31,8 +31,8 @@
 #include "core/source/file_start.h"
 #include "core/source/hdf5_file_series.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/image_slices.h"
 #include "core/source/itk_header.h"
-#include "core/source/itk_image.h"
 #include "core/source/named_files.h"
 #include "core/source/refused_formats.h"
 #include "core/source/sample_location.h"
@@ -60,7 +60,7 @@ bool IsTiffName(const std::string& path) {
   return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
 }
 
-enum class SourceKind { kTiff, kItkSlices, kHdf5, kDicom, kVti, kPvti, kSeriesFile, kSampleFile };
+enum class SourceKind { kTiff, kImageSlices, kHdf5, kDicom, kVti, kPvti, kSeriesFile, kSampleFile };
 
 // The volume that a path names.
 struct FoundVolume {
@@ -88,17 +88,16 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   if (HasDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom};
   }
-  std::vector<std::string> slices = FilesNamed(path, IsItkSliceName);
+  std::vector<std::string> slices = ImageSlicesNamed(path);
   if (!slices.empty()) {
-    return FoundVolume{.kind = SourceKind::kItkSlices, .files = std::move(slices)};
+    return FoundVolume{.kind = SourceKind::kImageSlices, .files = std::move(slices)};
   }
   if (const auto why = WhyRefused(path); why.has_value()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
   }
-  return absl::InvalidArgumentError(
-      absl::StrCat(path,
-                   ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices "
-                   "(.png .bmp) in it"));
+  return absl::InvalidArgumentError(absl::StrCat(
+      path, ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices (",
+      kImageSliceEndings, ") in it"));
 }
 
 // `format`: the one that it has, or not set if that is to be found out.
@@ -183,8 +182,8 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   if (!io::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = FilesNamed(path, IsTiffName)};
   }
-  if (IsItkSliceName(path) && (io::PathExists(path) || path.find_first_of("*?") != path.npos)) {
-    return FoundVolume{.kind = SourceKind::kItkSlices, .files = FilesNamed(path, IsItkSliceName)};
+  if (IsImageSliceName(path) && (io::PathExists(path) || path.find_first_of("*?") != path.npos)) {
+    return FoundVolume{.kind = SourceKind::kImageSlices, .files = ImageSlicesNamed(path)};
   }
   if (SplitHdf5Path(path, &hdf5)) {
     ISOSCOPE_ASSIGN_OR_RETURN(auto files, FilesOfHdf5Pattern(hdf5.file));
@@ -249,8 +248,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
                                 OpenTiffSeries(found.files, path, FieldNameOf(path), ""));
       return OpenOnlyVolume(*series, path, false);
     }
-    case SourceKind::kItkSlices:
-      return OpenItkSlices(path);
+    case SourceKind::kImageSlices:
+      return OpenImageSlices(path);
     case SourceKind::kHdf5: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
       return meshes != nullptr ? OpenOnlyVolume(*meshes, meshes->name(), true)
@@ -336,7 +335,7 @@ std::vector<FormatName> FormatNames() {
       {"metaimage", ".mha .mhd"},
       {"dicom", "a folder of a series, or a file of it"},
       {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
-      {"slices", ".png .bmp: a folder of them, or a pattern", false},
+      {"slices", absl::StrCat(kImageSliceEndings, ": a folder of them, or a pattern"), false},
       {"hdf5", "file.h5:/dataset, .vtkhdf, .ims, openPMD: file.h5, or a pattern", false}};
   for (const SeriesFormat& format : SeriesFormats()) {
     names.push_back({FormatNameOf(format),

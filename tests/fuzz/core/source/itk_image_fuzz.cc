@@ -1,4 +1,5 @@
-// BioRad, Stimulate, and slices in PNG and BMP, read by ITK. The first byte chooses.
+// BioRad, Stimulate, and slices in PNG, BMP, JPEG 2000 and JPEG, read by ITK. The first byte
+// chooses.
 
 #include <zlib.h>
 
@@ -7,6 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
 #include "core/base/coding.h"
 #include "tests/fuzz/core/source/open_volume.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -14,7 +19,7 @@
 namespace isoscope::fuzz {
 namespace {
 
-enum Kind : std::uint8_t { kBioRad, kStimulate, kPng, kBmp, kKinds };
+enum Kind : std::uint8_t { kBioRad, kStimulate, kPng, kBmp, kJp2, kJ2k, kJpeg, kKinds };
 
 std::string Seed(Kind kind, const std::string& bytes) {
   return std::string(1, static_cast<char>(kind)) + bytes;
@@ -63,6 +68,22 @@ std::string Bmp() {
   return bytes + "abcdefghijkl";
 }
 
+// A grey image of 4 x 3 samples, written with OpenJPEG, without its comment.
+constexpr char kCodestream[] =
+    "ff4fff510029000000000004000000030000000000000000000000040000000300000000000000000001"
+    "070101ff52000c00000001000004040001ff5c00044040ff90000a00000000001d0001ff93df806006c5"
+    "68dd61d812d44674fcc4ffd9";
+constexpr char kBoxes[] =
+    "0000000c6a5020200d0a870a00000014667479706a703220000000006a7032200000002d6a7032680000"
+    "00166968647200000003000000040001070700000000000f636f6c7201000000000011000000686a7032"
+    "63";
+// The same as JPEG, written with libjpeg.
+constexpr char kJpegImage[] =
+    "ffd8ffe000104a46494600010100000100010000ffdb00430050373c463c32504641465a55505f78c882"
+    "786e6e78f5afb991c8ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff"
+    "ffffffffffffc0000b080003000401011100ffc40014000100000000000000000000000000000003ffc4"
+    "00191000010500000000000000000000000000030001021232ffda0008010100003f00580875cb2fffd9";
+
 std::string BioRad() {
   std::string bytes;
   for (const int number : {4, 3, 2, 0, 255}) {
@@ -85,7 +106,10 @@ std::vector<std::string> Seeds() {
           Seed(kPng, Png(8, 0)),
           Seed(kPng, Png(16, 0)),
           Seed(kPng, Png(8, 2)),
-          Seed(kBmp, Bmp())};
+          Seed(kBmp, Bmp()),
+          Seed(kJp2, absl::HexStringToBytes(absl::StrCat(kBoxes, kCodestream))),
+          Seed(kJ2k, absl::HexStringToBytes(kCodestream)),
+          Seed(kJpeg, absl::HexStringToBytes(kJpegImage))};
 }
 
 }  // namespace isoscope::fuzz
@@ -94,13 +118,15 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace isoscope::fuzz;
   Input input(data, size);
   const std::uint8_t kind = input.Byte() % kKinds;
-  constexpr const char* kNames[] = {"v.pic", "v.spr", "s0.png", "s0.bmp"};
-  constexpr const char* kPaths[] = {"v.pic", "v.spr", "s*.png", "s*.bmp"};
+  constexpr const char* kNames[] = {"v.pic",  "v.spr",  "s0.png", "s0.bmp",
+                                    "s0.jp2", "s0.j2k", "s0.jpg"};
+  constexpr const char* kPaths[] = {"v.pic",  "v.spr",  "s*.png", "s*.bmp",
+                                    "s*.jp2", "s*.j2k", "s*.jpg"};
   const absl::string_view bytes = input.Rest();
   WriteVolumeFile(kNames[kind], bytes);
   WriteVolumeFile("v.sdt", std::string(24, 'a'));
   if (kind >= kPng) {
-    WriteVolumeFile(kind == kPng ? "s1.png" : "s1.bmp", bytes);
+    WriteVolumeFile(absl::StrCat("s1", absl::string_view(kNames[kind]).substr(2)), bytes);
   }
   OpenAndReadVolume(InVolumeFolder(kPaths[kind]));
   return 0;

@@ -1,0 +1,32 @@
+// Volumes that are stacks of grey images, read in a process of its own.
+
+#ifndef ISOSCOPE_CORE_SOURCE_IMAGE_SLICES_H_
+#define ISOSCOPE_CORE_SOURCE_IMAGE_SLICES_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_source.h"
+
+namespace isoscope::source {
+
+// Whether the name of a file is one of a slice, in any case.
+inline constexpr char kImageSliceEndings[] = ".png .bmp .jp2 .j2k .j2c .jpc .jpg .jpeg";
+bool IsImageSliceName(const std::string& path);
+
+// The slices that `path`, a folder or a pattern, names (FilesNamed), of one kind: PNG and BMP, else
+// JPEG 2000, else JPEG. So previews in JPEG are left out.
+std::vector<std::string> ImageSlicesNamed(const std::string& path);
+
+// Opens the slices that `path` names, one image each: grey, of one size and type. They are read one
+// at a time; the spacing is 1, since such files have only that of a print. INVALID_ARGUMENT: no
+// slices; colours; slices of different size or type, which are found when they are read. DATA_LOSS:
+// a file is cut, or its library ended the child.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_IMAGE_SLICES_H_
