@@ -214,7 +214,7 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   }
   if (!files.ok() && io::IsDirectory(path) && !source::WhyRefused(path).has_value()) {
     return absl::NotFoundError(
-        absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
+        absl::StrCat("'", path, "' holds no finished dataset, no slices and no DICOM series",
                      store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"
                                                    : "; 'isoscope partition' makes a dataset"));
   }

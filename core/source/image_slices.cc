@@ -65,7 +65,7 @@ class ImageSliceReader final : public SliceReader {
     std::copy(slice.samples.begin(), slice.samples.end(), out);
     return absl::OkStatus();
   }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
+  [[nodiscard]] std::int64_t memory_bytes() const override {  // JPEG takes less
     return FormatOf(files_[0])->kind == SliceKind::kLossless
                ? 0
                : kJpeg2000BytesPerSample * first_.width * first_.height;
@@ -112,7 +112,7 @@ std::vector<std::string> ImageSlicesNamed(const std::string& path) {
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path) {
   SilenceImageLibraries();  // first, so that its lock is free when the process forks
-  return OpenWalled({.name = "image", .open = OpenSlices}, path);
+  return OpenWalled({.name = "the decoder of images", .open = OpenSlices}, path);
 }
 
 }  // namespace isoscope::source

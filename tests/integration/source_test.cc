@@ -514,7 +514,7 @@ TEST(EmptyFolderTest, SaysWhatIsMissing) {
   const CommandResult result = testing::RunIsoscope(
       {"render", directory.path(), "--isovalue", "0", "--output", directory.Sub("o.png")});
   EXPECT_EQ(result.exit_code, 1);
-  EXPECT_TRUE(absl::StrContains(result.err, "no finished dataset, no TIFF slices and no DICOM"))
+  EXPECT_TRUE(absl::StrContains(result.err, "no finished dataset, no slices and no DICOM"))
       << result.err;
 }
 

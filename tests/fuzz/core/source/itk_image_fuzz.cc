@@ -1,5 +1,4 @@
-// BioRad, Stimulate, and slices in PNG, BMP, JPEG 2000 and JPEG, read by ITK. The first byte
-// chooses.
+// BioRad and Stimulate, and slices in PNG, BMP, JPEG 2000 and JPEG. The first byte chooses.
 
 #include <zlib.h>
 
