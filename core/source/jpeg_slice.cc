@@ -7,10 +7,10 @@
 //   ff4f                                           start
 //   ff51 length:16 ability:16 right:32 bottom:32 left:32 top:32
 //        width:32 height:32 x:32 y:32 ...          size of the image; size and place of tiles
-//   ffxx length:16 data                            other segments of the header
+//   ffxx length:16 data                            other segments of the header; 30 to 3f alone
 //   ff90 10:16 tile:16 length:32 part:8 parts:8    part of a tile; `length` counts from ff90 on, 0:
 //        data                                      up to the end; `parts` is 0 if it is not known
-//   ffd9                                           end
+//   ffd9                                           end, which some writers leave out
 //
 // OpenJPEG reads from memory through three functions (ByteStream).
 
@@ -64,11 +64,14 @@ absl::string_view CodestreamIn(absl::string_view bytes) {
     const std::uint64_t length = short_length == 1   ? NumberAt(bytes, 8, 8)
                                  : short_length == 0 ? bytes.size()
                                                      : short_length;
-    if (length < head || length > bytes.size()) {
+    if (length < head) {
       return {};
     }
     if (kind == kCodestreamBox) {
-      return bytes.substr(head, length - head);
+      return bytes.substr(std::min(head, bytes.size()), length - head);  // or what there is of it
+    }
+    if (length > bytes.size()) {
+      return {};
     }
     bytes.remove_prefix(length);
   }
@@ -89,7 +92,7 @@ std::uint64_t TileCount(absl::string_view codestream) {
 
 struct TileParts {
   std::uint64_t found = 0;
-  std::uint64_t expected = 1;
+  std::uint64_t expected = 0;  // not known
 };
 
 // ---- OpenJPEG. ----------------------------------------------------------------------------------
@@ -208,13 +211,16 @@ bool HasAllTiles(absl::string_view bytes) {
   const std::uint64_t tile_count = TileCount(codestream);
   std::map<std::uint64_t, TileParts> tiles;
   std::size_t at = 2;
-  while (NumberAt(codestream, at, 2) != kEnd) {
+  bool has_end = false;
+  while (at != codestream.size() && !has_end) {
     const std::uint64_t marker = NumberAt(codestream, at, 2);
     if (marker >> 8 != 0xff) {
       return false;
     }
+    has_end = marker == kEnd;
     if (marker != kTilePart) {
-      at += 2 + std::max<std::uint64_t>(NumberAt(codestream, at + 2, 2), 2);
+      const bool has_length = marker < 0xff30 || marker > 0xff3f;
+      at += has_length ? 2 + std::max<std::uint64_t>(NumberAt(codestream, at + 2, 2), 2) : 2;
       continue;
     }
     TileParts& tile = tiles[NumberAt(codestream, at + 4, 2)];
@@ -225,8 +231,10 @@ bool HasAllTiles(absl::string_view bytes) {
                      : at + std::max(length, kLeastPart);
   }
   return tile_count > 0 && tiles.size() == tile_count && tiles.rbegin()->first < tile_count &&
-         std::all_of(tiles.begin(), tiles.end(),
-                     [](const auto& tile) { return tile.second.found >= tile.second.expected; });
+         std::all_of(tiles.begin(), tiles.end(), [has_end](const auto& tile) {
+           return tile.second.found >= tile.second.expected &&
+                  (has_end || tile.second.expected > 0);
+         });
 }
 
 absl::StatusOr<SliceImage> ReadJpeg2000Slice(const std::string& path, SlicePart part) {

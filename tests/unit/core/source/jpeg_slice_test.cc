@@ -176,8 +176,11 @@ TEST_F(JpegSliceTest, Jpeg2000ThatIsCutIsRefusedWhereverItEnds) {
     ISOSCOPE_EXPECT_OK(Read(whole).status());
     ISOSCOPE_EXPECT_OK(Read(whole + "behind").status());
     for (std::size_t size = 0; size < whole.size(); ++size) {
-      ASSERT_FALSE(HasAllTiles(whole.substr(0, size))) << size << " of " << whole.size();
+      // All but the mark at the end is whole.
+      ASSERT_EQ(HasAllTiles(whole.substr(0, size)), size + 2 == whole.size())
+          << size << " of " << whole.size();
     }
+    ISOSCOPE_EXPECT_OK(Read(whole.substr(0, whole.size() - 2)).status());
     EXPECT_THAT(Read(whole.substr(0, whole.size() - 1)),
                 StatusIs(absl::StatusCode::kDataLoss, HasSubstr("do not have all tiles")));
   }
@@ -208,7 +211,23 @@ TEST_F(JpegSliceTest, BoxesMayHaveLongLengthsOrNone) {
   EXPECT_TRUE(HasAllTiles(signature + BigEndian(0, 4) + "jp2c" + alone));
   EXPECT_FALSE(HasAllTiles(signature + BigEndian(12, 4) + "free" + alone));
   EXPECT_FALSE(HasAllTiles(signature + BigEndian(4, 4) + "jp2c" + alone)) << "a lying length";
-  EXPECT_FALSE(HasAllTiles(signature + BigEndian(alone.size() + 9, 4) + "jp2c" + alone));
+  EXPECT_TRUE(HasAllTiles(signature + BigEndian(alone.size() + 9, 4) + "jp2c" + alone))
+      << "as some writers have it";
+  EXPECT_FALSE(HasAllTiles(signature + BigEndian(alone.size() + 9, 4) + "free" + alone));
+  EXPECT_FALSE(HasAllTiles(signature + BigEndian(1, 4) + "jp2c" + BigEndian(16, 4)));
+}
+
+TEST_F(JpegSliceTest, MarksWithoutALengthStandInTheHeader) {
+  std::string alone = Jpeg2000({.is_alone = true});
+  alone.insert(alone.find("\xff\x90"), "\xff\x30\xff\x3f");
+  EXPECT_TRUE(HasAllTiles(alone));
+}
+
+TEST_F(JpegSliceTest, PartsOfUnknownNumberNeedTheEnd) {
+  std::string alone = Jpeg2000({.is_alone = true});
+  alone[alone.find("\xff\x90") + 11] = 0;
+  EXPECT_TRUE(HasAllTiles(alone));
+  EXPECT_FALSE(HasAllTiles(alone.substr(0, alone.size() - 2)));
 }
 
 TEST_F(JpegSliceTest, LastTilePartMayHaveNoLength) {
