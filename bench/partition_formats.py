@@ -10,7 +10,7 @@ program. Memory is the peak of the program (VmHWM, read until it ends) plus that
 reads the file; pages that both share count twice. Two --bin folders compare two versions: the first is the base, and
 the table has medians of the ratios of pairs, base over the other.
 
-Needs python3-numpy, python3-h5py, python3-netcdf4, python3-pydicom and python3-openvdb.
+Needs python3-numpy, python3-h5py, python3-netcdf4, python3-pydicom, python3-pil and python3-openvdb.
 """
 import argparse
 import json

@@ -6,6 +6,7 @@ import zlib
 import h5py
 import netCDF4
 import numpy
+import PIL.Image
 import pydicom
 
 
@@ -229,6 +230,16 @@ def write_dicom_frames(folder, samples):
     dataset.PixelData = samples.tobytes()
     path = folder / 'frames.dcm'
     save_dicom(dataset, path, '1.2.840.10008.5.1.4.1.1.2.1')
+    return path, []
+
+
+def write_images(folder, samples, ending):
+    """Slices, a file each; those of 8 bits have the upper half of each sample."""
+    path = folder / ending
+    path.mkdir()
+    planes = samples if ending in ('png', 'jp2') else (samples >> 8).astype('u1')
+    for z, plane in enumerate(planes):
+        PIL.Image.fromarray(plane).save(path / f'{z:04}.{ending}')
     return path, []
 
 
@@ -477,4 +488,8 @@ FORMATS = {
     'Imaris': write_imaris,
     'ITK HDF5': write_itk_hdf5,
     'OpenVDB': write_vdb,
+    'PNG slices': lambda folder, samples: write_images(folder, samples, 'png'),
+    'BMP slices': lambda folder, samples: write_images(folder, samples, 'bmp'),
+    'JPEG 2000 slices': lambda folder, samples: write_images(folder, samples, 'jp2'),
+    'JPEG slices': lambda folder, samples: write_images(folder, samples, 'jpg'),
 }
