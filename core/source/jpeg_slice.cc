@@ -10,7 +10,7 @@
 //   ffxx length:16 data                            other segments of the header; 30 to 3f alone
 //   ff90 10:16 tile:16 length:32 part:8 parts:8    part of a tile; `length` counts from ff90 on, 0:
 //        data                                      up to the end; `parts` is 0 if it is not known
-//   ffd9                                           end, which some writers leave out
+//   ffd9                                           end
 //
 // OpenJPEG reads from memory through three functions (ByteStream).
 
@@ -92,7 +92,7 @@ std::uint64_t TileCount(absl::string_view codestream) {
 
 struct TileParts {
   std::uint64_t found = 0;
-  std::uint64_t expected = 0;  // not known
+  std::uint64_t expected = 0;  // 0: not known
 };
 
 // ---- OpenJPEG. ----------------------------------------------------------------------------------
@@ -211,13 +211,11 @@ bool HasAllTiles(absl::string_view bytes) {
   const std::uint64_t tile_count = TileCount(codestream);
   std::map<std::uint64_t, TileParts> tiles;
   std::size_t at = 2;
-  bool has_end = false;
-  while (at != codestream.size() && !has_end) {
+  while (NumberAt(codestream, at, 2) != kEnd) {
     const std::uint64_t marker = NumberAt(codestream, at, 2);
     if (marker >> 8 != 0xff) {
       return false;
     }
-    has_end = marker == kEnd;
     if (marker != kTilePart) {
       const bool has_length = marker < 0xff30 || marker > 0xff3f;
       at += has_length ? 2 + std::max<std::uint64_t>(NumberAt(codestream, at + 2, 2), 2) : 2;
@@ -231,16 +229,15 @@ bool HasAllTiles(absl::string_view bytes) {
                      : at + std::max(length, kLeastPart);
   }
   return tile_count > 0 && tiles.size() == tile_count && tiles.rbegin()->first < tile_count &&
-         std::all_of(tiles.begin(), tiles.end(), [has_end](const auto& tile) {
-           return tile.second.found >= tile.second.expected &&
-                  (has_end || tile.second.expected > 0);
-         });
+         std::all_of(tiles.begin(), tiles.end(),
+                     [](const auto& tile) { return tile.second.found >= tile.second.expected; });
 }
 
 absl::StatusOr<SliceImage> ReadJpeg2000Slice(const std::string& path, SlicePart part) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, io::ReadWholeFile(path, kMaxFileBytes));
   if (!HasAllTiles(bytes)) {
-    return NotReadable(path, absl::StrCat("its ", bytes.size(), " bytes do not have all tiles"));
+    return NotReadable(
+        path, absl::StrCat("its ", bytes.size(), " bytes do not have all tiles and the end"));
   }
   const bool is_alone = NumberAt(bytes, 0, 4) == kStart;
   const std::unique_ptr<opj_codec_t, CodecDeleter> codec(

@@ -26,8 +26,8 @@ inline constexpr std::int64_t kJpeg2000BytesPerSample = 12;
 // missing, or the file ends before.
 absl::StatusOr<SliceImage> ReadJpeg2000Slice(const std::string& path, SlicePart part);
 
-// True if the codestream in `bytes` has all parts of all tiles, and its end (EOC) where their
-// number is not known. Does not decode. O(tile-parts). OpenJPEG gives zeros for missing tiles.
+// True if the codestream in `bytes` has all parts of all tiles, and its end (EOC). Does not decode.
+// O(tile-parts). OpenJPEG gives zeros for missing tiles.
 // Source: ITU-T T.800, annexes A and I.
 bool HasAllTiles(absl::string_view bytes);
 

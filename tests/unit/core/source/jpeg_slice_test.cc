@@ -176,11 +176,8 @@ TEST_F(JpegSliceTest, Jpeg2000ThatIsCutIsRefusedWhereverItEnds) {
     ISOSCOPE_EXPECT_OK(Read(whole).status());
     ISOSCOPE_EXPECT_OK(Read(whole + "behind").status());
     for (std::size_t size = 0; size < whole.size(); ++size) {
-      // All but the mark at the end is whole.
-      ASSERT_EQ(HasAllTiles(whole.substr(0, size)), size + 2 == whole.size())
-          << size << " of " << whole.size();
+      ASSERT_FALSE(HasAllTiles(whole.substr(0, size))) << size << " of " << whole.size();
     }
-    ISOSCOPE_EXPECT_OK(Read(whole.substr(0, whole.size() - 2)).status());
     EXPECT_THAT(Read(whole.substr(0, whole.size() - 1)),
                 StatusIs(absl::StatusCode::kDataLoss, HasSubstr("do not have all tiles")));
   }
@@ -223,11 +220,10 @@ TEST_F(JpegSliceTest, MarksWithoutALengthStandInTheHeader) {
   EXPECT_TRUE(HasAllTiles(alone));
 }
 
-TEST_F(JpegSliceTest, PartsOfUnknownNumberNeedTheEnd) {
+TEST_F(JpegSliceTest, NumberOfPartsMayBeUnknown) {
   std::string alone = Jpeg2000({.is_alone = true});
   alone[alone.find("\xff\x90") + 11] = 0;
   EXPECT_TRUE(HasAllTiles(alone));
-  EXPECT_FALSE(HasAllTiles(alone.substr(0, alone.size() - 2)));
 }
 
 TEST_F(JpegSliceTest, LastTilePartMayHaveNoLength) {
