@@ -189,20 +189,17 @@ class Scanner {
 
   [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
 
-  // Reads through a window of the file: elements are small, and most headers fit one window.
+  // Reads through a window of the file: elements are small, most headers fit one window, and the
+  // position only grows.
   absl::Status ReadAtPosition(std::size_t size, char* out) {
-    const std::int64_t left = file_.size_bytes() - position_;
-    if (static_cast<std::int64_t>(size) > std::min(left, kWindowBytes)) {
-      return file_.ReadAt(position_, size, out);
-    }
-    if (position_ < window_begin_ ||
-        position_ + static_cast<std::int64_t>(size) > window_begin_ + window_bytes_) {
-      const std::int64_t bytes = std::min(left, kWindowBytes);
-      window_bytes_ = 0;  // in case of an error
-      ISOSCOPE_RETURN_IF_ERROR(
-          file_.ReadAt(position_, static_cast<std::size_t>(bytes), window_.data()));
+    if (position_ + static_cast<std::int64_t>(size) > window_begin_ + window_bytes_) {
       window_begin_ = position_;
-      window_bytes_ = bytes;
+      window_bytes_ = std::min(kWindowBytes, file_.size_bytes() - position_);
+      if (static_cast<std::int64_t>(size) > window_bytes_) {
+        return file_.ReadAt(position_, size, out);
+      }
+      ISOSCOPE_RETURN_IF_ERROR(
+          file_.ReadAt(position_, static_cast<std::size_t>(window_bytes_), window_.data()));
     }
     std::copy_n(window_.data() + (position_ - window_begin_), size, out);
     return absl::OkStatus();

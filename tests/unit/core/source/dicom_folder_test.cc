@@ -82,6 +82,7 @@ TEST_F(DicomFolderTest, FolderOfOthersHasNoDicomFile) {
 TEST_F(DicomFolderTest, SliceThatCantBeOpenedIsAnErrorAndNotLeftOut) {
   WriteTwoSeries();
   std::filesystem::create_directory(dir_.Sub("more"));
+  WriteFile(dir_.Sub("notes"), "no slice");
   ASSERT_EQ(mkfifo(dir_.Sub("pipe").c_str(), 0600), 0);
   EXPECT_TRUE(FindDicomSeries(dir_.Sub("7-0"), &decoder_).ok());
   std::filesystem::create_symlink(dir_.Sub("away"), dir_.Sub("7-3"));  // a slice, or not

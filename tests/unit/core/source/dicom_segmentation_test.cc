@@ -7,6 +7,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/dicom_module.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -64,6 +65,7 @@ TEST_F(DicomSegmentationTest, SegmentsAreNumbersOnTheGridOfTheirPlanes) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
   EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{5, 3, 4}));
   EXPECT_EQ(volume->scalar_type(), ScalarType::kUint8);
+  EXPECT_EQ(volume->memory_bytes(), kDicomModuleBytes + 2 * 5 * 3) << "and two slices";
   EXPECT_TRUE(volume->patient_frame().has_value());
   const math::Mat4d to_world = volume->geometry().world_from_index();
   EXPECT_EQ(math::TransformPoint(to_world, {0, 0, 0}), (math::Vec3d{10, 20, 30}));

@@ -24,6 +24,7 @@
 #include "gtest/gtest.h"
 #include <sys/wait.h>
 
+#include "core/source/dicom_module.h"
 #include "tests/support/dicom_file.h"
 #include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
@@ -78,6 +79,7 @@ TEST_F(DicomSourceTest, SeriesIsStackedByPositionFromItsFolderAndFromAFile) {
     EXPECT_EQ(source->geometry().origin, (math::Vec3d{10, 20, 30}));
     EXPECT_EQ(source->scalar_type(), ScalarType::kInt16);
     EXPECT_EQ(source->patient_frame(), volume::PatientFrame()) << "LPS";
+    EXPECT_EQ(source->memory_bytes(), kDicomModuleBytes + 2 * 12 * 9 * 2) << "and two slices";
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
     EXPECT_TRUE(read == samples_);
   }

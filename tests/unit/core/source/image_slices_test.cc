@@ -123,6 +123,41 @@ TEST(ImageSlicesTest, GreyJpegHasTheSamplesThatItkReads) {
   EXPECT_EQ(SamplesOf<std::uint8_t>(*source, 1), expected);
 }
 
+TEST(ImageSlicesTest, SlicesOfOneHeightButAnotherWidthOrTypeAreRefused) {
+  const TempDir dir;
+  WriteImage<itk::PNGImageIO>(dir.Sub("0.png"), {4, 3}, Counted<std::uint8_t>(12));
+  for (const bool is_wide : {false, true}) {
+    if (is_wide) {
+      WriteImage<itk::PNGImageIO>(dir.Sub("1.png"), {5, 3}, Counted<std::uint8_t>(15));
+    } else {
+      WriteImage<itk::PNGImageIO>(dir.Sub("1.png"), {4, 3}, Counted<std::uint16_t>(12));
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
+    EXPECT_THAT(ReadAll(*source, 1).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr(is_wide ? "5 x 3 samples of uint8" : "of uint16")));
+  }
+}
+
+TEST(ImageSlicesTest, MemoryOfTheDecoderOfJpeg2000IsCounted) {
+  std::vector<std::int64_t> bytes;
+  for (const bool is_jpeg_2000 : {false, true}) {
+    const TempDir dir;
+    for (int z = 0; z < 2; ++z) {
+      if (is_jpeg_2000) {
+        WriteImage<itk::JPEG2000ImageIO>(dir.Sub(absl::StrCat(z, ".jp2")), {40, 30},
+                                         Counted<std::uint16_t>(1200));
+      } else {
+        WriteImage<itk::PNGImageIO>(dir.Sub(absl::StrCat(z, ".png")), {40, 30},
+                                    Counted<std::uint16_t>(1200));
+      }
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
+    bytes.push_back(source->memory_bytes());
+  }
+  EXPECT_EQ(bytes[1] - bytes[0], 12 * 40 * 30);
+}
+
 TEST(ImageSlicesTest, SlicesOfAVolumeAreOfOneKindAndPreviewsAreLeftOut) {
   const TempDir dir;
   WriteImage<itk::JPEGImageIO>(dir.Sub("preview.jpg"), {8, 8}, Counted<std::uint8_t>(192), 3);

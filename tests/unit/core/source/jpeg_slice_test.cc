@@ -214,6 +214,33 @@ TEST_F(JpegSliceTest, BoxesMayHaveLongLengthsOrNone) {
   EXPECT_FALSE(HasAllTiles(signature + BigEndian(1, 4) + "jp2c" + BigEndian(16, 4)));
 }
 
+TEST_F(JpegSliceTest, TileBeyondTheLastIsNoTile) {
+  std::string alone = Jpeg2000({.is_alone = true});
+  alone[alone.find("\xff\x90") + 5] = 1;  // of one tile, number 0
+  EXPECT_FALSE(HasAllTiles(alone));
+}
+
+TEST_F(JpegSliceTest, PaletteMakesColours) {
+  const std::string alone = Jpeg2000({.is_alone = true, .bits = 8});
+  const auto box = [](const std::string& kind, const std::string& data) {
+    return BigEndian(data.size() + 8, 4) + kind + data;
+  };
+  const std::string size =
+      box("ihdr", BigEndian(kHeight, 4) + BigEndian(kWidth, 4) + std::string("\0\1\7\7\0\0", 6));
+  const std::string colours = box("colr", std::string("\1\0\0\0\0\0\x10", 7));  // sRGB
+  std::string entries = BigEndian(256, 2) + "\3\7\7\7";
+  for (int i = 0; i < 256; ++i) {
+    entries += BigEndian(static_cast<std::uint64_t>(i), 1) + "ab";
+  }
+  const std::string palette = box("pclr", entries);
+  const std::string channels = box("cmap", std::string("\0\0\1\0\0\0\1\1\0\0\1\2", 12));
+  const std::string file = BigEndian(12, 4) + "jP  \r\n\x87\n" +
+                           box("ftyp", "jp2 " + BigEndian(0, 4) + "jp2 ") +
+                           box("jp2h", size + colours + palette + channels) + box("jp2c", alone);
+  EXPECT_THAT(Read(file),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("f: a colour image")));
+}
+
 TEST_F(JpegSliceTest, MarksWithoutALengthStandInTheHeader) {
   std::string alone = Jpeg2000({.is_alone = true});
   alone.insert(alone.find("\xff\x90"), "\xff\x30\xff\x3f");
@@ -257,12 +284,13 @@ TEST_F(JpegSliceTest, JpegOfEqualColoursIsGreyAndOthersAreRefused) {
                 StatusIs(absl::StatusCode::kDataLoss, HasSubstr("f: no readable JPEG")))
         << size;
   }
-  for (std::size_t i = 0; i < 64; i += 2) {
-    pixels[i].b = 255;
+  for (const image::Rgba8 colour : {image::Rgba8{255, 0, 0, 255}, image::Rgba8{90, 90, 255, 255}}) {
+    pixels.assign(64, colour);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string colours,
+                                  image::EncodeJpeg(8, 8, pixels, {}, 100));
+    EXPECT_THAT(ReadJpeg(colours),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("a colour image")));
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string colours, image::EncodeJpeg(8, 8, pixels, {}, 90));
-  EXPECT_THAT(ReadJpeg(colours),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("a colour image")));
 }
 
 }  // namespace

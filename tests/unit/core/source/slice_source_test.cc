@@ -34,6 +34,7 @@ class FakeReader final : public SliceReader {
     std::copy_n(samples_.data() + static_cast<std::size_t>(z) * 7 * kRowBytes, 7 * kRowBytes, out);
     return absl::OkStatus();
   }
+  [[nodiscard]] std::int64_t memory_bytes() const override { return 1000; }
 
  private:
   const std::string samples_;
@@ -47,6 +48,7 @@ TEST(SliceSourceTest, EveryRunOfRowsIsRightAndASliceInPartsIsDecodedOnce) {
   std::vector<std::int64_t> reads;
   const auto source = MakeSliceSource(geometry, volume::ScalarType::kInt16, "fake",
                                       std::make_unique<FakeReader>(samples, &reads));
+  EXPECT_EQ(source->memory_bytes(), 1000 + 2 * 7 * static_cast<std::int64_t>(kRowBytes));
   for (std::int64_t begin = 0; begin < 28; ++begin) {
     for (std::int64_t end = begin + 1; end <= 28; ++end) {
       std::string rows(static_cast<std::size_t>(end - begin) * kRowBytes, '\0');
