@@ -17,6 +17,7 @@
 #include "core/source/jpeg_slice.h"
 
 #include <openjpeg.h>
+#include <sched.h>
 
 #include <algorithm>
 #include <cstddef>
@@ -131,6 +132,15 @@ OPJ_OFF_T SkipBytes(OPJ_OFF_T count, void* user_data) {
 
 void KeepMessage(const char* text, void* user_data) {
   *static_cast<std::string*>(user_data) = base::Printable(absl::StripAsciiWhitespace(text));
+}
+
+// Threads that decode blocks of samples. Each takes address space, of which the process has little.
+int DecodingThreads() {
+  constexpr int kMaxThreads = 8;
+  cpu_set_t processors;
+  return sched_getaffinity(0, sizeof(processors), &processors) == 0
+             ? std::clamp(CPU_COUNT(&processors), 1, kMaxThreads)
+             : 1;
 }
 
 struct CodecDeleter {
@@ -250,6 +260,7 @@ absl::StatusOr<SliceImage> ReadJpeg2000Slice(const std::string& path, SlicePart 
       opj_setup_decoder(codec.get(), &parameters) == OPJ_FALSE) {
     return absl::ResourceExhaustedError(absl::StrCat(path, ": no memory for OpenJPEG"));
   }
+  static_cast<void>(opj_codec_set_threads(codec.get(), DecodingThreads()));  // else it is slower
   std::string message;
   opj_set_error_handler(codec.get(), KeepMessage, &message);
   ByteStream byte_stream{.bytes = bytes};
