@@ -83,6 +83,12 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path
   if (files.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": no slices (", kImageSliceEndings, ")"));
   }
+  if (files.size() == 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": one slice", files[0] == path ? "" : absl::StrCat(" (", files[0], ")"),
+                     "; a volume has two or more: give their folder, or a pattern such as "
+                     "'slices/*.png'"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(SliceImage first,
                             FormatOf(files.front())->read(files.front(), SlicePart::kHeader));
   volume::GridGeometry geometry;

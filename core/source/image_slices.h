@@ -22,9 +22,9 @@ bool IsImageSliceName(const std::string& path);
 std::vector<std::string> ImageSlicesNamed(const std::string& path);
 
 // Opens the slices that `path` names, one image each: grey, of one size and type. They are read one
-// at a time; the spacing is 1, since such files have only that of a print. INVALID_ARGUMENT: no
-// slices; colours; slices of different size or type, which are found when they are read. DATA_LOSS:
-// a file is cut, or its library ended the child.
+// at a time; the spacing is 1, since such files have only that of a print. INVALID_ARGUMENT: fewer
+// than two slices; colours; slices of different size or type, which are found when they are read.
+// DATA_LOSS: a file is cut, or its library ended the child.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path);
 
 }  // namespace isoscope::source

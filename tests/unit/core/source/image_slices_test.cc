@@ -186,7 +186,12 @@ TEST(ImageSlicesTest, ColoursMixedSlicesAndSingleOnesAreRefused) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
   EXPECT_THAT(ReadAll(*source, 1).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("1.png: 3 x 4")));
-  EXPECT_FALSE(OpenVolumeFile(dir.Sub("0.png")).ok());
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("0.png")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("0.png: one slice; a volume has two or more: give their folder")));
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("0*.png")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr(absl::StrCat("one slice (", dir.Sub("0.png"), ")"))));
   EXPECT_THAT(OpenVolumeFile(dir.Sub("x*.png")).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no slices")));
 }
