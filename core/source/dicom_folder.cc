@@ -53,11 +53,13 @@ absl::StatusOr<Folder> ScanFolder(const std::string& path, DicomDecoder* decoder
   Folder folder;
   for (const std::string& file : DicomCandidatesIn(path)) {
     absl::StatusOr<DicomScan> scanned = ScanDicomFile(file);
-    if (absl::IsFailedPrecondition(scanned.status())) {
-      continue;  // no regular file
+    if (!scanned.ok()) {
+      return absl::Status(
+          scanned.status().code(),
+          absl::StrCat(scanned.status().message(),
+                       "; it may be a slice: make it readable, or put it elsewhere if it is none"));
     }
-    // Any other file that can't be read may be a slice.
-    ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, std::move(scanned));
+    DicomScan scan = *std::move(scanned);
     if (!scan.has_mark) {
       continue;
     }
@@ -142,7 +144,9 @@ std::vector<std::string> DicomCandidatesIn(const std::string& folder) {
   std::error_code error;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (entry->path().filename() != "DICOMDIR") {
+    std::error_code unknown;  // a link to nowhere stays: it may be a slice
+    if (!entry->is_directory(unknown) && !entry->is_other(unknown) &&
+        entry->path().filename() != "DICOMDIR") {
       files.push_back(entry->path().string());
     }
   }

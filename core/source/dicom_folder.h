@@ -17,8 +17,8 @@ namespace isoscope::source {
 // True if the file carries the DICOM mark.
 bool IsDicomFile(const std::string& path);
 
-// Returns the files of a folder, sorted by name, without DICOMDIR: all, or those that carry the
-// mark.
+// Returns the files of a folder, sorted by name, without DICOMDIR, folders, pipes and the like:
+// all, or those that carry the mark.
 std::vector<std::string> DicomCandidatesIn(const std::string& folder);
 std::vector<std::string> DicomFilesIn(const std::string& folder);
 // True if DicomFilesIn would find some. Opens files up to the first one.
