@@ -35,6 +35,7 @@
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/selection_flags.h"
 #include "core/base/printable.h"
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/flags.h"
@@ -115,7 +116,7 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
 // The input, with the flags that its volumes need, as one types them.
 std::string InputAsTyped(const InfoFlags& flags) {
   const SourceFlags& source = flags.source;
-  std::string text = ShellWord(*flags.input);
+  std::string text = base::ShellWord(*flags.input);
   if (source.dims) {
     absl::StrAppend(&text, " --dims ", source.dims->x, ",", source.dims->y, ",", source.dims->z,
                     " --type ", volume::NameOf(source.type.value_or(volume::ScalarType::kUint8)));
@@ -155,7 +156,7 @@ std::string InputAsTyped(const InfoFlags& flags) {
     absl::StrAppend(&text, " --fill ", *source.fill);
   }
   if (source.label_names) {
-    absl::StrAppend(&text, " --label-names ", ShellWord(*source.label_names));
+    absl::StrAppend(&text, " --label-names ", base::ShellWord(*source.label_names));
   }
   absl::StrAppend(&text, source.ignores_shear ? " --ignore-shear" : "",
                   source.resamples ? " --resample" : "");
@@ -370,7 +371,7 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
 
 std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
   if (json.contains("series")) {
-    return DescribeDicomSeries(json, ShellWord(*flags.input));
+    return DescribeDicomSeries(json, base::ShellWord(*flags.input));
   }
   if (json.contains("volume")) {  // the lines of the grid are printed already
     const Json& volume = json.at("volume");

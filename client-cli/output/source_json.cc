@@ -7,10 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_replace.h"
 #include <nlohmann/json.hpp>
 
 #include "core/base/printable.h"
+#include "core/base/shell_word.h"
 #include "core/base/units.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
@@ -159,7 +159,7 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
     commands.push_back(absl::StrCat("isoscope partition ", input, " --output DIR"));
     commands.push_back(absl::StrCat(
         "isoscope render DIR",
-        series.fields().size() > 1 ? absl::StrCat(" --field ", ShellWord(field.name)) : "",
+        series.fields().size() > 1 ? absl::StrCat(" --field ", base::ShellWord(field.name)) : "",
         " --isovalue ", isovalue));
   }
   (*volume)["commands"] = std::move(commands);
@@ -217,15 +217,6 @@ std::string DescribeDicomSeries(const Json& json, const std::string& input) {
   }
   return absl::StrCat(table.ToString(), "\nchoose one, as in: isoscope info ", input, " --series ",
                       json.at("series").front().at("number").dump(), "\n");
-}
-
-std::string ShellWord(const std::string& text) {
-  constexpr absl::string_view kPlain =
-      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./:,+=@%";
-  if (!text.empty() && text.find_first_not_of(std::string(kPlain)) == std::string::npos) {
-    return text;
-  }
-  return absl::StrCat("'", absl::StrReplaceAll(text, {{"'", "'\\''"}}), "'");
 }
 
 }  // namespace isoscope::cli

@@ -50,9 +50,6 @@ Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries);
 // A line for each, and the command that chooses one.
 std::string DescribeDicomSeries(const Json& json, const std::string& input);
 
-// The text as a word of a shell: in quotation marks where it needs them.
-std::string ShellWord(const std::string& text);
-
 }  // namespace isoscope::cli
 
 #endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_SOURCE_JSON_H_

@@ -8,6 +8,7 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
+#include "core/base/shell_word.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -28,7 +29,7 @@ class SourceJsonTest : public ::testing::Test {
     const auto series = source::OpenVolumeSeries(path).value();
     const auto first = series->Open(0, 0, 0).value();
     Json volume = VolumeToJson(*first, volume::ScalarSpan{-1, 4});
-    AddSource(*series, *first, {}, ShellWord(path), &volume);
+    AddSource(*series, *first, {}, base::ShellWord(path), &volume);
     return volume;
   }
   testing::TempDir dir_;
@@ -73,7 +74,7 @@ TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {
   const auto first = series->Open(0, 0, 0).value();
   const auto describe = [&](const SourceRanges& ranges) {
     Json volume = VolumeToJson(*first, std::nullopt);
-    AddSource(*series, *first, ranges, ShellWord(path), &volume);
+    AddSource(*series, *first, ranges, base::ShellWord(path), &volume);
     return volume;
   };
   const Json volume = describe({.steps = 1, .spans = {{{-1, 4}, {}}}});
@@ -111,12 +112,6 @@ TEST(DicomSeriesTextTest, ListsWhatCanBeChosen) {
   EXPECT_THAT(text, HasSubstr("1.2.3"));
   EXPECT_THAT(text, HasSubstr("isoscope info d --series 4"));
   EXPECT_THAT(text, Not(HasSubstr("\033")));
-}
-
-TEST(ShellWordTest, QuotesWhatNeedsIt) {
-  EXPECT_EQ(ShellWord("a/b-1.nii.gz"), "a/b-1.nii.gz");
-  EXPECT_EQ(ShellWord("it's"), "'it'\\''s'");
-  EXPECT_EQ(ShellWord(""), "''");
 }
 
 }  // namespace
