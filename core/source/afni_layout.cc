@@ -160,6 +160,10 @@ absl::StatusOr<AffineRows> AfniTransform(const AfniHeader& header, const std::st
     }
     return rows;
   }
+  if (!real.empty()) {
+    return AfniError(path,
+                     absl::StrFormat("IJK_TO_DICOM_REAL has %d numbers; expected 12", real.size()));
+  }
   const std::vector<double> origin = header.Numbers("ORIGIN");
   const std::vector<double> delta = header.Numbers("DELTA");
   const std::vector<double> orient = header.Numbers("ORIENT_SPECIFIC");
@@ -254,7 +258,13 @@ absl::StatusOr<FileLayout> ReadAfniLayout(const std::string& path) {
   std::vector<double> factors = header.Numbers("BRICK_FLOAT_FACS");
   factors.resize(static_cast<std::size_t>(sub_bricks), 0);
   for (const double factor : factors) {
-    layout.rescalings.push_back({.slope = std::isfinite(factor) && factor != 0 ? factor : 1});
+    if (!std::isfinite(factor)) {
+      return AfniError(path,
+                       absl::StrFormat("BRICK_FLOAT_FACS has %g; expected finite factors, or 0 "
+                                       "for none",
+                                       factor));
+    }
+    layout.rescalings.push_back({.slope = factor != 0 ? factor : 1});
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const AffineRows rows, AfniTransform(header, path));
   ISOSCOPE_ASSIGN_OR_RETURN(

@@ -6,7 +6,7 @@
 //   byte  70  int16     type of the samples (kAnalyzeTypes)
 //   byte  76  float[8]  distances of samples along the axes, from number 1 on
 //   byte 108  float     bytes before the samples
-//   byte 112  float     SPM: factor of the samples, 0 if there is none
+//   byte 112  float     SPM: factor of the samples, 0 or NaN if there is none
 //
 // NIfTI-1 is the same with a magic at byte 344. Source: the header dbh.h of the Mayo Foundation,
 // and nibabel's analyze.py and spm99analyze.py.
@@ -23,6 +23,7 @@
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 #include "core/source/nifti_layout.h"
+#include "core/source/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -78,10 +79,13 @@ absl::Status SetAnalyzeGrid(const BinaryHeader& header, const std::string& path,
   volume::GridGeometry& geometry = layout->geometry;
   geometry.sample_dims = {dims[0], dims[1], dims[2]};
   for (int axis = 0; axis < 3; ++axis) {
-    // 0: not set; negative: flipped, in some readers.
+    // Some programs take 0 for 1, and a negative one for a flipped axis: the format says neither.
     const auto distance =
-        std::abs(static_cast<double>(header.Load<float>(80 + 4 * static_cast<std::size_t>(axis))));
-    geometry.spacing[axis] = distance == 0 ? 1 : distance;
+        static_cast<double>(header.Load<float>(80 + 4 * static_cast<std::size_t>(axis)));
+    const absl::Status good = CheckSampleDistance(
+        path, absl::StrFormat("pixdim[%d] of the Analyze header", axis + 1), distance);
+    layout->distances.Update(good);
+    geometry.spacing[axis] = good.ok() ? distance : 1;
   }
   const absl::Status valid = volume::Validate(geometry);
   return valid.ok() ? valid : absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
@@ -115,10 +119,8 @@ absl::StatusOr<FileLayout> ReadAnalyzeLayout(const std::string& path) {
   }
   (location.is_encoded() ? location.decoded_skip : location.offset) =
       static_cast<std::int64_t>(skip);
-  const auto factor = static_cast<double>(header.Load<float>(112));
-  if (std::isfinite(factor) && factor != 0) {
-    location.slope = factor;
-  }
+  ISOSCOPE_RETURN_IF_ERROR(
+      SetNiftiScale(static_cast<double>(header.Load<float>(112)), 0, "Analyze", path, &location));
   return layout;
 }
 

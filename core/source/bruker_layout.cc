@@ -46,6 +46,7 @@
 #include "core/source/affine_grid.h"
 #include "core/source/jcamp_parameters.h"
 #include "core/source/layout_formats.h"
+#include "core/source/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -299,8 +300,11 @@ absl::Status SetBrukerGrid(const JcampParameters& header, const FrameOrder& orde
   math::Index3 dims{1, 1, order.slices};
   math::Vec3d first = positions.front();
   for (std::size_t axis = 0; axis < sizes.size(); ++axis) {
+    const absl::Status good = CheckSampleDistance(
+        path, absl::StrFormat("number %d of VisuCoreExtent", axis + 1), extent[axis]);
+    layout->distances.Update(good);
     dims[static_cast<int>(axis)] = static_cast<std::int64_t>(sizes[axis]);
-    steps.at(axis) = axes.at(axis) * (extent[axis] / sizes[axis]);
+    steps.at(axis) = axes.at(axis) * (good.ok() ? extent[axis] / sizes[axis] : 1);
     first = first + steps.at(axis) * 0.5;  // from the corner to the middle of the first sample
   }
   if (is_sliced) {

@@ -98,12 +98,16 @@ absl::StatusOr<LocatedFile> LocateCube(const io::RandomAccessFile& file, const s
   }
   LocatedFile located;
   located.geometry.origin = atoms.vector;
-  located.length_unit = "bohr";
   for (std::size_t axis = 0; axis < 3; ++axis) {
     ISOSCOPE_ASSIGN_OR_RETURN(const CubeLine line, ReadCubeLine(&scanner, "a grid's axis", false));
-    if (line.count < 0) {
-      located.length_unit = "angstrom";
+    const char* const unit = line.count < 0 ? "angstrom" : "bohr";
+    if (axis > 0 && located.length_unit != unit) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "axis %d has %d voxels, those before it %s: a negative number means angstroms, a "
+          "positive one bohr; expected one sign for all three axes",
+          axis, line.count, located.length_unit == "bohr" ? "more than 0" : "less than 0"));
     }
+    located.length_unit = unit;
     const std::size_t index = 2 - axis;  // the last is the fastest
     const double length = math::Length(line.vector);
     constexpr std::int64_t kMaxAxis = std::int64_t{1} << 24;

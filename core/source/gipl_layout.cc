@@ -20,6 +20,7 @@
 #include "core/source/binary_header.h"
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
+#include "core/source/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -85,6 +86,10 @@ absl::StatusOr<FileLayout> ReadGiplLayout(const std::string& path) {
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     spacing[axis] = static_cast<double>(header.Load<float>(10 + 4 * axis));
+    const absl::Status good = CheckSampleDistance(
+        path, absl::StrFormat("distance %d of the GIPL header", axis + 1), spacing[axis]);
+    layout.distances.Update(good);
+    spacing[axis] = good.ok() ? spacing[axis] : 1;
     origin[axis] = header.Load<double>(204 + 8 * axis);
   }
   layout.geometry.sample_dims = {dims[0], dims[1], dims[2]};

@@ -22,6 +22,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -166,20 +167,26 @@ absl::StatusOr<std::int64_t> ChunkCacheBytes(hid_t dataset, const std::vector<st
       static_cast<std::int64_t>(std::min(layer_bytes, static_cast<double>(kMaxChunkCacheBytes))));
 }
 
-math::Vec3d SpacingOf(hid_t dataset) {
-  math::Vec3d spacing{1, 1, 1};
+// By the attribute "element_size_um" (z, y, x); 1 without it. INVALID_ARGUMENT: it has other than
+// three distances. The message is to follow a name and a colon.
+absl::StatusOr<math::Vec3d> SpacingOf(hid_t dataset) {
   constexpr char kName[] = "element_size_um";
   if (H5Aexists(dataset, kName) <= 0) {
-    return spacing;
+    return math::Vec3d{1, 1, 1};
   }
   const Hdf5Handle attribute(H5Aopen(dataset, kName, H5P_DEFAULT), H5Aclose);
   const Hdf5Handle space(H5Aget_space(attribute.get()), H5Sclose);
   std::array<double, 3> zyx{};
-  if (H5Sget_simple_extent_npoints(space.get()) == 3 &&
-      H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, zyx.data()) >= 0) {
-    spacing = {zyx[2], zyx[1], zyx[0]};
+  const hssize_t count = H5Sget_simple_extent_npoints(space.get());
+  const bool is_good =
+      count == 3 && H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, zyx.data()) >= 0 &&
+      std::all_of(zyx.begin(), zyx.end(), [](double d) { return std::isfinite(d) && d > 0; });
+  if (!is_good) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "its attribute %s has %s; expected three distances of samples above 0, of z, y and x",
+        kName, count == 3 ? absl::StrJoin(zyx, ", ") : absl::StrCat(count, " numbers")));
   }
-  return spacing;
+  return math::Vec3d{zyx[2], zyx[1], zyx[0]};
 }
 
 // Where none is named, volumes of 64-bit integers or 16-bit floats come behind all others.
@@ -237,8 +244,11 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
   const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset.get());
   volume::GridGeometry geometry;
   geometry.sample_dims = samples.value_or(math::Index3{dims[axes.x], dims[axes.y], dims[axes.z]});
-  geometry.spacing = SpacingOf(dataset.get());
-  const absl::Status valid = volume::Validate(geometry);
+  // Those of meshes stand elsewhere.
+  const absl::StatusOr<math::Vec3d> spacing =
+      samples.has_value() ? math::Vec3d{1, 1, 1} : SpacingOf(dataset.get());
+  geometry.spacing = spacing.value_or(math::Vec3d{1, 1, 1});
+  const absl::Status valid = spacing.ok() ? volume::Validate(geometry) : spacing.status();
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
   }

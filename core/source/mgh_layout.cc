@@ -5,7 +5,7 @@
 //   byte   0  int32     1, the version
 //   byte   4  int32[4]  x, y, z, frames
 //   byte  20  int32     type of the samples: 0 uint8, 1 int32, 3 float32, 4 int16, 10 uint16
-//   byte  28  int16     1 if the rest is set
+//   byte  28  int16     above 0 if the rest is set
 //   byte  30  float[3]  distances of samples
 //   byte  42  float[9]  directions of x, of y, of z in RAS
 //   byte  78  float[3]  RAS position of sample dims / 2, in halves where dims are odd
@@ -30,6 +30,7 @@
 #include "core/source/binary_header.h"
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
+#include "core/source/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -56,6 +57,12 @@ absl::StatusOr<volume::ScalarType> MghType(std::int32_t code, const std::string&
   }
 }
 
+// 1 in place of a distance that is none: FileLayout::distances refuses it.
+double DistanceOfMgh(const BinaryHeader& header, std::size_t axis) {
+  const auto distance = static_cast<double>(header.Load<float>(30 + 4 * axis));
+  return std::isfinite(distance) && distance > 0 ? distance : 1;
+}
+
 AffineRows MghTransform(const BinaryHeader& header, const std::array<std::int64_t, 3>& dims,
                         bool is_set) {
   AffineRows rows{{{-1, 0, 0, 0}, {0, 0, 1, 0}, {0, -1, 0, 0}}};  // FreeSurfer's coronal
@@ -64,7 +71,7 @@ AffineRows MghTransform(const BinaryHeader& header, const std::array<std::int64_
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (is_set) {
         rows[r][axis] = static_cast<double>(header.Load<float>(42 + 12 * axis + 4 * r)) *
-                        static_cast<double>(header.Load<float>(30 + 4 * axis));
+                        DistanceOfMgh(header, axis);
       }
       offset -= rows[r][axis] * static_cast<double>(dims[axis]) / 2;
     }
@@ -125,7 +132,12 @@ absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path) {
   layout.location.volume_count = layout.steps;
   ISOSCOPE_ASSIGN_OR_RETURN(layout.location.stored_type,
                             MghType(header.Load<std::int32_t>(20), path));
-  const bool is_set = header.Load<std::int16_t>(28) == 1;
+  const bool is_set = header.Load<std::int16_t>(28) > 0;
+  for (std::size_t axis = 0; axis < 3 && is_set; ++axis) {
+    layout.distances.Update(
+        CheckSampleDistance(path, absl::StrFormat("distance %d of the MGH header", axis + 1),
+                            static_cast<double>(header.Load<float>(30 + 4 * axis))));
+  }
   const AffineRows rows = MghTransform(header, dims, is_set);
   ISOSCOPE_ASSIGN_OR_RETURN(
       layout.geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows, PatientWorld::kRas, path));

@@ -186,10 +186,7 @@ absl::StatusOr<math::Vec3d> CellSpacing(const MrcHeader& header, const std::arra
   for (int i = 0; *has_cell && i < 3; ++i) {
     const int axis = axes[static_cast<std::size_t>(i)];
     const auto word = static_cast<std::size_t>(axis);
-    std::int32_t samples = header.Integer(8 + word);
-    if (samples == 0) {
-      samples = header.Integer(1 + static_cast<std::size_t>(i));
-    }
+    const std::int32_t samples = header.Integer(8 + word);
     spacing[axis] = cell[axis] / samples;
     if (!(samples > 0) || !(cell[axis] > 0) || !std::isfinite(cell[axis])) {
       return absl::InvalidArgumentError(absl::StrFormat(
@@ -230,7 +227,9 @@ absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& 
   if (!header.has_value()) {
     return absl::InvalidArgumentError(
         "no MRC file: its first 1024 bytes have no \"MAP\" at byte 208, or sizes, mode and axes "
-        "make no sense in either byte order; to read it as raw samples give --dims and --type");
+        "make no sense in either byte order; to read it as raw samples rename it to end in .raw, "
+        "and "
+        "give --dims and --type");
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const MrcType type, MrcTypeOf(*header));
   constexpr std::int32_t kFirstStack = 401;

@@ -8,7 +8,7 @@
 //   byte  16  int64[8]   number of axes, x, y, z, t, components, two more
 //   byte 104  double[8]  sign of z in the qform, distances of samples along the axes
 //   byte 168  int64      bytes before the samples
-//   byte 176  double     slope, intercept; a slope of 0 means that none is set
+//   byte 176  double     slope, intercept; a slope of 0 (or NaN) means that none is set
 //   byte 344  int32      qform_code, sform_code; 0: the transform is not set
 //   byte 352  double     quaternion b, c, d, and its offset x, y, z
 //   byte 400  double[12] rows of the sform
@@ -37,6 +37,7 @@
 #include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 #include "core/source/nifti_layout.h"
+#include "core/source/sample_distance.h"
 #include "core/source/sample_location.h"
 #include "core/source/wide_source.h"
 
@@ -105,11 +106,31 @@ class NiftiNumbers {
   const bool is_second_;
 };
 
-AffineRows QformOf(const NiftiNumbers& header) {
+// The distance of samples along an axis, from 0 on. 1 in place of one that is none, which becomes
+// the error of the layout.
+double NiftiDistance(const NiftiNumbers& header, std::size_t axis, const std::string& path,
+                     FileLayout* layout) {
+  const double distance = header.Distance(axis + 1);
+  const absl::Status good = CheckSampleDistance(
+      path, absl::StrFormat("pixdim[%d] of the %s header", axis + 1, header.name()), distance);
+  layout->distances.Update(good);
+  return good.ok() ? distance : 1;
+}
+
+absl::StatusOr<AffineRows> QformOf(const NiftiNumbers& header, const std::string& path,
+                                   FileLayout* layout) {
   double b = header.Quaternion(0);
   double c = header.Quaternion(1);
   double d = header.Quaternion(2);
   double a = 1 - (b * b + c * c + d * d);
+  // Of rounded numbers, the sum of squares is 1 at most.
+  constexpr double kMaxExcess = 1e-3;
+  if (!(a >= -kMaxExcess) || std::isnan(header.Distance(0))) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: the %s header has the quaternion %g, %g, %g and qfac (pixdim[0]) %g; expected a "
+        "rotation, whose squares sum up to 1 at most, and -1 or 1: the file is damaged",
+        path, header.name(), b, c, d, header.Distance(0)));
+  }
   if (a < 1e-7) {
     const double scale = 1 / std::sqrt(b * b + c * c + d * d);
     b *= scale;
@@ -119,33 +140,46 @@ AffineRows QformOf(const NiftiNumbers& header) {
   } else {
     a = std::sqrt(a);
   }
-  const double flip = header.Distance(0) < 0 ? -1 : 1;
+  const double flip = header.Distance(0) < 0 ? -1 : 1;  // 0 means 1
   AffineRows rows{{{a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c), 0},
                    {2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b), 0},
                    {2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - c * c - b * b, 0}}};
-  for (std::size_t r = 0; r < 3; ++r) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double distance = header.Distance(axis + 1);
-      rows[r][axis] *= (distance > 0 ? distance : 1) * (axis == 2 ? flip : 1);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double distance = NiftiDistance(header, axis, path, layout);
+    for (std::array<double, 4>& row : rows) {
+      row[axis] *= distance * (axis == 2 ? flip : 1);
     }
+  }
+  for (std::size_t r = 0; r < 3; ++r) {
     rows[r][3] = header.Quaternion(3 + r);
   }
   return rows;
 }
 
+// Whether the sform has an axis without a length, as one that is set by its code only.
+bool IsFlat(const AffineRows& rows) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (rows[0][axis] == 0 && rows[1][axis] == 0 && rows[2][axis] == 0) {
+      return true;
+    }
+  }
+  return false;
+}
+
 // The transform of indices to RAS, in the file's unit of length.
-AffineRows TransformOf(const NiftiNumbers& header) {
-  const bool is_sheared = header.has_sform() && FindShear(header.Sform()).has_value();
-  if (header.has_sform() && (!is_sheared || !header.has_qform())) {
+absl::StatusOr<AffineRows> TransformOf(const NiftiNumbers& header, const std::string& path,
+                                       FileLayout* layout) {
+  const bool is_odd =
+      header.has_sform() && (IsFlat(header.Sform()) || FindShear(header.Sform()).has_value());
+  if (header.has_sform() && (!is_odd || !header.has_qform())) {
     return header.Sform();
   }
   if (header.has_qform()) {
-    return QformOf(header);
+    return QformOf(header, path, layout);
   }
   AffineRows rows{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double distance = header.Distance(axis + 1);
-    rows[axis][axis] = distance > 0 ? distance : 1;
+    rows[axis][axis] = NiftiDistance(header, axis, path, layout);
   }
   return rows;
 }
@@ -182,7 +216,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   layout->steps = dims[3];
   layout->components = dims[4];
   layout->location.volume_count = dims[3] * dims[4];
-  AffineRows rows = TransformOf(header);
+  ISOSCOPE_ASSIGN_OR_RETURN(AffineRows rows, TransformOf(header, path, layout));
   for (std::array<double, 4>& row : rows) {
     for (double& number : row) {
       number *= MillimetresOf(header.units());
@@ -231,6 +265,7 @@ absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NiftiNumbers header, ReadNiftiNumbers(path, &is_gzip));
   FileLayout layout;
   ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
+  ISOSCOPE_RETURN_IF_ERROR(layout.distances);
   return layout.geometry;
 }
 
@@ -261,15 +296,13 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
   }
   location.encoding = is_gzip ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
   (location.is_encoded() ? location.decoded_skip : location.offset) = skip;
-  if (std::isfinite(header.slope()) && std::isfinite(header.intercept()) && header.slope() != 0) {
-    location.slope = header.slope();
-    location.intercept = header.intercept();
-    if (layout.wide.has_value() && (location.slope != 1 || location.intercept != 0)) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: 64-bit integers with slope %g and intercept %g; expected slope 1 and intercept 0: "
-          "convert the file to float64",
-          path, location.slope, location.intercept));
-    }
+  ISOSCOPE_RETURN_IF_ERROR(
+      SetNiftiScale(header.slope(), header.intercept(), header.name(), path, &location));
+  if (layout.wide.has_value() && (location.slope != 1 || location.intercept != 0)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: 64-bit integers with slope %g and intercept %g; expected slope 1 and intercept 0: "
+        "convert the file to float64",
+        path, location.slope, location.intercept));
   }
   return layout;
 }

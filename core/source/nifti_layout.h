@@ -7,8 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/source/sample_location.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_type.h"
 
@@ -29,8 +31,15 @@ struct NiftiLayout {
 absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path);
 
 // The grid in LPS and millimetres, by the sform if it is straight, else by the qform: ITK 5.2 takes
-// the qform where both are set and differ. For both versions of NIfTI. Errors as GridFromAffine.
+// the qform where both are set and differ. For both versions of NIfTI. INVALID_ARGUMENT: distances
+// (pixdim) that the transform needs and that are none; otherwise as GridFromAffine.
 absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path);
+
+// Sets how samples are scaled; a slope of 0 or NaN, as nibabel writes it, means that they are not.
+// INVALID_ARGUMENT: an infinite slope; a slope with an intercept that is not finite. `format` is
+// for messages: "NIfTI-1".
+absl::Status SetNiftiScale(double slope, double intercept, const char* format,
+                           const std::string& path, SampleLocation* location);
 
 // For both versions of NIfTI. INVALID_ARGUMENT: a type that no volume has.
 absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path);

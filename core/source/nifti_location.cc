@@ -186,6 +186,22 @@ absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& hea
   return packed.ok() ? packed : plain;
 }
 
+absl::Status SetNiftiScale(double slope, double intercept, const char* format,
+                           const std::string& path, SampleLocation* location) {
+  if (slope == 0 || std::isnan(slope)) {
+    return absl::OkStatus();
+  }
+  if (!std::isfinite(slope) || !std::isfinite(intercept)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: the %s header scales samples by %g and adds %g; expected finite numbers, or a slope "
+        "of 0 for none: the file is damaged",
+        path, format, slope, intercept));
+  }
+  location->slope = slope;
+  location->intercept = intercept;
+  return absl::OkStatus();
+}
+
 const char* NiftiTimeUnit(std::uint8_t units) {
   switch (units & 0x38) {
     case 8:
@@ -263,12 +279,9 @@ absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path) {
   location.encoding =
       IsGzipName(location.files.front()) ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
   (location.is_encoded() ? location.decoded_skip : location.offset) = skip;
-  const auto slope = static_cast<double>(header.Load<float>(112));
-  const auto intercept = static_cast<double>(header.Load<float>(116));
-  if (std::isfinite(slope) && std::isfinite(intercept) && slope != 0) {
-    location.slope = slope;
-    location.intercept = intercept;
-  }
+  ISOSCOPE_RETURN_IF_ERROR(SetNiftiScale(static_cast<double>(header.Load<float>(112)),
+                                         static_cast<double>(header.Load<float>(116)), "NIfTI-1",
+                                         path, &location));
   return location;
 }
 

@@ -40,6 +40,7 @@
 #include "core/math/matrix.h"
 #include "core/source/affine_grid.h"
 #include "core/source/layout_formats.h"
+#include "core/source/sample_distance.h"
 #include "core/source/text_header.h"
 
 namespace isoscope::source {
@@ -354,7 +355,16 @@ absl::Status SetParGrid(const ParHeader& header, std::size_t slice_count, const 
   ISOSCOPE_ASSIGN_OR_RETURN(const double thickness,
                             OnlyNumber(header, kThickness, "slice thickness", path));
   ISOSCOPE_ASSIGN_OR_RETURN(const double gap, OnlyNumber(header, kGap, "slice gap", path));
-  spacing.z = thickness + gap;
+  spacing.z = thickness + gap;  // slices overlap where the gap is negative
+  constexpr std::array<const char*, 3> kNames{"pixel spacing x", "pixel spacing y",
+                                              "slice thickness + slice gap"};
+  for (int axis = 0; axis < 3; ++axis) {
+    const absl::Status good = CheckSampleDistance(
+        path, absl::StrCat(kNames.at(static_cast<std::size_t>(axis)), " of the PAR header"),
+        spacing[axis]);
+    layout->distances.Update(good);
+    spacing[axis] = good.ok() ? spacing[axis] : 1;
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(orientation,
                             OnlyNumber(header, kOrientation, "slice orientation", path));
   ISOSCOPE_ASSIGN_OR_RETURN(const AffineRows rows,

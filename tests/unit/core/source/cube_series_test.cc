@@ -29,8 +29,8 @@ constexpr char kAtoms[] = " 8 8.0 0.1 0.2 0.3\n 1 1.0 1.1 1.2 1.3\n";
 
 // A grid of 4 x 3 x 2 voxels; `sign` "-" for angstroms.
 std::string Head(const std::string& atoms, const std::string& sign = "") {
-  return absl::StrCat("title\ncomment\n", atoms, "\n ", sign, "4 0.5 0 0\n ", sign,
-                      "3 0 2 0\n  2 0 0 4\n");
+  return absl::StrCat("title\ncomment\n", atoms, "\n ", sign, "4 0.5 0 0\n ", sign, "3 0 2 0\n ",
+                      sign, "2 0 0 4\n");
 }
 
 // Value i, of `count` a voxel: i / 8, some with Fortran's exponents.

@@ -7,6 +7,7 @@
 
 #include "core/source/hdf5_source.h"
 
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -178,6 +179,28 @@ TEST_F(Hdf5SourceTest, AxesOfOneElementAreLeftOutAndTheElementSizeIsTheSpacing) 
   EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 4));
   EXPECT_TRUE(read == samples);
+}
+
+TEST_F(Hdf5SourceTest, ElementSizesAreThreeDistances) {
+  const std::string samples = Noise(kDims, ScalarType::kUint8);
+  for (const std::vector<double>& bad :
+       {std::vector<double>{4, 2}, {4, 2, 0}, {4, -2, 1}, {std::nan(""), 2, 1}, {4, 2, 1, 1}}) {
+    const hid_t file = Create("v.h5");
+    WriteDataset(file, "v", {17, 11, 13}, H5T_STD_U8LE, H5T_STD_U8LE, {}, samples.data());
+    const hid_t dataset = H5Dopen2(file, "v", H5P_DEFAULT);
+    const hsize_t count = bad.size();
+    const hid_t space = H5Screate_simple(1, &count, nullptr);
+    const hid_t attribute =
+        H5Acreate2(dataset, "element_size_um", H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT);
+    H5Awrite(attribute, H5T_NATIVE_DOUBLE, bad.data());
+    H5Aclose(attribute);
+    H5Sclose(space);
+    H5Dclose(dataset);
+    H5Fclose(file);
+    EXPECT_THAT(OpenVolumeFile(dir_.Sub("v.h5")),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("element_size_um has")))
+        << bad.size() << " " << bad[0];
+  }
 }
 
 TEST_F(Hdf5SourceTest, RowsBeyond32BitIndicesAndBytesAreFound) {
