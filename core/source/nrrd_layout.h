@@ -6,15 +6,13 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/nrrd_grid.h"
 #include "core/source/text_header.h"
 #include "core/source/wide_source.h"
-#include "core/volume/grid_geometry.h"
-#include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -26,20 +24,14 @@ struct NrrdSampleType {
 // The type of that name ("unsigned short", "uint16_t"); not set if samples have no such type.
 std::optional<NrrdSampleType> NrrdTypeFromName(absl::string_view name);
 
-// "(1,0,0) none (0,0,2)" or "none 1 0.5" in parts; those in parentheses and in quotation marks
-// stay together, without the latter.
-std::vector<std::string> SplitNrrdList(absl::string_view text);
-
 struct NrrdLayout {
-  volume::GridGeometry geometry;  // of the three axes of space, in LPS as ITK has it
-  std::optional<volume::PatientFrame> patient_frame;
+  NrrdGrid grid;  // of the three axes of space
   NrrdSampleType type;
   std::int64_t tuples = 1;    // samples on an axis before those of space
   std::int64_t volumes = 1;   // on one behind them
   bool is_time = false;       // whichever of both is above 1
   double interval = 1;        // between steps, of the axis of time; 1 if the header does not say
   std::string time_unit{};    // may be empty
-  std::string length_unit{};  // may be empty
   std::string sample_unit{};  // may be empty
 };
 
@@ -48,8 +40,8 @@ absl::StatusOr<HeaderFields> ReadNrrdFields(const std::string& path);
 
 // Reads a header of four axes. The one that is not of space is known by its kind ("list",
 // "3-vector", "time", ...), or by its space direction "none"; it must be the first or the last.
-// INVALID_ARGUMENT: not four axes, or not one such among them; a type or numbers that are none; a
-// grid without spacings or directions, or with "axis mins".
+// INVALID_ARGUMENT: not four axes, or not one such among them; a type or numbers that are none; as
+// ReadNrrdGrid.
 absl::StatusOr<NrrdLayout> ReadNrrdLayout(const std::string& path);
 
 }  // namespace isoscope::source

@@ -95,6 +95,11 @@ absl::StatusOr<NrrdHeader> ReadNrrdHeader(const std::string& path) {
     } else if (header.has_list()) {
       header.names.emplace_back(absl::StripAsciiWhitespace(line));
     } else if (line[0] != '#' && colon != absl::string_view::npos) {
+      const std::string key = absl::AsciiStrToLower(line.substr(0, colon));
+      if (!header.fields.Get(key).empty()) {
+        return absl::InvalidArgumentError(absl::StrFormat(
+            "%s: NRRD header: two fields \"%s\"; expected each once", path, key.substr(0, 60)));
+      }
       header.fields.Set(line.substr(0, colon), line.substr(colon + 2));
     }
   }
