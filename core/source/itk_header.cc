@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <exception>
 #include <functional>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -19,6 +20,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/itk_types.h"
+#include "core/source/meta_image_grid.h"
 #include "core/source/nifti_layout.h"
 #include "core/source/silent_libraries.h"
 #include "core/source/text_header.h"
@@ -107,16 +109,14 @@ absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, ImageLayout layo
   if (layout.dims.size() < 3 || extra_samples != 1) {
     return absl::InvalidArgumentError(absl::StrCat(
         path, ": ", layout.dims.size(), "-dimensional, ", absl::StrJoin(layout.dims, " x "),
-        " samples; expected one three-dimensional volume: make a dataset of all, `isoscope "
-        "partition ",
-        path, " --output DIR`, or extract one (time step, channel)"));
+        " samples; expected one three-dimensional volume",
+        layout.dims.size() < 3 ? ", of 2 samples or more along each of three axes"
+                               : ": extract one (time step, channel)"));
   }
   if (layout.components != 1) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": ", layout.components,
-                     " components a sample (a colour or vector volume); expected 1: make a dataset "
-                     "of all, `isoscope partition ",
-                     path, " --output DIR`, or extract one component"));
+                     " components a sample (a colour or vector volume); expected 1: extract one"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
                             ScalarTypeOf(io.GetComponentType(), path));
@@ -155,7 +155,7 @@ absl::Status CheckGrid(const volume::GridGeometry& geometry, const std::string& 
 // Calls `convert` with ITK's reader and the layout of the file.
 template <typename Result>
 absl::StatusOr<Result> ReadHeader(
-    FileFormat format, const std::string& path,
+    FileFormat format, const std::string& path, const GridRules& rules,
     const std::function<absl::StatusOr<Result>(const itk::ImageIOBase&, ImageLayout)>& convert) {
   SilenceImageLibraries();
   try {
@@ -167,10 +167,18 @@ absl::StatusOr<Result> ReadHeader(
       return absl::InvalidArgumentError(
           absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
     }
+    // Before MetaIO, which passes over some numbers that are none.
+    std::optional<volume::GridGeometry> grid;
+    if (format == FileFormat::kMetaImage) {
+      ISOSCOPE_ASSIGN_OR_RETURN(grid, ReadMetaImageGrid(path, rules));
+    }
     io->ReadImageInformation();
     ImageLayout layout = LayoutOf(*io);
     if (format == FileFormat::kNifti && layout.dims.size() >= 3) {
       ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry, ReadNiftiGrid(path));
+    }
+    if (grid.has_value()) {
+      layout.geometry = *grid;
     }
     if (HasPatientFrame(format, *io, path)) {
       layout.patient_frame.emplace();
@@ -222,7 +230,7 @@ absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnu
 
 absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path) {
   return ReadHeader<ImageHeader>(
-      format, path,
+      format, path, {},
       [&](const itk::ImageIOBase& io, ImageLayout layout) -> absl::StatusOr<ImageHeader> {
         ISOSCOPE_ASSIGN_OR_RETURN(ImageHeader header, Convert(io, std::move(layout), path));
         ISOSCOPE_RETURN_IF_ERROR(CheckGrid(header.geometry, path));
@@ -230,9 +238,10 @@ absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string
       });
 }
 
-absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path) {
+absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path,
+                                            const GridRules& rules) {
   return ReadHeader<ImageLayout>(
-      format, path,
+      format, path, rules,
       [&](const itk::ImageIOBase& /*io*/, ImageLayout layout) -> absl::StatusOr<ImageLayout> {
         if (layout.dims.size() < 3) {
           return absl::InvalidArgumentError(

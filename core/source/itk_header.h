@@ -1,4 +1,5 @@
-// The geometry and sample type of a volume file, as ITK reads its header.
+// The geometry and sample type of a volume file. ITK reads the header, but for the grids of NIfTI
+// and MetaImage, which our own readers find (nifti_layout.h, meta_image_grid.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
@@ -10,6 +11,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
@@ -37,8 +39,10 @@ struct ImageLayout {
   std::optional<volume::PatientFrame> patient_frame;
 };
 
-// As ReadImageHeader, with any number of axes and components, and any type.
-absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path);
+// As ReadImageHeader, with any number of axes and components, and any type; and distances of the
+// rules where MetaImage has none.
+absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path,
+                                            const GridRules& rules = {});
 
 // Reads the header only, no sample. Everything ITK throws becomes a status.
 // INVALID_ARGUMENT: not of that format; not three-dimensional (more axes are accepted if each has

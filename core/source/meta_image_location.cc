@@ -23,6 +23,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
@@ -33,6 +34,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/data_files.h"
+#include "core/source/meta_image_grid.h"
 #include "core/source/sample_location.h"
 #include "core/source/text_header.h"
 
@@ -143,6 +145,11 @@ absl::StatusOr<std::vector<std::string>> FindDataFiles(const MetaHeader& header,
 }
 
 }  // namespace
+
+absl::StatusOr<HeaderFields> ReadMetaImageFields(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(MetaHeader header, ReadMetaHeader(path));
+  return std::move(header.fields);
+}
 
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const MetaHeader header, ReadMetaHeader(path));

@@ -1,5 +1,7 @@
 #include "core/source/sample_series.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <utility>
@@ -9,6 +11,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/nifti_layout.h"
+#include "core/source/nrrd_grid.h"
 #include "core/source/nrrd_layout.h"
 #include "core/source/wide_source.h"
 
@@ -33,33 +36,44 @@ absl::StatusOr<std::optional<FileLayout>> NiftiFileLayout(const std::string& pat
   return layout;
 }
 
+void TakeGrid(NrrdGrid grid, FileLayout* layout) {
+  layout->geometry = grid.geometry;
+  layout->patient_frame = grid.patient_frame;
+  layout->length_unit = std::move(grid.length_unit);
+  layout->distances = std::move(grid.distances);
+}
+
 absl::StatusOr<std::optional<FileLayout>> NrrdFileLayout(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const HeaderFields fields, ReadNrrdFields(path));
   const std::vector<std::int64_t> sizes =
       fields.GetIntegers("sizes").value_or(std::vector<std::int64_t>());
   const std::optional<NrrdSampleType> type = NrrdTypeFromName(fields.Get("type"));
   FileLayout layout;
-  if (sizes.size() == 3 && type.has_value() && type->wide.has_value()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image, ReadImageLayout(FileFormat::kNrrd, path));
-    if (image.dims != sizes || image.components != 1) {
-      return std::nullopt;  // whatever it is, OpenVolumeFile says why not
-    }
-    layout.geometry = image.geometry;
-    layout.patient_frame = image.patient_frame;
-  } else if (sizes.size() == 4 && sizes[3] != 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const NrrdLayout nrrd, ReadNrrdLayout(path));
-    layout.geometry = nrrd.geometry;
-    layout.patient_frame = nrrd.patient_frame;
+  if (sizes.size() == 4 && sizes[3] != 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(NrrdLayout nrrd, ReadNrrdLayout(path));
+    TakeGrid(std::move(nrrd.grid), &layout);
     const std::int64_t others = nrrd.tuples * nrrd.volumes;
     (nrrd.is_time ? layout.steps : layout.components) = others;
     layout.location.volume_count = nrrd.volumes;
     layout.location.components = nrrd.tuples;
     layout.interval = nrrd.interval;
     layout.time_unit = nrrd.time_unit;
-    layout.length_unit = nrrd.length_unit;
     layout.sample_unit = nrrd.sample_unit;
   } else {
-    return std::nullopt;
+    const bool has_volume = (sizes.size() == 3 || sizes.size() == 4) && type.has_value() &&
+                            *std::min_element(sizes.begin(), sizes.begin() + 3) > 1;
+    if (!has_volume) {
+      return std::nullopt;  // whatever it is, OpenVolumeFile says why not
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const NrrdAxisLists lists, ReadNrrdLists(fields, path));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (!IsNrrdAxisOfSpace(lists, axis)) {
+        return std::nullopt;
+      }
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(NrrdGrid grid, ReadNrrdGrid(fields, lists, 0, path));
+    grid.length_unit.clear();  // as of all files of one volume
+    TakeGrid(std::move(grid), &layout);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateNrrdSamples(path));
   location.volume_count = layout.location.volume_count;
@@ -76,27 +90,37 @@ absl::StatusOr<std::optional<FileLayout>> NrrdFileLayout(const std::string& path
   return layout;
 }
 
-absl::StatusOr<std::optional<FileLayout>> MetaImageFileLayout(const std::string& path) {
+absl::StatusOr<std::optional<FileLayout>> MetaImageFileLayout(const std::string& path,
+                                                              const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateMetaImageSamples(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image, ReadImageLayout(FileFormat::kMetaImage, path));
-  if (image.components <= 1 || image.dims.size() != 3 || !image.type.has_value()) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image,
+                            ReadImageLayout(FileFormat::kMetaImage, path, rules));
+  const bool has_steps = image.dims.size() == 4 && image.dims[3] > 1;
+  const bool is_of_itk = image.components <= 1 && !has_steps && !rules.has_spacing;
+  if (is_of_itk || image.dims.size() != (has_steps ? 4 : 3) || !image.type.has_value() ||
+      (has_steps && image.components > 1)) {
     return std::nullopt;
   }
   FileLayout layout{.geometry = image.geometry, .components = image.components};
+  if (has_steps) {  // numbered: nothing says that the fourth axis is time
+    layout.steps = image.dims[3];
+    location.volume_count = layout.steps;
+  }
   location.stored_type = *image.type;
   location.components = image.components;
   layout.location = std::move(location);
   return layout;
 }
 
-absl::StatusOr<std::optional<FileLayout>> LayoutOfFile(FileFormat format, const std::string& path) {
+absl::StatusOr<std::optional<FileLayout>> LayoutOfFile(FileFormat format, const std::string& path,
+                                                       const GridRules& rules) {
   switch (format) {
     case FileFormat::kNifti:
       return NiftiFileLayout(path);
     case FileFormat::kNrrd:
       return NrrdFileLayout(path);
     case FileFormat::kMetaImage:
-      return MetaImageFileLayout(path);
+      return MetaImageFileLayout(path, rules);
   }
   return absl::InternalError("file format out of range");
 }
@@ -106,12 +130,14 @@ absl::StatusOr<std::optional<FileLayout>> LayoutOfFile(FileFormat format, const 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSampleSeries(FileFormat format,
                                                                const std::string& header_path,
                                                                const std::string& path,
-                                                               const std::string& field) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileLayout> layout, LayoutOfFile(format, header_path));
+                                                               const std::string& field,
+                                                               const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileLayout> layout,
+                            LayoutOfFile(format, header_path, rules));
   if (!layout.has_value()) {
     return nullptr;
   }
-  return MakeLayoutSeries(path, field, *std::move(layout));
+  return MakeLayoutSeries(path, field, *std::move(layout), rules);
 }
 
 }  // namespace isoscope::source

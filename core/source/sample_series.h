@@ -9,19 +9,20 @@
 #include "absl/status/statusor.h"
 
 #include "core/source/file_layout.h"
+#include "core/source/grid_rules.h"
 #include "core/source/itk_header.h"
 #include "core/source/sample_location.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
 
-// Opens the file as one field of that name; null if it holds one volume of a type that
-// OpenVolumeFile takes.
+// Opens the file as one field of that name; null if it holds one volume that OpenVolumeFile takes:
+// of NIfTI and MetaImage, and files that are no volumes.
 //
 //   NIfTI      the fourth axis is time, index * pixdim[4] in its unit; the fifth one components
 //   NRRD       an axis that is not of space, the first or the last: time if that is its kind, else
-//              components (nrrd_layout.h); 64-bit integers (wide_source.h)
-//   MetaImage  the channels are components
+//              components (nrrd_layout.h); 64-bit integers (wide_source.h); also one volume
+//   MetaImage  the channels are components, a fourth axis is steps without a time
 //
 // A volume of a compressed file is read by decoding all that lies before it.
 // `header_path` is the file of the header, `path` is for messages. Errors as OpenVolumeFile and
@@ -29,7 +30,8 @@ namespace isoscope::source {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSampleSeries(FileFormat format,
                                                                const std::string& header_path,
                                                                const std::string& path,
-                                                               const std::string& field);
+                                                               const std::string& field,
+                                                               const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

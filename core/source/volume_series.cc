@@ -79,8 +79,9 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesAs(const std::string& pa
         return OpenSeriesFile(*sibling, FieldNameOf(path), rules);
       }
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                              OpenSampleSeries(*sample_format, header, path, FieldNameOf(path)));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<VolumeSeries> series,
+        OpenSampleSeries(*sample_format, header, path, FieldNameOf(path), rules));
     if (series != nullptr) {
       return series;
     }
@@ -124,7 +125,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
     return OpenHdf5Path(path, hdf5, options.axes);
   }
   if (const auto stack = FilesOfTiffStack(path); stack.has_value()) {
-    return OpenTiffSeries(*stack, path, FieldNameOf(path), options.axes);
+    return OpenTiffSeries(*stack, path, FieldNameOf(path), options.axes, options.rules);
   }
   std::optional<SeriesFile> file = FindSeriesFileByName(path);
   if (file.has_value()) {
@@ -134,7 +135,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": --axes ", options.axes,
                      ": the axes of this kind of file have their meaning; "
-                     "--axes is for datasets of HDF5 files and for TIFF"));
+                     "--axes is for datasets of HDF5 files, for netCDF and for TIFF"));
   }
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     return OpenPvdSeries(path);
@@ -156,8 +157,9 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
     }
   }
   if (format.has_value() && io::PathExists(header)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                              OpenSampleSeries(*format, header, path, FieldNameOf(path)));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<VolumeSeries> series,
+        OpenSampleSeries(*format, header, path, FieldNameOf(path), options.rules));
     if (series != nullptr) {
       return series;
     }

@@ -131,10 +131,10 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
   if (format == FileFormat::kNifti) {
     header_path = NiftiHeaderPath(path);
     if (!io::PathExists(header_path)) {
-      return absl::NotFoundError(
-          absl::StrFormat("%s: its NIfTI header %s does not exist; to read it as raw samples give "
-                          "--dims and --type",
-                          path, header_path));
+      return absl::NotFoundError(absl::StrFormat(
+          "%s: its NIfTI header %s does not exist; to read it as raw samples rename "
+          "it to end in .raw, and give --dims and --type",
+          path, header_path));
     }
     if (std::optional<SeriesFile> series = FindNiftiSibling(header_path, rules);
         series.has_value()) {
@@ -245,7 +245,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
   switch (found.kind) {
     case SourceKind::kTiff: {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
-                                OpenTiffSeries(found.files, path, FieldNameOf(path), ""));
+                                OpenTiffSeries(found.files, path, FieldNameOf(path), "", rules));
       return OpenOnlyVolume(*series, path, false);
     }
     case SourceKind::kImageSlices:
@@ -274,7 +274,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
   // Several volumes, or 64-bit integers in NRRD, which ITK does not read.
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<VolumeSeries> series,
-      OpenSampleSeries(found.format, found.files.front(), path, FieldNameOf(path)));
+      OpenSampleSeries(found.format, found.files.front(), path, FieldNameOf(path), rules));
   if (series != nullptr) {
     return OpenOnlyVolume(*series, path, false);
   }

@@ -178,12 +178,27 @@ TEST_F(SampleSeriesTest, ChannelsOfMetaImage) {
   }
 }
 
+TEST_F(SampleSeriesTest, AFourthAxisOfMetaImageIsSteps) {
+  std::string head = MetaHeader(kDims, "MET_SHORT", "LOCAL");
+  head.replace(head.find("NDims = 3"), 9, "NDims = 4");
+  head.replace(head.find("DimSize = 4 3 2"), 15, "DimSize = 4 3 2 3");
+  head.replace(head.find("0 1 0 -1 0 0 0 0 1"), 18, "0 1 0 0 -1 0 0 0 0 0 1 0 0 0 0 1");
+  head.replace(head.find("10 20 30"), 8, "10 20 30 0");
+  head.replace(head.find("1.5 2 3"), 7, "1.5 2 3 1");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
+                                OpenVolumeSeries(Write("a.mha", head + Volumes(3))));
+  EXPECT_EQ(series->step_count(), 3);
+  EXPECT_THAT(series->times(), ElementsAre(0, 1, 2));
+  ExpectVolume(*series, 0, 2, 2);
+}
+
 TEST_F(SampleSeriesTest, OneVolumeIsLeftToOthers) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto nrrd,
-      OpenSampleSeries(FileFormat::kNrrd,
-                       Write("a.nrrd", NrrdHeader(kDims, "short", "raw") + Volumes(1)), "a", "a"));
-  EXPECT_EQ(nrrd, nullptr);
+      const auto meta,
+      OpenSampleSeries(FileFormat::kMetaImage,
+                       Write("a.mha", MetaHeader(kDims, "MET_SHORT", "LOCAL") + Volumes(1)), "a",
+                       "a"));
+  EXPECT_EQ(meta, nullptr);
   EXPECT_THAT(OpenVolumeSeries(Write("four.nrrd", Nrrd4("4 3 2 2", "domain domain domain domain",
                                                         "(1,0,0) (0,1,0) (0,0,1) (0,0,1)"))),
               StatusIs(kInvalid, HasSubstr("four.nrrd")));

@@ -1,0 +1,27 @@
+// The grid of a MetaImage header.
+
+#ifndef ISOSCOPE_CORE_SOURCE_META_IMAGE_GRID_H_
+#define ISOSCOPE_CORE_SOURCE_META_IMAGE_GRID_H_
+
+#include <string>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/grid_rules.h"
+#include "core/source/text_header.h"
+#include "core/volume/grid_geometry.h"
+
+namespace isoscope::source {
+
+// The grid of the first three axes, without distances 1 apart. INVALID_ARGUMENT: fewer axes; not as
+// many finite numbers as there are axes; distances of 0 or less, unless the rules have some; two
+// fields of one meaning that differ; volume::Validate.
+absl::StatusOr<volume::GridGeometry> ReadMetaImageGrid(const std::string& path,
+                                                       const GridRules& rules);
+
+// The fields of the header, by their names in lower case. Errors as LocateMetaImageSamples.
+absl::StatusOr<HeaderFields> ReadMetaImageFields(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_META_IMAGE_GRID_H_
