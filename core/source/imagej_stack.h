@@ -14,15 +14,20 @@ namespace isoscope::source {
 
 bool IsImageJDescription(absl::string_view description);
 
-// The pixels in a unit along x and y, from TIFF's tags; 0 if the file does not say.
+// TIFF's tags of resolution: pixels in a unit along x and y, 0 or NaN if the file does not say, and
+// the unit, "in" or "cm"; "": none.
 struct PixelDensity {
   double x = 0;
   double y = 0;
+  std::string unit{};
 };
 
 // Lays out the images: channels are fastest, then slices, then frames. The planes are those that
-// the description counts, whether the file has them or not. INVALID_ARGUMENT: counts that
-// contradict each other, or more than kMaxStackPlanes. The message is to follow a name and a colon.
+// the description counts, whether the file has them or not. Pixels have the sizes that ImageJ
+// reads: 1 where the head says nothing of them, and StackLayout::distances where it says it of some
+// axes only, or as no number. A resolution in inches or centimetres alone is that of a print, and
+// no size. INVALID_ARGUMENT: counts that contradict each other, or more than kMaxStackPlanes; units
+// that can't be compared. The message is to follow a name and a colon.
 absl::StatusOr<StackLayout> ParseImageJ(absl::string_view description, const PixelDensity& density);
 
 }  // namespace isoscope::source

@@ -15,8 +15,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/source/binary_header.h"
 
@@ -49,17 +52,19 @@ absl::StatusOr<StackLayout> ParseLsm(absl::string_view info) {
     return absl::InvalidArgumentError(
         absl::StrFormat("LSM with scan type %d; expected 0, 3 or 6: planes along x and y", scan));
   }
-  bool has_voxels = true;
+  std::vector<std::string> bad;
   for (int axis = 0; axis < 3; ++axis) {
     constexpr double kMicrometres = 1e6;
     const double size = header.Load<double>(40 + 8 * static_cast<std::size_t>(axis)) * kMicrometres;
-    has_voxels = has_voxels && std::isfinite(size) && size > 0;
-    layout.spacing[axis] = size;
+    const bool is_good = std::isfinite(size) && size > 0;
+    if (!is_good && (axis < 2 || layout.slices > 1)) {
+      bad.push_back(absl::StrFormat("%g um along %c", size, "xyz"[axis]));
+    }
+    layout.spacing[axis] = is_good ? size : 1;
   }
   layout.length_unit = "um";
-  if (!has_voxels) {
-    layout.spacing = {1, 1, 1};
-    layout.length_unit = "";
+  if (!bad.empty()) {
+    layout.distances = absl::StrCat("LSM with voxels of ", absl::StrJoin(bad, " and "));
   }
   const auto interval = header.Load<double>(112);
   for (std::int64_t i = 0;

@@ -33,6 +33,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
@@ -154,9 +155,12 @@ class OmeReader {
     StackLayout& layout = stack.layout;
     std::optional<LengthUnit> first;
     std::string first_text;
+    std::vector<std::string> given;
+    std::vector<std::string> missing;
     for (int axis = 0; axis < 3; ++axis) {
       const std::string key = absl::StrCat("PhysicalSize", std::string(1, "XYZ"[axis]));
       const std::string text = tag.Get(key);
+      (text.empty() ? missing : given).push_back(key);
       if (text.empty()) {
         continue;
       }
@@ -182,6 +186,10 @@ class OmeReader {
         size *= unit->metres / first->metres;
       }
       layout.spacing[axis] = size;
+    }
+    if (!given.empty() && !missing.empty()) {
+      layout.distances = absl::StrCat("OME-XML has ", absl::StrJoin(given, " and "), ", but no ",
+                                      absl::StrJoin(missing, " and "));
     }
     return absl::OkStatus();
   }
@@ -255,10 +263,7 @@ absl::StatusOr<OmeStack> ParseOmeXml(absl::string_view xml, const std::string& p
   OmeStack stack = std::move(reader.stack);
   if (stack.size_x == 0) {
     if (stack.companion.empty()) {
-      return absl::InvalidArgumentError(
-          absl::StrCat(path,
-                       ": OME-XML without a tag Pixels: say what the pages are, as with "
-                       "--axes Z"));
+      return absl::InvalidArgumentError(absl::StrCat(path, ": OME-XML without a tag Pixels"));
     }
     return stack;
   }

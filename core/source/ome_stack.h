@@ -24,9 +24,10 @@ struct OmeStack {
 };
 
 // Parses the XML. `own_name` is the name of its file, without a folder, and `own_planes` the number
-// of planes in it. Sizes of pixels are in the unit of the first axis; those that are missing are 1.
-// INVALID_ARGUMENT: as ParseXmlTags; sizes that are none; more than kMaxStackPlanes; another order
-// of axes; a file outside the folder. The messages name `path`.
+// of planes in it. Sizes of pixels are in the unit of the first axis; if some are missing, the
+// layout says so (StackLayout::distances). INVALID_ARGUMENT: as ParseXmlTags; sizes that are none;
+// more than kMaxStackPlanes; another order of axes; a file outside the folder. The messages name
+// `path`.
 absl::StatusOr<OmeStack> ParseOmeXml(absl::string_view xml, const std::string& path,
                                      const std::string& own_name, std::int64_t own_planes);
 

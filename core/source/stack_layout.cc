@@ -13,6 +13,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
+#include "core/base/shell_word.h"
 
 namespace isoscope::source {
 namespace {
@@ -131,18 +132,34 @@ absl::Status ApplyPageAxes(absl::string_view axes, std::int64_t planes, bool is_
   return absl::OkStatus();
 }
 
+std::string PagesAdvice(const std::string& path) {
+  return absl::StrCat(
+      "say what its pages are (T time, C channel, Z slice), as in `isoscope partition ",
+      base::ShellWord(path), " --axes Z --output DIR`");
+}
+
 std::optional<LengthUnit> LengthUnitOf(absl::string_view text) {
   struct Spelling {
     absl::string_view text;
     const char* name;
     double metres;
   };
-  // The two letters mu of Unicode, and ImageJ's escape of the first.
-  static constexpr std::array<Spelling, 22> kSpellings{{{"m", "m", 1},
+  // The units of OME, and the spellings of ImageJ: the two letters mu of Unicode, that of Latin-1,
+  // and an escape.
+  static constexpr std::array<Spelling, 47> kSpellings{{{"m", "m", 1},
                                                         {"meter", "m", 1},
+                                                        {"meters", "m", 1},
+                                                        {"metre", "m", 1},
+                                                        {"metres", "m", 1},
+                                                        {"dm", "dm", 1e-1},
                                                         {"cm", "cm", 1e-2},
+                                                        {"centimeter", "cm", 1e-2},
+                                                        {"centimeters", "cm", 1e-2},
                                                         {"mm", "mm", 1e-3},
                                                         {"millimeter", "mm", 1e-3},
+                                                        {"millimeters", "mm", 1e-3},
+                                                        {"millimetre", "mm", 1e-3},
+                                                        {"millimetres", "mm", 1e-3},
                                                         {"um", "um", 1e-6},
                                                         {"\xc2\xb5m", "um", 1e-6},
                                                         {"\xce\xbcm", "um", 1e-6},
@@ -152,14 +169,30 @@ std::optional<LengthUnit> LengthUnitOf(absl::string_view text) {
                                                         {"microns", "um", 1e-6},
                                                         {"micrometer", "um", 1e-6},
                                                         {"micrometers", "um", 1e-6},
+                                                        {"micrometre", "um", 1e-6},
+                                                        {"micrometres", "um", 1e-6},
                                                         {"nm", "nm", 1e-9},
                                                         {"nanometer", "nm", 1e-9},
+                                                        {"nanometers", "nm", 1e-9},
                                                         {"pm", "pm", 1e-12},
+                                                        {"fm", "fm", 1e-15},
                                                         {"\xc3\x85", "angstrom", 1e-10},
+                                                        {"\xe2\x84\xab", "angstrom", 1e-10},
                                                         {"angstrom", "angstrom", 1e-10},
+                                                        {"angstroms", "angstrom", 1e-10},
+                                                        {"dam", "dam", 1e1},
+                                                        {"hm", "hm", 1e2},
                                                         {"km", "km", 1e3},
+                                                        {"Mm", "Mm", 1e6},
                                                         {"in", "in", 0.0254},
-                                                        {"inch", "in", 0.0254}}};
+                                                        {"inch", "in", 0.0254},
+                                                        {"inches", "in", 0.0254},
+                                                        {"thou", "thou", 0.0254e-3},
+                                                        {"ft", "ft", 0.3048},
+                                                        {"yd", "yd", 0.9144},
+                                                        {"mi", "mi", 1609.344},
+                                                        {"li", "li", 0.0254 / 12},
+                                                        {"pt", "pt", 0.0254 / 72}}};
   for (const Spelling& known : kSpellings) {
     if (known.text == text) {
       return LengthUnit{.name = known.name, .metres = known.metres};

@@ -26,6 +26,8 @@ struct StackLayout {
   std::int64_t channels = 1;
   std::int64_t steps = 1;
   math::Vec3d spacing{1, 1, 1};
+  math::Vec3d origin{};     // of the first sample
+  std::string distances{};  // which of them the head lacks, for people; the spacing is 1 there
   std::string length_unit{};
   std::vector<std::string> channel_names{};  // none, or one a channel; may be empty or alike
   std::vector<double> times{};               // none, or one a step
@@ -53,6 +55,10 @@ void LayPlanes(absl::string_view letters, StackLayout* layout);
 // number of planes. The message is to follow a name and a colon.
 absl::Status ApplyPageAxes(absl::string_view axes, std::int64_t planes, bool is_known,
                            StackLayout* layout);
+
+// The command that says what the pages of a file are: "say what its pages are, as in `isoscope
+// partition ... --axes Z ...`".
+std::string PagesAdvice(const std::string& path);
 
 // A unit of length in metres, of the spellings that microscopes use; not set for others.
 struct LengthUnit {

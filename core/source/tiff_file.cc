@@ -252,6 +252,11 @@ absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, Tif
   TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLEFORMAT, &format);
   TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
   TIFFGetField(tiff, TIFFTAG_PHOTOMETRIC, &photometric);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_ORIENTATION, &page.orientation);
+  if (page.orientation < ORIENTATION_TOPLEFT || page.orientation > ORIENTATION_LEFTBOT) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: orientation %d; expected 1 to 8", path, page.orientation));
+  }
   const bool is_grey =
       photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE;
   if (colours == TiffColours::kForDisplay) {

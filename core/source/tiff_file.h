@@ -37,6 +37,7 @@ struct PageFormat {
   volume::ScalarType type = volume::ScalarType::kUint8;
   // Planes that a page holds one after the other; else each page is one plane.
   std::uint16_t planes = 1;
+  std::uint16_t orientation = 1;  // where row 0 and column 0 are, as TIFF numbers it
 
   [[nodiscard]] std::int64_t plane_bytes() const {
     return std::int64_t{width} * height * static_cast<std::int64_t>(volume::SizeOf(type));

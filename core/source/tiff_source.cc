@@ -16,6 +16,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/byte_order.h"
+#include "core/source/sample_distance.h"
 #include "core/source/slice_source.h"
 #include "core/source/stack_layout.h"
 #include "core/source/tiff_file.h"
@@ -135,6 +136,8 @@ class TiffSeries final : public VolumeSeries {
     geometry.sample_dims = {std::int64_t{stack_->format.width}, std::int64_t{stack_->format.height},
                             stack_->layout.slices};
     geometry.spacing = stack_->layout.spacing;
+    geometry.origin = stack_->layout.origin;
+    TurnPages(stack_->format.orientation, &geometry);
     const std::string name =
         fields_.size() > 1
             ? absl::StrCat(stack_->name, ":", fields_[static_cast<std::size_t>(field)].name)
@@ -144,12 +147,13 @@ class TiffSeries final : public VolumeSeries {
       const StackLayout& layout = stack_->layout;
       return absl::Status(
           valid.code(),
-          absl::StrCat(name, ": ", valid.message(),
-                       layout.slices == 1 && layout.planes.size() > 1
-                           ? absl::StrFormat("; the file has %d channels and %d steps of one slice:"
-                                             " if they are slices, say so with --axes Z",
-                                             layout.channels, layout.steps)
-                           : ""));
+          absl::StrCat(
+              name, ": ", valid.message(),
+              layout.slices == 1 && layout.planes.size() > 1
+                  ? absl::StrFormat("; the file has %d channels and %d steps of one slice:"
+                                    " if they are slices, %s",
+                                    layout.channels, layout.steps, PagesAdvice(stack_->name))
+                  : ""));
     }
     return MakeSliceSource(geometry, stack_->format.type, name,
                            std::make_unique<TiffReader>(stack_, field, step));
@@ -167,8 +171,12 @@ class TiffSeries final : public VolumeSeries {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenTiffSeries(const std::vector<std::string>& files,
                                                              const std::string& name,
                                                              const std::string& field,
-                                                             const std::string& axes) {
+                                                             const std::string& axes,
+                                                             const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(TiffStack stack, FindTiffStack(files, name, axes));
+  if (!stack.layout.distances.empty() && stack.layout.slices > 1 && !rules.has_spacing) {
+    return NoSampleDistance(name, stack.layout.distances);
+  }
   return std::make_unique<TiffSeries>(std::make_shared<const TiffStack>(std::move(stack)), field);
 }
 

@@ -12,7 +12,10 @@
 #include "core/source/tiff_stack.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstddef>
+#include <cstdlib>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -72,12 +75,12 @@ absl::StatusOr<std::optional<StackLayout>> LayoutOfHead(const TiffStack& stack,
     return layout;
   }
   if (IsImageJDescription(pages.description)) {
-    const bool is_of_print =
-        pages.resolution_unit != RESUNIT_NONE && !absl::StrContains(pages.description, "\nunit=");
+    const char* const unit = pages.resolution_unit == RESUNIT_INCH         ? "in"
+                             : pages.resolution_unit == RESUNIT_CENTIMETER ? "cm"
+                                                                           : "";
     auto layout =
         ParseImageJ(pages.description,
-                    is_of_print ? PixelDensity()
-                                : PixelDensity{.x = pages.x_resolution, .y = pages.y_resolution});
+                    PixelDensity{.x = pages.x_resolution, .y = pages.y_resolution, .unit = unit});
     ISOSCOPE_RETURN_IF_ERROR(NamedStatus(path, layout.status()));
     return *std::move(layout);
   }
@@ -174,11 +177,26 @@ absl::Status CheckPlanes(const std::string& path, std::int64_t planes, TiffStack
     if (plane.file == stack->scanned_file && plane.index >= planes) {
       return absl::DataLossError(absl::StrFormat(
           "%s: %d planes, but its head says %d: %d channels, %d slices, %d frames: the file is cut,"
-          " or say what its pages are, as with --axes Z",
-          path, planes, layout.planes.size(), layout.channels, layout.slices, layout.steps));
+          " or %s",
+          path, planes, layout.planes.size(), layout.channels, layout.slices, layout.steps,
+          PagesAdvice(path)));
     }
   }
   return absl::OkStatus();
+}
+
+// Pixels of a print are 1 apart, and so are slices, which TIFF says nothing of. Pixels that are not
+// square can't be. "" if they are.
+std::string WhyNotSquare(const TiffPages& pages) {
+  constexpr double kTolerance = 1e-3;
+  const double x = pages.x_resolution;
+  const double y = pages.y_resolution;
+  return x > 0 && y > 0 && std::abs(x - y) > kTolerance * std::max(x, y)
+             ? absl::StrFormat(
+                   "pixels that are not square (XResolution %g, YResolution %g), and no "
+                   "distance of slices",
+                   x, y)
+             : "";
 }
 
 // Lays the planes out; `described`: as the head of the first file says.
@@ -187,13 +205,20 @@ absl::Status LayOut(const std::vector<std::string>& files, const std::string& ax
   const std::string& path = files.front();
   std::optional<StackLayout> described;
   if (files.size() == 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(described, LayoutOfHead(*stack, path));
+    auto head = LayoutOfHead(*stack, path);
+    if (!head.ok() && axes.empty()) {
+      return absl::Status(head.status().code(), absl::StrCat(head.status().message(),
+                                                             ": mend it, or ", PagesAdvice(path)));
+    }
+    described = head.ok() ? *std::move(head) : std::optional<StackLayout>();
   } else {
     ISOSCOPE_RETURN_IF_ERROR(CheckSliceFiles(files, *stack));
   }
   const bool is_known = described.has_value();
   if (is_known) {
     stack->layout = *std::move(described);
+  } else {
+    stack->layout.distances = WhyNotSquare(stack->pages);
   }
   std::int64_t planes = static_cast<std::int64_t>(files.size());
   if (files.size() == 1) {
@@ -225,6 +250,28 @@ absl::Status LayOut(const std::vector<std::string>& files, const std::string& ax
 }
 
 }  // namespace
+
+void TurnPages(std::uint16_t orientation, volume::GridGeometry* geometry) {
+  // Where columns (index x) and rows (index y) run: 1 and -1 along the world's x, 2 and -2 along y.
+  struct Turn {
+    int columns;
+    int rows;
+  };
+  constexpr std::array<Turn, 8> kTurns{
+      {{1, 2}, {-1, 2}, {-1, -2}, {1, -2}, {2, 1}, {2, -1}, {-2, -1}, {-2, 1}}};
+  const Turn& turn = kTurns.at(orientation - std::size_t{1});
+  for (const int index : {0, 1}) {
+    const int run = index == 0 ? turn.columns : turn.rows;
+    const int world = std::abs(run) - 1;
+    math::Vec3d direction{0, 0, 0};
+    direction[world] = run < 0 ? -1 : 1;
+    geometry->direction.columns[static_cast<std::size_t>(index)] = direction;
+    if (run < 0) {
+      geometry->origin[world] +=
+          geometry->spacing[index] * static_cast<double>(geometry->sample_dims[index] - 1);
+    }
+  }
+}
 
 absl::StatusOr<TiffStack> FindTiffStack(const std::vector<std::string>& files,
                                         const std::string& name, const std::string& axes) {

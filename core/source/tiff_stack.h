@@ -12,6 +12,7 @@
 
 #include "core/source/stack_layout.h"
 #include "core/source/tiff_file.h"
+#include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
 
@@ -33,6 +34,11 @@ struct TiffStack {
 // given. `name` is for messages, `axes` as in OpenTiffSeries, whose errors these are.
 absl::StatusOr<TiffStack> FindTiffStack(const std::vector<std::string>& files,
                                         const std::string& name, const std::string& axes);
+
+// Turns the grid of pages as they are stored to that of TIFF's tag of orientation: row 0 at the
+// bottom, column 0 at the right, or rows that are columns. It fills the same box from the origin
+// on. REQUIRES: 1 to 8.
+void TurnPages(std::uint16_t orientation, volume::GridGeometry* geometry);
 
 }  // namespace isoscope::source
 

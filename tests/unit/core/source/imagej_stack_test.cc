@@ -1,7 +1,10 @@
 #include "core/source/imagej_stack.h"
 
+#include <cmath>
 #include <string>
+#include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -42,6 +45,51 @@ TEST(ImageJStackTest, ImagesAloneAreSlices) {
   EXPECT_EQ(layout.spacing, (math::Vec3d{1, 1, 1}));
   EXPECT_EQ(layout.length_unit, "");
   EXPECT_TRUE(layout.times.empty());
+}
+
+TEST(ImageJStackTest, SizesOfPixelsAreWholeOrNone) {
+  struct Case {
+    const char* lines;
+    PixelDensity density;
+    const char* distances;  // why there are none; "" if there are
+    math::Vec3d spacing{1, 1, 1};
+  };
+  const double nan = std::nan("");
+  for (const Case& c : std::vector<Case>{
+           {"unit=micron\nspacing=3", {.x = 4, .y = 2}, "", {0.25, 0.5, 3}},
+           {"unit=micron", {.x = 4, .y = 4}, "", {0.25, 0.25, 1}},  // ImageJ writes no 1
+           {"unit=micron", {}, ""},
+           {"", {}, ""},
+           {"unit=micron\nspacing=3", {}, "spacing=3"},
+           {"spacing=3", {.x = nan, .y = nan}, "XResolution of nan"},
+           {"unit=micron\nspacing=3", {.x = 4}, "YResolution of 0"},
+           {"unit=micron\nspacing=3", {.y = 4}, "XResolution of 0"},
+           {"unit=micron\nspacing=0", {.x = 4, .y = 4}, "spacing=0"},
+           {"unit=micron\nspacing=nan", {.x = 4, .y = 4}, "spacing=nan"},
+           {"unit=micron\nspacing=thick", {.x = 4, .y = 4}, "spacing=thick"},
+           // Of a print; with a distance of slices, ImageJ takes it for a size.
+           {"", {.x = 72, .y = 72, .unit = "in"}, ""},
+           {"", {.x = 300, .y = 300, .unit = "in"}, ""},
+           {"spacing=2", {.x = 72, .y = 72, .unit = "in"}, "", {1, 1, 2}},
+           {"spacing=2", {.x = 4, .y = 4, .unit = "cm"}, "", {0.25, 0.25, 2}},
+           {"unit=mm\nyunit=mm\nzunit=cm\nspacing=2", {.x = 4, .y = 4}, "", {0.25, 0.25, 20}}}) {
+    SCOPED_TRACE(absl::StrCat(c.lines, " ", c.density.x, " ", c.density.y, c.density.unit));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const StackLayout layout,
+        ParseImageJ(absl::StrCat("ImageJ=1\nimages=7\n", c.lines), c.density));
+    EXPECT_THAT(layout.distances, HasSubstr(c.distances));
+    EXPECT_EQ(layout.distances.empty(), std::string(c.distances).empty());
+    if (layout.distances.empty()) {
+      EXPECT_EQ(layout.spacing, c.spacing);
+    }
+  }
+  EXPECT_THAT(ParseImageJ("ImageJ=1\nimages=7\nunit=mm\nzunit=sec\n", {.x = 4, .y = 4}).status(),
+              StatusIs(kInvalid, HasSubstr("zunit=sec")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const StackLayout moved,
+      ParseImageJ("ImageJ=1\nimages=7\nunit=mm\nspacing=2\nxorigin=8\nzorigin=-1\n",
+                  {.x = 4, .y = 4}));
+  EXPECT_EQ(moved.origin, (math::Vec3d{-2, 0, 2}));
 }
 
 TEST(ImageJStackTest, CountsThatContradictEachOtherAreRefused) {

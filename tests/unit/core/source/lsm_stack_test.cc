@@ -1,5 +1,7 @@
 #include "core/source/lsm_stack.h"
 
+#include <cmath>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -42,11 +44,15 @@ TEST(LsmStackTest, TagsThatMakeNoStackAreRefused) {
               StatusIs(kInvalid, HasSubstr("scan type 1")));
 }
 
-TEST(LsmStackTest, VoxelsWithoutASizeHaveNoUnit) {
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StackLayout layout,
-                                ParseLsm(LsmBytes({.voxel_metres = {1e-7, 0, 1e-7}})));
-  EXPECT_EQ(layout.spacing, (math::Vec3d{1, 1, 1}));
-  EXPECT_EQ(layout.length_unit, "");
+TEST(LsmStackTest, VoxelsWithoutASizeAreNamed) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(StackLayout layout, ParseLsm(LsmBytes({})));
+  EXPECT_EQ(layout.distances, "");
+  for (const double bad : {0.0, -1e-7, std::nan(""), HUGE_VAL}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(layout, ParseLsm(LsmBytes({.voxel_metres = {1e-7, bad, 1e-7}})));
+    EXPECT_THAT(layout.distances, HasSubstr("um along y"));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(layout, ParseLsm(LsmBytes({.voxel_metres = {1e-7, 1e-7, bad}})));
+    EXPECT_THAT(layout.distances, HasSubstr("um along z"));
+  }
 }
 
 }  // namespace

@@ -19,7 +19,9 @@ struct TiffStackFile {
   std::string lsm{};           // the tag CZ_LSMINFO of the first page
   std::uint16_t channels = 1;  // of a page, one after the other
   double resolution = 0;       // pixels in a unit; 0: none
+  double y_resolution = 0;     // 0: as that along x
   std::uint16_t unit = RESUNIT_NONE;
+  std::uint16_t orientation = ORIENTATION_TOPLEFT;
   std::uint16_t photometric = PHOTOMETRIC_MINISBLACK;
   bool has_thumbnails = false;  // a reduced page of 1 x 1 behind each page
   const char* mode = "wl";
@@ -54,6 +56,7 @@ inline bool WriteTiffStack(const std::string& path, const TiffStackFile& file) {
     TIFFSetField(tiff, TIFFTAG_PLANARCONFIG,
                  file.channels > 1 ? PLANARCONFIG_SEPARATE : PLANARCONFIG_CONTIG);
     TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, file.height);
+    TIFFSetField(tiff, TIFFTAG_ORIENTATION, static_cast<int>(file.orientation));
     if (file.photometric == PHOTOMETRIC_PALETTE) {
       std::vector<std::uint16_t> colours(65536);
       TIFFSetField(tiff, TIFFTAG_COLORMAP, colours.data(), colours.data(), colours.data());
@@ -67,7 +70,8 @@ inline bool WriteTiffStack(const std::string& path, const TiffStackFile& file) {
     }
     if (file.resolution > 0) {
       TIFFSetField(tiff, TIFFTAG_XRESOLUTION, file.resolution);
-      TIFFSetField(tiff, TIFFTAG_YRESOLUTION, file.resolution);
+      TIFFSetField(tiff, TIFFTAG_YRESOLUTION,
+                   file.y_resolution > 0 ? file.y_resolution : file.resolution);
       TIFFSetField(tiff, TIFFTAG_RESOLUTIONUNIT, static_cast<int>(file.unit));
     }
     for (std::uint16_t channel = 0; channel < file.channels; ++channel) {

@@ -419,6 +419,58 @@ TEST(TiffSourceTest, ImageJsChannelsAreFieldsAndItsFramesSteps) {
   EXPECT_EQ(PlanesOf(*slices, 0, 0).size(), 12u);
 }
 
+TEST(TiffSourceTest, SizesOfPixelsAlongSomeAxesOnlyAreRefused) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  const auto refusal = [&](const TiffStackFile& file) {
+    EXPECT_TRUE(WriteTiffStack(path, file));
+    EXPECT_TRUE(OpenVolumeSeries(path, {.axes = "", .rules = {.has_spacing = true}}).ok());
+    const auto series = OpenVolumeSeries(path);
+    EXPECT_THAT(series, StatusIs(absl::StatusCode::kInvalidArgument,
+                                 AllOf(HasSubstr("a.tif"), HasSubstr("--spacing X,Y,Z"))));
+    return std::string(series.status().message());
+  };
+  EXPECT_THAT(refusal({.resolution = 100, .y_resolution = 50, .unit = RESUNIT_INCH}),
+              HasSubstr("XResolution 100, YResolution 50"));
+  EXPECT_THAT(refusal({.pages = 2,
+                       .description = OmeText("DimensionOrder=\"XYZCT\" SizeZ=\"2\" SizeC=\"1\" "
+                                              "SizeT=\"1\" PhysicalSizeX=\"0.1\" "
+                                              "PhysicalSizeY=\"0.1\"",
+                                              "")}),
+              HasSubstr("PhysicalSizeX and PhysicalSizeY, but no PhysicalSizeZ"));
+  EXPECT_THAT(refusal({.description = "ImageJ=1\nimages=6\nunit=um\nspacing=3\n"}),
+              HasSubstr("spacing=3"));
+  // Those of a print are none.
+  ASSERT_TRUE(WriteTiffStack(path, {.resolution = 300, .unit = RESUNIT_INCH}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
+}
+
+// Pages of 4 x 3: where the first and the last sample of a row, and of a column, lie.
+TEST(TiffSourceTest, PagesLieAsTheirOrientationSays) {
+  struct Case {
+    std::uint16_t orientation;
+    math::Vec3d first;
+    math::Vec3d row_end;
+    math::Vec3d column_end;
+  };
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  for (const Case& c :
+       {Case{1, {0, 0, 0}, {3, 0, 0}, {0, 2, 0}}, Case{2, {3, 0, 0}, {0, 0, 0}, {3, 2, 0}},
+        Case{3, {3, 2, 0}, {0, 2, 0}, {3, 0, 0}}, Case{4, {0, 2, 0}, {3, 2, 0}, {0, 0, 0}},
+        Case{5, {0, 0, 0}, {0, 3, 0}, {2, 0, 0}}, Case{6, {2, 0, 0}, {2, 3, 0}, {0, 0, 0}},
+        Case{7, {2, 3, 0}, {2, 0, 0}, {0, 3, 0}}, Case{8, {0, 3, 0}, {0, 0, 0}, {2, 3, 0}}}) {
+    SCOPED_TRACE(c.orientation);
+    ASSERT_TRUE(WriteTiffStack(path, {.pages = 2, .orientation = c.orientation}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+    const auto world = source->geometry().world_from_index();
+    EXPECT_EQ(math::TransformPoint(world, {0, 0, 0}), c.first);
+    EXPECT_EQ(math::TransformPoint(world, {3, 0, 0}), c.row_end);
+    EXPECT_EQ(math::TransformPoint(world, {0, 2, 0}), c.column_end);
+  }
+}
+
 TEST(TiffSourceTest, ALargeStackOfImageJHasOneDirectoryAndItsPlanesBehindEachOther) {
   const TempDir dir;
   const std::string path = dir.Sub("a.tif");
