@@ -98,9 +98,15 @@ absl::StatusOr<CfUnevenGrid> LegacyGrid::Locate(bool is_of_cells, const GridRule
     even.geometry.sample_dims = dims_;
     even.geometry.spacing = spacing_;
     even.geometry.origin = origin_;
-    for (int axis = 0; is_of_cells && axis < 3; ++axis) {
-      even.geometry.sample_dims[axis] -= 1;
-      even.geometry.origin[axis] += spacing_[axis] / 2;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (is_of_cells) {
+        even.geometry.sample_dims[axis] -= 1;
+        even.geometry.origin[axis] += spacing_[axis] / 2;
+      }
+      if (spacing_[axis] < 0) {  // points follow each other against the axis
+        even.geometry.spacing[axis] = -spacing_[axis];
+        even.geometry.direction.columns[static_cast<std::size_t>(axis)][axis] = -1;
+      }
     }
     return even;
   }

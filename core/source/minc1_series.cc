@@ -37,6 +37,7 @@
 #include "core/source/netcdf_file.h"
 #include "core/source/netcdf_source.h"
 #include "core/source/rescale.h"
+#include "core/source/stack_layout.h"
 #include "core/source/walled_series.h"
 #include "core/source/walled_source.h"
 
@@ -169,31 +170,64 @@ absl::StatusOr<Minc1Axis> ReadMinc1Axis(const Minc1File& minc, std::size_t index
   number("start", &axis.start);
   axis.has_step = number("step", &axis.step);
   const std::vector<double> cosines = minc.file->Numbers(*variable, "direction_cosines");
-  if (cosines.size() == 3) {
-    axis.direction = {cosines[0], cosines[1], cosines[2]};
+  if (!cosines.empty()) {
+    math::Vec3d direction;
+    for (std::size_t i = 0; i < 3 && cosines.size() == 3; ++i) {
+      direction[static_cast<int>(i)] = cosines[i];
+    }
+    constexpr double kTolerance = 0.01;  // of rounded texts, and far below a wrong scale
+    if (!(std::abs(math::Length(direction) - 1) <= kTolerance)) {
+      return Minc1Error(minc, absl::StrFormat("the direction_cosines of %s are %s; expected three "
+                                              "numbers, a vector of length 1",
+                                              name, absl::StrJoin(cosines, ", ")));
+    }
+    axis.direction = direction;
   }
   axis.unit = minc.file->Text(*variable, {"units"});
   return axis;
+}
+
+// The factor that turns lengths of one unit to another.
+absl::StatusOr<double> Minc1UnitFactor(const Minc1File& minc, const std::string& from,
+                                       const std::string& to) {
+  const std::optional<LengthUnit> unit = LengthUnitOf(from);
+  const std::optional<LengthUnit> wanted = LengthUnitOf(to);
+  if (from == to) {
+    return 1;
+  }
+  if (!unit.has_value() || !wanted.has_value()) {
+    return Minc1Error(minc,
+                      absl::StrFormat("axes of space in \"%s\" and \"%s\"; expected one unit, "
+                                      "or units of length",
+                                      to, from));
+  }
+  return unit->metres / wanted->metres;
 }
 
 absl::Status SetMinc1Grid(Minc1File* minc) {
   const CfRoles& roles = minc->image.roles;
   AffineRows rows{};
   math::Index3 dims;
+  std::array<Minc1Axis, 3> axes;
   std::vector<std::string> units;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::size_t index = 2 - i;  // the last axis of space is index x
     ISOSCOPE_ASSIGN_OR_RETURN(const Minc1Axis axis, ReadMinc1Axis(*minc, roles.space[i]));
     dims[static_cast<int>(index)] = minc->image.axes[roles.space[i]].size;
+    axes.at(index) = axis;
+    units.push_back(axis.unit.empty() ? "mm" : axis.unit);  // MINC's own unit
+  }
+  minc->length_unit = units[0];
+  for (std::size_t index = 0; index < 3; ++index) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const double factor,
+                              Minc1UnitFactor(*minc, units.at(2 - index), units[0]));
+    const Minc1Axis& axis = axes.at(index);
     for (std::size_t r = 0; r < 3; ++r) {
       const double cosine = axis.direction[static_cast<int>(r)];
-      rows.at(r).at(index) = cosine * axis.step;
-      rows.at(r).at(3) += cosine * axis.start;
+      rows.at(r).at(index) = cosine * axis.step * factor;
+      rows.at(r).at(3) += cosine * axis.start * factor;
     }
-    units.push_back(axis.unit);
   }
-  const bool is_one = units[0] == units[1] && units[0] == units[2];
-  minc->length_unit = is_one && !units[0].empty() ? units[0] : "mm";
   ISOSCOPE_ASSIGN_OR_RETURN(minc->geometry,
                             GridFromAffine(dims, rows, PatientWorld::kRas, minc->file->path()));
   if (minc->step_count() > 1) {

@@ -38,6 +38,7 @@ namespace isoscope::source {
 namespace {
 
 constexpr std::size_t kMaxOpenPmdSteps = 100'000;
+constexpr std::size_t kMaxWhy = 600;  // of an error, bytes
 
 struct OpenPmdStep {
   std::int64_t number = 0;
@@ -50,8 +51,9 @@ double NumberOr(hid_t object, const char* attribute, double fallback) {
   return numbers.empty() ? fallback : numbers[0];
 }
 
-// The iterations, by time.
-absl::StatusOr<std::vector<OpenPmdStep>> FindOpenPmdSteps(hid_t file) {
+// The iterations, by time; by their numbers if one of them does not say its time in seconds.
+absl::StatusOr<std::vector<OpenPmdStep>> FindOpenPmdSteps(hid_t file, bool* has_times) {
+  *has_times = true;
   std::string base = Hdf5Text(file, {"basePath"});
   if (base.empty()) {
     base = "/data/%T/";
@@ -69,9 +71,14 @@ absl::StatusOr<std::vector<OpenPmdStep>> FindOpenPmdSteps(hid_t file) {
     if (!absl::SimpleAtoi(name, &step.number) || !iteration.is_valid()) {
       continue;
     }
-    step.time = NumberOr(iteration.get(), "time", static_cast<double>(step.number)) *
-                NumberOr(iteration.get(), "timeUnitSI", 1);
+    const std::vector<double> time = Hdf5Numbers(iteration.get(), "time");
+    const std::vector<double> unit = Hdf5Numbers(iteration.get(), "timeUnitSI");
+    *has_times = *has_times && time.size() == 1 && unit.size() == 1;
+    step.time = *has_times ? time[0] * unit[0] : 0;
     steps.push_back(std::move(step));
+  }
+  for (OpenPmdStep& step : steps) {
+    step.time = *has_times ? step.time : static_cast<double>(step.number);
   }
   std::sort(steps.begin(), steps.end(),
             [](const OpenPmdStep& a, const OpenPmdStep& b) { return a.number < b.number; });
@@ -106,68 +113,104 @@ std::string OpenPmdUnit(hid_t record, hid_t component) {
   return unit;
 }
 
-// Where the samples of a component of a record lie; false if that is no grid in space.
-bool OpenPmdGrid(hid_t record, hid_t component, const std::vector<std::int64_t>& dims,
-                 volume::GridGeometry* geometry) {
+// The three numbers of an attribute, or `fallback` if there is none. INVALID_ARGUMENT: another
+// count; none, without a fallback; not finite.
+absl::StatusOr<std::vector<double>> OpenPmdNumbers(hid_t object, const char* attribute,
+                                                   bool may_be_one,
+                                                   std::optional<double> fallback = std::nullopt) {
+  std::vector<double> numbers = Hdf5Numbers(object, attribute);
+  if (numbers.empty() && fallback.has_value()) {
+    numbers.resize(3, *fallback);
+  }
+  if (may_be_one && numbers.size() == 1) {
+    numbers.resize(3, numbers[0]);
+  }
+  if (numbers.size() != 3) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%d numbers in %s; expected %s", numbers.size(), attribute, may_be_one ? "1 or 3" : "3"));
+  }
+  for (const double number : numbers) {
+    if (!std::isfinite(number)) {
+      return absl::InvalidArgumentError(absl::StrFormat("%g in %s", number, attribute));
+    }
+  }
+  return numbers;
+}
+
+// Where the samples of a component of a record lie. INVALID_ARGUMENT, without the record's name:
+// that is no grid in space, or the file does not say it.
+absl::StatusOr<volume::GridGeometry> OpenPmdGrid(hid_t record, hid_t component,
+                                                 const std::vector<std::int64_t>& dims) {
   const std::string kind = Hdf5Text(record, {"geometry"});
   std::vector<std::string> labels = Hdf5Texts(record, "axisLabels");
-  std::vector<double> spacing = Hdf5Numbers(record, "gridSpacing");
-  std::vector<double> offset = Hdf5Numbers(record, "gridGlobalOffset");
-  std::vector<double> position = Hdf5Numbers(component, "position");
-  std::vector<double> unit = Hdf5Numbers(record, "gridUnitSI");
-  offset.resize(offset.empty() ? 3 : offset.size(), 0);
-  position.resize(position.empty() ? 3 : position.size(), 0);
-  unit.resize(3, unit.empty() ? 1 : unit[0]);
-  if ((!kind.empty() && kind != "cartesian") || dims.size() != 3 || labels.size() != 3 ||
-      spacing.size() != 3 || offset.size() != 3 || position.size() != 3) {
-    return false;
+  if ((!kind.empty() && kind != "cartesian") || dims.size() != 3 || labels.size() != 3) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "the geometry \"%s\", %d axes and %d axisLabels", kind, dims.size(), labels.size()));
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> spacing,
+                            OpenPmdNumbers(record, "gridSpacing", false));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> offset,
+                            OpenPmdNumbers(record, "gridGlobalOffset", false, 0));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> position,
+                            OpenPmdNumbers(component, "position", false, 0));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> unit, OpenPmdNumbers(record, "gridUnitSI", true));
   if (Hdf5Text(record, {"dataOrder"}) == "F") {
     for (std::vector<double>* numbers : {&spacing, &offset, &position, &unit}) {
       std::reverse(numbers->begin(), numbers->end());
     }
     std::reverse(labels.begin(), labels.end());
   }
+  volume::GridGeometry geometry;
   std::string seen;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::string& label = labels[axis];
     if ((label != "x" && label != "y" && label != "z") || absl::StrContains(seen, label)) {
-      return false;
+      return absl::InvalidArgumentError(absl::StrFormat("the axisLabel \"%s\"", label));
     }
     seen += label;
     const int world = label[0] - 'x';
     const std::size_t index = 2 - axis;  // the last axis is the fastest
-    geometry->sample_dims[static_cast<int>(index)] = dims[axis];
-    geometry->spacing[static_cast<int>(index)] = spacing[axis] * unit[axis];
-    geometry->origin[world] = (offset[axis] + position[axis] * spacing[axis]) * unit[axis];
+    const double distance = spacing[axis] * unit[axis];
+    if (distance == 0) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "gridSpacing %g times gridUnitSI %g along %s", spacing[axis], unit[axis], label));
+    }
+    geometry.sample_dims[static_cast<int>(index)] = dims[axis];
+    geometry.spacing[static_cast<int>(index)] = std::abs(distance);
+    geometry.origin[world] = (offset[axis] + position[axis] * spacing[axis]) * unit[axis];
     math::Vec3d direction{0, 0, 0};
-    direction[world] = 1;
-    geometry->direction.columns[index] = direction;
+    direction[world] = distance < 0 ? -1 : 1;
+    geometry.direction.columns[index] = direction;
   }
-  return true;
+  return geometry;
 }
 
 bool IsOpenPmdComponent(hid_t object) {
   return H5Iget_type(object) == H5I_DATASET || FindHdf5Constant(object).has_value();
 }
 
-// Adds a component of a record, as a field of its own.
-void AddOpenPmdField(hid_t record, hid_t component, const std::string& name,
-                     const std::string& path, const std::vector<OpenPmdStep>& steps,
-                     Hdf5MeshFile* meshes) {
+// Adds a component of a record, as a field of its own. Returns why it is none, else "".
+std::string AddOpenPmdField(hid_t record, hid_t component, const std::string& name,
+                            const std::string& path, const std::vector<OpenPmdStep>& steps,
+                            Hdf5MeshFile* meshes) {
   Hdf5MeshField field{.field = {.name = name, .unit = OpenPmdUnit(record, component)},
                       .geometry = {}};
   const std::optional<Hdf5Constant> constant = FindHdf5Constant(component);
-  if ((!constant.has_value() && !Hdf5SampleTypeOf(component, Hdf5Types::kAll).ok()) ||
-      !OpenPmdGrid(record, component, constant.has_value() ? constant->dims : Hdf5DimsOf(component),
-                   &field.geometry)) {
-    return;
+  if (!constant.has_value() && !Hdf5SampleTypeOf(component, Hdf5Types::kAll).ok()) {
+    return absl::StrCat("; ", name, " has no numbers");
   }
+  const auto grid =
+      OpenPmdGrid(record, component, constant.has_value() ? constant->dims : Hdf5DimsOf(component));
+  if (!grid.ok()) {
+    return absl::StrCat("; ", name, " has ", grid.status().message());
+  }
+  field.geometry = *grid;
   for (const OpenPmdStep& step : steps) {
     field.volumes.push_back(
         {.dataset = absl::StrCat(step.path, path), .axes = AxisOrder{.z = 0, .y = 1, .x = 2}});
   }
   meshes->fields.push_back(std::move(field));
+  return "";
 }
 
 // Makes one field of the fields from `first` on, if they lie on one grid with one unit.
@@ -221,8 +264,10 @@ std::optional<Hdf5Constant> FindHdf5Constant(hid_t object) {
 }
 
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<OpenPmdStep> steps, FindOpenPmdSteps(file));
-  Hdf5MeshFile meshes{.time_unit = "s", .length_unit = "m"};
+  bool has_times = true;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<OpenPmdStep> steps,
+                            FindOpenPmdSteps(file, &has_times));
+  Hdf5MeshFile meshes{.time_unit = has_times ? "s" : "", .length_unit = "m"};
   for (const OpenPmdStep& step : steps) {
     meshes.times.push_back(step.time);
   }
@@ -232,15 +277,11 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   }
   const std::string first_path = absl::StrCat(steps.front().path, folder);
   const Hdf5Handle group(H5Gopen2(file, first_path.c_str(), H5P_DEFAULT), H5Gclose);
-  std::string other;  // of a record
+  std::string why;  // records are no meshes
   for (const std::string& name : Hdf5NamesIn(group.get())) {
     const Hdf5Handle record(H5Oopen(group.get(), name.c_str(), H5P_DEFAULT), H5Oclose);
-    const std::string kind = Hdf5Text(record.get(), {"geometry"});
-    if (!kind.empty() && kind != "cartesian") {
-      other = absl::StrFormat("; %s has the geometry \"%s\"", name, kind);
-    }
     if (IsOpenPmdComponent(record.get())) {
-      AddOpenPmdField(record.get(), record.get(), name, folder + name, steps, &meshes);
+      why += AddOpenPmdField(record.get(), record.get(), name, folder + name, steps, &meshes);
       continue;
     }
     const std::size_t first = meshes.fields.size();
@@ -248,15 +289,16 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
     for (const std::string& part : components) {
       const Hdf5Handle component(H5Oopen(record.get(), part.c_str(), H5P_DEFAULT), H5Oclose);
       if (IsOpenPmdComponent(component.get())) {
-        AddOpenPmdField(record.get(), component.get(), absl::StrCat(name, "/", part),
-                        absl::StrCat(folder, name, "/", part), steps, &meshes);
+        why += AddOpenPmdField(record.get(), component.get(), absl::StrCat(name, "/", part),
+                               absl::StrCat(folder, name, "/", part), steps, &meshes);
       }
     }
     JoinOpenPmdComponents(name, first, components, &meshes);
   }
   if (meshes.fields.empty()) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "no mesh of openPMD below %s with three cartesian axes x, y and z%s", first_path, other));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("no mesh of openPMD below %s with three cartesian axes x, y and z%s",
+                        first_path, why.substr(0, kMaxWhy)));
   }
   return meshes;
 }

@@ -4,8 +4,10 @@
 //   points   2     3     4     5        4 of them, at 11, 11.5, 12, 12.5
 //   cells       |     |     |           3, their centres at 11.25, 11.75, 12.25
 //
-// Direction has a matrix row by row; its columns are the directions of x, y and z. Source: VTK's
-// file format description, "XML File Formats", https://docs.vtk.org.
+// Direction has a matrix row by row; its columns are the directions of x, y and z. Point i lies at
+// Origin + Direction * (Spacing * i), also where Spacing is negative. Without an attribute the
+// origin is 0 and the spacing 1, as VTK reads it. Source: VTK's file format description, "XML File
+// Formats", https://docs.vtk.org.
 
 #include "core/source/vti_grid.h"
 
@@ -108,6 +110,10 @@ absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& imag
     // VTK's origin is that of the point with index 0.
     const double first = static_cast<double>(extent[2 * axis]) + (is_of_cells ? 0.5 : 0.0);
     geometry.origin = geometry.origin + geometry.direction.columns[axis] * (spacing[axis] * first);
+    if (spacing[axis] < 0) {  // samples follow each other against the direction
+      geometry.spacing[index] = -spacing[axis];
+      geometry.direction.columns[axis] = geometry.direction.columns[axis] * -1.0;
+    }
   }
   return geometry;
 }

@@ -1,5 +1,6 @@
 #include "core/source/hdf5_mesh_series.h"
 
+#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
@@ -260,6 +261,57 @@ TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
   write({1e9, 1e9, 1e9});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto huge, OpenVolumeSeries(path + ":rho"));
   EXPECT_THAT(huge->Open(0, 0, 0), StatusIs(kInvalid, HasSubstr("fields/rho: ")));
+}
+
+TEST_F(Hdf5MeshSeriesTest, GridsOfOpenPmdAreWholeAndMayRunBackwards) {
+  const std::string path = dir_.Sub("g.h5");
+  // Leaves out the attribute `without`.
+  const auto write = [&](const std::vector<double>& spacing, const std::string& without = "",
+                         const std::vector<double>& position = {0, 0, 0}) {
+    Hdf5MeshWriter writer(path);
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    for (const char* group : {"/data", "/data/5", "/data/5/meshes"}) {
+      writer.Group(group);
+    }
+    const std::string rho = "/data/5/meshes/rho";
+    writer.Ramp(rho, {2, 3, 4});
+    writer.Texts(rho, "axisLabels", {"z", "y", "x"});
+    const auto put = [&](const std::string& name, const std::vector<double>& numbers) {
+      if (name != without) {
+        writer.Numbers(name.rfind("time", 0) == 0 ? "/data/5" : rho, name, numbers);
+      }
+    };
+    put("gridSpacing", spacing);
+    put("gridGlobalOffset", {30, 20, 10});
+    put("position", position);
+    put("gridUnitSI", {2});
+    put("time", {7});
+    put("timeUnitSI", {0.5});
+  };
+  write({4, -2, 0.5});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(path));
+  EXPECT_THAT(series->times(), ElementsAre(3.5));
+  EXPECT_EQ(series->time_unit(), "s");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
+  EXPECT_EQ(At(*volume, {0, 0, 0}), (math::Vec3d{20, 40, 60}));
+  EXPECT_EQ(At(*volume, {3, 2, 1}), (math::Vec3d{23, 32, 68}));
+  for (const char* without : {"time", "timeUnitSI"}) {
+    write({4, 2, 0.5}, without);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(path));
+    EXPECT_THAT(series->times(), ElementsAre(5));
+    EXPECT_EQ(series->time_unit(), "");
+  }
+  for (const char* without : {"gridSpacing", "gridUnitSI"}) {
+    write({4, 2, 0.5}, without);
+    EXPECT_THAT(OpenVolumeSeries(path),
+                StatusIs(kInvalid, AllOf(HasSubstr("rho has 0 numbers"), HasSubstr(without))));
+  }
+  write({4, 2, 0});
+  EXPECT_THAT(OpenVolumeSeries(path), StatusIs(kInvalid, HasSubstr("rho has gridSpacing 0")));
+  write({4, 2, std::nan("")});
+  EXPECT_THAT(OpenVolumeSeries(path), StatusIs(kInvalid, HasSubstr("rho has nan in gridSpacing")));
+  write({4, 2, 0.5}, "", {0.5, 0.5});
+  EXPECT_THAT(OpenVolumeSeries(path), StatusIs(kInvalid, HasSubstr("2 numbers in position")));
 }
 
 TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {

@@ -4,6 +4,7 @@
 #include "core/source/minc1_series.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <random>
@@ -48,6 +49,8 @@ struct Minc1 {
   std::vector<double> most{1, 5};
   std::string spacing = "regular__";
   bool has_limits = true;
+  std::vector<double> cosines{0, 1, 0};  // of xspace
+  std::string unit_of_z = "mm";
 };
 
 class Minc1SeriesTest : public ::testing::Test {
@@ -71,13 +74,14 @@ class Minc1SeriesTest : public ::testing::Test {
                       {{"start", 0.5}, {"step", 2}});
     }
     for (std::size_t i = 0; i < minc.axes.size(); ++i) {
-      writer.Variable(minc.axes[i], NC_INT, {}, {}, {0},
-                      {{"spacing", minc.spacing}, {"units", "mm"}});
+      writer.Variable(
+          minc.axes[i], NC_INT, {}, {}, {0},
+          {{"spacing", minc.spacing}, {"units", minc.axes[i] == "zspace" ? minc.unit_of_z : "mm"}});
       writer.Attribute(minc.axes[i], "start", {10.0 * static_cast<double>(1 + i)});
       writer.Attribute(minc.axes[i], "step", {i == 1 ? -2.0 : 1.5});
     }
     // x runs along world y, y against world x.
-    writer.Attribute("xspace", "direction_cosines", {0, 1, 0});
+    writer.Attribute("xspace", "direction_cosines", minc.cosines);
     writer.Attribute("yspace", "direction_cosines", {-1, 0, 0});
     std::vector<int> all;
     std::vector<int> of_limits;
@@ -286,6 +290,27 @@ TEST_F(Minc1SeriesTest, HostileBytesAreErrorsOrValues) {
     }
   }
   EXPECT_GT(refused, 3) << "the bytes that count were hit";
+}
+
+TEST_F(Minc1SeriesTest, CosinesAreAVectorOfLengthOneAndUnitsOneLength) {
+  for (const std::vector<double>& bad :
+       {std::vector<double>{0, 1}, {0, 2, 0}, {0, 0, 0}, {0, std::nan(""), 0}, {0, 1, 0, 0}}) {
+    EXPECT_THAT(OpenMinc1Series(Write({.cosines = bad}), "f"),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("direction_cosines")))
+        << bad.size() << " " << bad[1];
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto rounded,
+                                OpenMinc1Series(Write({.cosines = {0, 1.0005, 0}}), "f"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plain, OpenMinc1Series(Write({}), "f"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mixed, OpenMinc1Series(Write({.unit_of_z = "cm"}), "f"));
+  EXPECT_EQ(mixed->length_unit(), "cm");  // of the slowest axis
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, plain->Open(0, 0, 0));
+  Write({.unit_of_z = "cm"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto other, mixed->Open(0, 0, 0));
+  EXPECT_NEAR(other->geometry().spacing.x, one->geometry().spacing.x / 10, 1e-12);
+  EXPECT_NEAR(other->geometry().spacing.z, one->geometry().spacing.z, 1e-12);
+  EXPECT_THAT(OpenMinc1Series(Write({.unit_of_z = "s"}), "f"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"s\"")));
 }
 
 }  // namespace
