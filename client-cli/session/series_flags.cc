@@ -62,15 +62,18 @@ bool HasFieldNames(const std::string& path) {
          absl::EndsWithIgnoreCase(file, ".hdf5");
 }
 
-// Letters, each once, those of TIFF's pages with counts; the reader checks what its file can have.
+// Letters, each once, or -, those of TIFF's pages with counts; the reader checks what its file can
+// have.
 absl::StatusOr<std::string> ParseAxes(absl::string_view text) {
   std::string letters;
   bool is_good = !text.empty();
   for (const char c : text) {
     const bool is_digit = absl::ascii_isdigit(static_cast<unsigned char>(c));
-    is_good = is_good && (is_digit ? !letters.empty()
-                                   : absl::string_view("TCZYX").find(c) != std::string::npos &&
-                                         letters.find(c) == std::string::npos);
+    is_good =
+        is_good &&
+        (is_digit ? !letters.empty()
+                  : c == '-' || (absl::string_view("TCZYX").find(c) != absl::string_view::npos &&
+                                 letters.find(c) == std::string::npos));
     if (!is_digit) {
       letters += c;
     }
@@ -115,9 +118,9 @@ void AddSeriesFlags(FlagSet* set, SeriesFlags* flags) {
   add(AddFlag(set, "--time", "VALUE", &flags->time, client::ParseNumber,
               "the time of a source that has none"));
   add(AddFlag(set, "--axes", "AXES", &flags->axes, ParseAxes,
-              "the axes of an HDF5 dataset, slowest first, of the letters T (time), C (component), "
-              "Z, Y, X; for the pages of a TIFF stack T, C and Z with counts, as TC3Z20 (default: "
-              "as the file says)"));
+              "the axes of an HDF5 dataset or a netCDF variable, slowest first, of the letters T "
+              "(time), C (component), Z, Y, X, and - for one of 1 element; for the pages of a TIFF "
+              "stack T, C and Z with counts, as TC3Z20 (default: as the file says)"));
 }
 
 absl::StatusOr<std::unique_ptr<source::VolumeSeries>> OpenSourceSeries(const SourceFlags& source,
@@ -126,7 +129,8 @@ absl::StatusOr<std::unique_ptr<source::VolumeSeries>> OpenSourceSeries(const Sou
   std::unique_ptr<source::VolumeSeries> opened;
   if (source.dims) {
     if (series.axes) {
-      return UsageError("--axes is for HDF5 files; the samples of a raw file lie as ZYX");
+      return UsageError(
+          "--axes is for HDF5, netCDF and TIFF files; the samples of a raw file lie as ZYX");
     }
     opened = std::make_unique<RawSeries>(source, path);
   } else {

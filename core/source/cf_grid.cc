@@ -10,105 +10,51 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
-#include "core/source/axis_order.h"
+#include "core/source/cf_words.h"
 
 namespace isoscope::source {
 namespace {
 
-struct CfWord {
-  const char* text;
-  char letter;
-};
-constexpr std::array<CfWord, 12> kCfUnits{{{"degrees_east", 'X'},
-                                           {"degree_east", 'X'},
-                                           {"degrees_e", 'X'},
-                                           {"degree_e", 'X'},
-                                           {"degrees_north", 'Y'},
-                                           {"degree_north", 'Y'},
-                                           {"degrees_n", 'Y'},
-                                           {"degree_n", 'Y'},
-                                           {"pa", 'Z'},
-                                           {"hpa", 'Z'},
-                                           {"mbar", 'Z'},
-                                           {"millibar", 'Z'}}};
-constexpr std::array<CfWord, 24> kCfNames{{{"time", 'T'},
-                                           {"longitude", 'X'},
-                                           {"grid_longitude", 'X'},
-                                           {"projection_x_coordinate", 'X'},
-                                           {"latitude", 'Y'},
-                                           {"grid_latitude", 'Y'},
-                                           {"projection_y_coordinate", 'Y'},
-                                           {"height", 'Z'},
-                                           {"altitude", 'Z'},
-                                           {"depth", 'Z'},
-                                           {"air_pressure", 'Z'},
-                                           {"model_level_number", 'Z'},
-                                           {"geopotential_height", 'Z'},
-                                           {"lon", 'X'},
-                                           {"lons", 'X'},
-                                           {"west_east", 'X'},
-                                           {"lat", 'Y'},
-                                           {"lats", 'Y'},
-                                           {"south_north", 'Y'},
-                                           {"lev", 'Z'},
-                                           {"level", 'Z'},
-                                           {"plev", 'Z'},
-                                           {"bottom_top", 'Z'},
-                                           {"elevation", 'Z'}}};
-
-template <std::size_t kCount>
-char CfLetterIn(const std::array<CfWord, kCount>& words, const std::string& text) {
-  const std::string lower = absl::AsciiStrToLower(text);
-  const auto* const found = std::find_if(words.begin(), words.end(),
-                                         [&](const CfWord& word) { return lower == word.text; });
-  return found == words.end() ? '?' : found->letter;
+// Whether the name of an axis says that its coordinates are depths: counted down, unless negative.
+bool IsCfDepth(const CfAxis& axis) {
+  return absl::StartsWith(absl::AsciiStrToLower(axis.name), "depth") && !axis.values.empty() &&
+         (axis.units.empty() || MetresOfCfUnit(axis.units) != 0) &&
+         *std::min_element(axis.values.begin(), axis.values.end()) >= 0;
 }
 
-bool IsDown(const CfAxis& axis, char letter) {
-  return letter == 'Z' && absl::EqualsIgnoreCase(axis.positive, "down");
-}
-
-struct LengthUnit {
-  const char* text;
-  double metres;
-};
-constexpr std::array<LengthUnit, 21> kLengthUnits{{{"m", 1},
-                                                   {"meter", 1},
-                                                   {"meters", 1},
-                                                   {"metre", 1},
-                                                   {"metres", 1},
-                                                   {"km", 1e3},
-                                                   {"kilometer", 1e3},
-                                                   {"kilometers", 1e3},
-                                                   {"kilometre", 1e3},
-                                                   {"kilometres", 1e3},
-                                                   {"cm", 1e-2},
-                                                   {"mm", 1e-3},
-                                                   {"millimeter", 1e-3},
-                                                   {"millimeters", 1e-3},
-                                                   {"millimetre", 1e-3},
-                                                   {"millimetres", 1e-3},
-                                                   {"um", 1e-6},
-                                                   {"micron", 1e-6},
-                                                   {"micrometer", 1e-6},
-                                                   {"micrometers", 1e-6},
-                                                   {"nm", 1e-9}}};
-
-// 0 if the unit is none of length.
-double MetresOf(const std::string& unit) {
-  const auto* const found =
-      std::find_if(kLengthUnits.begin(), kLengthUnits.end(),
-                   [&](const LengthUnit& known) { return unit == known.text; });
-  return found == kLengthUnits.end() ? 0 : found->metres;
+// Whether a larger coordinate is lower in the world.
+absl::StatusOr<bool> IsCfDown(const CfAxis& axis, char letter) {
+  if (letter != 'Z') {
+    return false;
+  }
+  const absl::string_view positive = absl::StripAsciiWhitespace(axis.positive);
+  if (!positive.empty()) {
+    const bool is_down = absl::EqualsIgnoreCase(positive, "down");
+    if (!is_down && !absl::EqualsIgnoreCase(positive, "up")) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "axis \"%s\" has positive = \"%s\"; expected \"up\" or \"down\": correct the attribute",
+          axis.name, base::Printable(positive.substr(0, 40))));
+    }
+    return is_down;
+  }
+  for (const CfDirection direction :
+       {CfDirectionOfUnits(axis.units), CfDirectionOfStandardName(axis.standard_name)}) {
+    if (direction != CfDirection::kUnknown) {
+      return direction == CfDirection::kDown;
+    }
+  }
+  return IsCfDepth(axis);
 }
 
 // Whether the axes have several units, all of length.
 bool HasSeveralLengths(const std::vector<CfAxis>& axes, const CfRoles& roles) {
   bool is_one = true;
   for (const std::size_t axis : roles.space) {
-    if (MetresOf(axes[axis].units) == 0) {
+    if (MetresOfCfUnit(axes[axis].units) == 0) {
       return false;
     }
     is_one = is_one && axes[axis].units == axes[roles.space[0]].units;
@@ -134,10 +80,12 @@ absl::StatusOr<EvenAxis> MeanAxisOf(const CfAxis& axis) {
   if (values.empty()) {
     return EvenAxis{};  // counted from 0
   }
-  for (const double value : values) {
-    if (!std::isfinite(value)) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("axis \"%s\" has the coordinate %g", axis.name, value));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i])) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "axis \"%s\": its coordinate %d of %d is %s; expected finite numbers, one a sample",
+          axis.name, i, values.size(),
+          std::isnan(values[i]) ? "missing" : absl::StrFormat("%g", values[i])));
     }
   }
   const EvenAxis even{values.front(),
@@ -188,54 +136,58 @@ absl::StatusOr<std::vector<double>> DistancesOf(const CfAxis& axis) {
   return distances;
 }
 
-}  // namespace
-
-char CfLetterOf(const CfAxis& axis) {
-  const std::string letter = absl::AsciiStrToUpper(axis.axis);
-  if (letter == "T" || letter == "Z" || letter == "Y" || letter == "X") {
-    return letter[0];
-  }
-  if (absl::StrContains(axis.units, " since ")) {
-    return 'T';
-  }
-  const char by_units = CfLetterIn(kCfUnits, axis.units);
-  if (by_units == 'X' || by_units == 'Y') {
-    return by_units;
-  }
-  for (const char found :
-       {CfLetterIn(kCfNames, axis.standard_name), axis.positive.empty() ? '?' : 'Z', by_units,
-        AxisLetterOf(axis.name), CfLetterIn(kCfNames, axis.name)}) {
-    if (found != '?') {
-      return found;
-    }
-  }
-  return '?';
-}
-
-std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes) {
+// A letter for each axis: '?' if it is not known, '-' if the axis is left out.
+std::string KnownCfLetters(const std::vector<CfAxis>& axes) {
   std::string letters;
   for (const CfAxis& axis : axes) {
-    const char letter = CfLetterOf(axis);
-    letters.push_back(letter == '?' && axis.size == 1 ? '-' : letter);
+    letters.push_back(CfLetterOf(axis));
   }
+  // "height" is the y of an image, and the z of a grid whose y has another name.
+  const bool has_z = absl::StrContains(letters, 'Z');
+  for (std::size_t i = 0; i < axes.size() && !has_z; ++i) {
+    if (letters[i] == 'Y' && axes[i].axis.empty() &&
+        absl::EqualsIgnoreCase(axes[i].name, "height") &&
+        std::count(letters.begin(), letters.end(), 'Y') > 1) {
+      letters[i] = 'Z';
+      break;
+    }
+  }
+  const std::string all = letters;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    bool is_other = letters[i] == '?';  // or another axis has this meaning
+    for (std::size_t k = 0; k < axes.size(); ++k) {
+      is_other = is_other || (all[k] == all[i] && (axes[k].size > 1 || k < i));
+    }
+    if (axes[i].size == 1 && is_other) {
+      letters[i] = '-';
+    }
+  }
+  return letters;
+}
+
+// Those of Z, Y and X, in this order, that are not among the letters.
+std::string MissingCfLetters(const std::string& letters) {
   std::string missing;
   for (const char letter : {'Z', 'Y', 'X'}) {
     if (!absl::StrContains(letters, letter)) {
       missing.push_back(letter);
     }
   }
-  if (static_cast<std::size_t>(std::count(letters.begin(), letters.end(), '?')) != missing.size()) {
-    return std::nullopt;
-  }
-  std::size_t next = 0;
+  return missing;
+}
+
+// Not set if they make no volume. REQUIRES: one letter for each axis.
+std::optional<CfRoles> CfRolesOfLetters(absl::string_view letters,
+                                        const std::vector<CfAxis>& axes) {
   CfRoles roles;
   std::size_t space = 0;
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    const char letter = letters[i] == '?' ? missing[next++] : letters[i];
+    const char letter = letters[i];
     if (letter == '-') {
-      continue;
-    }
-    if (letter == 'T' || letter == 'C') {
+      if (axes[i].size != 1) {
+        return std::nullopt;
+      }
+    } else if (letter == 'T' || letter == 'C') {
       std::optional<std::size_t>& role = letter == 'T' ? roles.time : roles.component;
       if (role.has_value()) {
         return std::nullopt;
@@ -252,6 +204,82 @@ std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes) {
   std::sort(sorted.begin(), sorted.end());
   return sorted == std::array<char, 3>{'X', 'Y', 'Z'} ? std::optional<CfRoles>(roles)
                                                       : std::nullopt;
+}
+
+}  // namespace
+
+char CfLetterOf(const CfAxis& axis) {
+  const std::string letter = absl::AsciiStrToUpper(absl::StripAsciiWhitespace(axis.axis));
+  if (letter == "T" || letter == "Z" || letter == "Y" || letter == "X") {
+    return letter[0];
+  }
+  const char by_units = CfLetterOfUnits(axis.units);
+  if (by_units != 'Z' && by_units != '?') {
+    return by_units;
+  }
+  for (const char found :
+       {CfLetterOfStandardName(axis.standard_name), axis.positive.empty() ? '?' : 'Z', by_units,
+        CfLetterOfDimension(axis.name)}) {
+    if (found != '?') {
+      return found;
+    }
+  }
+  return '?';
+}
+
+std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes) {
+  std::string letters = KnownCfLetters(axes);
+  std::string missing = MissingCfLetters(letters);
+  if (static_cast<std::size_t>(std::count(letters.begin(), letters.end(), '?')) != missing.size()) {
+    return std::nullopt;
+  }
+  std::size_t next = 0;
+  for (char& letter : letters) {
+    letter = letter == '?' ? missing[next++] : letter;
+  }
+  return CfRolesOfLetters(letters, axes);
+}
+
+absl::StatusOr<CfRoles> CfRolesFrom(absl::string_view letters, const std::vector<CfAxis>& axes) {
+  const std::optional<CfRoles> roles =
+      letters.size() == axes.size() ? CfRolesOfLetters(letters, axes) : std::nullopt;
+  if (!roles.has_value()) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "--axes %s: expected one letter for each of its axes %s: Z, Y and X for three of 2 samples "
+        "or more, T (time) and C (components) once at most, - for one of 1 element",
+        letters, DescribeCfAxes(axes)));
+  }
+  return *roles;
+}
+
+std::string DescribeCfAxes(const std::vector<CfAxis>& axes) {
+  return absl::StrJoin(axes, ", ", [](std::string* out, const CfAxis& axis) {
+    absl::StrAppendFormat(out, "%s (%c, %d)", base::Printable(axis.name), CfLetterOf(axis),
+                          axis.size);
+  });
+}
+
+std::string SuggestCfAxes(const std::vector<CfAxis>& axes) {
+  std::string letters = KnownCfLetters(axes);
+  for (std::size_t i = 0; i < letters.size(); ++i) {
+    if (absl::string_view(letters).substr(0, i).find(letters[i]) != absl::string_view::npos &&
+        letters[i] != '-') {
+      letters[i] = '?';  // there twice
+    }
+  }
+  std::string missing = MissingCfLetters(letters);
+  for (const char letter : {'C', 'T'}) {
+    if (!absl::StrContains(letters, letter)) {
+      missing.push_back(letter);
+    }
+  }
+  std::size_t next = 0;
+  for (char& letter : letters) {
+    if (letter == '?' && next < missing.size()) {
+      letter = missing[next++];
+    }
+  }
+  return CfRolesOfLetters(letters, axes).has_value() ? letters : "";
 }
 
 absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
@@ -274,8 +302,9 @@ absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, con
     const std::size_t index = 2 - i;  // the fastest is index x
     const int world = letter - 'X';
     ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis mean, MeanAxisOf(axis));
-    const double scale = to_metres ? MetresOf(axis.units) : 1;
-    const double sign = IsDown(axis, letter) ? -1 : 1;
+    const double scale = to_metres ? MetresOfCfUnit(axis.units) : 1;
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool is_down, IsCfDown(axis, letter));
+    const double sign = is_down ? -1 : 1;
     math::Vec3d direction{0, 0, 0};
     direction[world] = mean.step * sign < 0 ? -1 : 1;
     geometry.sample_dims[static_cast<int>(index)] = axis.size;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "core/source/resampled_source.h"
 #include "core/volume/grid_geometry.h"
@@ -25,12 +26,13 @@ struct CfAxis {
   std::string positive{};
   std::string standard_name{};
   std::string units{};
-  std::vector<double> values{};  // its coordinates; none if it has no such variable
+  std::vector<double> values{};  // its coordinates, NaN: missing; none if it has no such variable
   bool is_single = false;        // the coordinates are stored as 32-bit floats
 };
 
-// T, C (components), Z, Y or X; '?' if nothing says it. In this order decide: the attribute axis,
-// units ("days since ...", "degrees_east"), standard_name, positive, units of pressure, the name.
+// T, C (components, members of an ensemble), Z, Y or X; '?' if nothing says it. In this order
+// decide: the attribute axis, units ("days since ...", "degrees_east"), standard_name, positive,
+// units of pressure, the name.
 char CfLetterOf(const CfAxis& axis);
 
 // Which axes of an array, slowest first, are which.
@@ -43,17 +45,29 @@ struct CfRoles {
 
   friend bool operator==(const CfRoles&, const CfRoles&) = default;
 };
-// Axes of one element without a meaning are left out; as many unknown ones as Z, Y and X miss are
-// these, the slowest Z. Not set if the array is no volume: an axis of space is missing, has one
-// element or is there twice, or more axes are unknown.
+// Axes of one element are left out if nothing says their meaning, or a longer one has the same; as
+// many unknown ones as Z, Y and X miss are these, the slowest Z. Not set if the array is no volume:
+// an axis of space is missing, has one element or is there twice, or more axes are unknown.
 std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes);
+// The roles that `letters` give, one for each axis in any order: Z, Y and X, at most one T and one
+// C, and '-' for an axis of one element. INVALID_ARGUMENT: others; an axis of space with one
+// element. The message is to follow a name and a colon.
+absl::StatusOr<CfRoles> CfRolesFrom(absl::string_view letters, const std::vector<CfAxis>& axes);
+
+// "time (T, 3), run (?, 4)": the axes of an array that is no volume, with what is known of them.
+std::string DescribeCfAxes(const std::vector<CfAxis>& axes);
+// Letters for such an array that CfRolesFrom takes: unknown axes are what is missing, in the order
+// Z, Y, X, C, T. "" if there are none.
+std::string SuggestCfAxes(const std::vector<CfAxis>& axes);
 
 // The grid of the samples as they are stored: index x is the fastest axis. Its directions are those
-// of world x, y and z, turned around where coordinates descend, and for Z where positive is "down".
-// Axes without coordinates count from 0. INVALID_ARGUMENT: coordinates that are not even (names the
-// axis, the worst coordinate and its distance from an even one): more than a thousandth of a step,
-// and more than their precision; not finite, or all equal. Axes in different units of length
-// (km, m, cm, mm, um, nm) are all converted to metres.
+// of world x, y and z, turned around where coordinates descend, and for Z where they count down: by
+// `positive`, else units of pressure, else the standard name, else a name such as "depth" of
+// coordinates that are not negative. Axes without coordinates count from 0. INVALID_ARGUMENT:
+// coordinates that are not even (names the axis, the worst coordinate and its distance from an even
+// one): more than a thousandth of a step, and more than their precision; missing (NaN), infinite,
+// or all equal; a `positive` that is neither up nor down. Axes in different units of length are all
+// converted to metres.
 absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
                                               const CfRoles& roles);
 

@@ -150,6 +150,33 @@ bool FindCoordinate(int group, int dimension, const char* name, int* owner, int*
   }
 }
 
+// What stands for no coordinate: its own values, and the library's fill value of floats, as they
+// are stored.
+std::vector<double> MissingCoordinates(int group, int variable, volume::ScalarType type) {
+  std::vector<double> missing = NetcdfNumbers(group, variable, "_FillValue");
+  const std::vector<double> others = NetcdfNumbers(group, variable, "missing_value");
+  missing.insert(missing.end(), others.begin(), others.end());
+  if (type == volume::ScalarType::kFloat32) {
+    for (double& value : missing) {
+      value = static_cast<double>(static_cast<float>(value));
+    }
+    missing.push_back(static_cast<double>(NC_FILL_FLOAT));
+  } else if (type == volume::ScalarType::kFloat64) {
+    missing.push_back(NC_FILL_DOUBLE);
+  }
+  return missing;
+}
+
+// 2^bits for an integer whose sign is a bit of the number (_Unsigned), else 0.
+double UnsignedRange(int group, int variable, volume::ScalarType type) {
+  nc_type stored = NC_NAT;
+  nc_inq_vartype(group, variable, &stored);
+  const bool flips = (stored == NC_BYTE && type == volume::ScalarType::kUint8) ||
+                     (stored == NC_SHORT && type == volume::ScalarType::kUint16) ||
+                     (stored == NC_INT && type == volume::ScalarType::kUint32);
+  return flips ? std::ldexp(1.0, static_cast<int>(8 * volume::SizeOf(type))) : 0;
+}
+
 absl::Status ReadCoordinates(int group, int variable, CfAxis* axis) {
   volume::ScalarType type{};
   std::optional<WideType> wide;
@@ -165,8 +192,13 @@ absl::Status ReadCoordinates(int group, int variable, CfAxis* axis) {
   axis->is_single = type == volume::ScalarType::kFloat32;
   const std::vector<double> scale = NetcdfNumbers(group, variable, "scale_factor");
   const std::vector<double> offset = NetcdfNumbers(group, variable, "add_offset");
+  const std::vector<double> missing = MissingCoordinates(group, variable, type);
+  const double wrap = UnsignedRange(group, variable, type);
   for (double& value : axis->values) {
+    const bool is_missing = std::find(missing.begin(), missing.end(), value) != missing.end();
+    value += value < 0 ? wrap : 0;
     value = value * (scale.empty() ? 1 : scale[0]) + (offset.empty() ? 0 : offset[0]);
+    value = is_missing ? std::nan("") : value;
   }
   return absl::OkStatus();
 }
@@ -240,7 +272,7 @@ absl::StatusOr<std::optional<NetcdfVariable>> NetcdfFile::Describe(int group, in
 }
 
 absl::Status NetcdfFile::Visit(int group, const std::string& prefix, int depth,
-                               std::vector<NetcdfVariable>* volumes) {
+                               std::vector<NetcdfVariable>* arrays) {
   int count = 0;
   nc_inq_nvars(group, &count);
   visited_ += count;
@@ -252,11 +284,8 @@ absl::Status NetcdfFile::Visit(int group, const std::string& prefix, int depth,
   for (int id = 0; id < count; ++id) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::optional<NetcdfVariable> variable,
                               Describe(group, id, prefix, 3));
-    const std::optional<CfRoles> roles =
-        variable.has_value() ? CfRolesOf(variable->axes) : std::nullopt;
-    if (roles.has_value()) {
-      variable->roles = *roles;
-      volumes->push_back(*std::move(variable));
+    if (variable.has_value()) {
+      arrays->push_back(*std::move(variable));
     }
   }
   int group_count = 0;
@@ -269,20 +298,20 @@ absl::Status NetcdfFile::Visit(int group, const std::string& prefix, int depth,
     std::array<char, NC_MAX_NAME + 1> name{};
     if (nc_inq_grpname(inner, name.data()) == NC_NOERR) {
       ISOSCOPE_RETURN_IF_ERROR(
-          Visit(inner, absl::StrCat(prefix, name.data(), "/"), depth + 1, volumes));
+          Visit(inner, absl::StrCat(prefix, name.data(), "/"), depth + 1, arrays));
     }
   }
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<NetcdfVariable>> NetcdfFile::Volumes() {
-  std::vector<NetcdfVariable> volumes;
+absl::StatusOr<std::vector<NetcdfVariable>> NetcdfFile::Arrays() {
+  std::vector<NetcdfVariable> arrays;
   visited_ = 0;
-  const absl::Status status = Visit(id_, "", 0, &volumes);
+  const absl::Status status = Visit(id_, "", 0, &arrays);
   if (!status.ok()) {
     return absl::Status(status.code(), absl::StrCat(path_, ": ", status.message()));
   }
-  return volumes;
+  return arrays;
 }
 
 absl::StatusOr<std::optional<NetcdfVariable>> NetcdfFile::Find(const std::string& name) {

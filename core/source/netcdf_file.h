@@ -58,9 +58,9 @@ class NetcdfFile {
   NetcdfFile& operator=(const NetcdfFile&) = delete;
 
   [[nodiscard]] const std::string& path() const { return path_; }
-  // The variables of numbers that are volumes (CfRolesOf), in all groups, in the file's order.
-  // INVALID_ARGUMENT: more than 10 000 variables; a coordinate that can't be read.
-  absl::StatusOr<std::vector<NetcdfVariable>> Volumes();
+  // The variables of numbers with three dimensions or more, in all groups, in the file's order,
+  // without roles. INVALID_ARGUMENT: more than 10 000 variables; a coordinate that can't be read.
+  absl::StatusOr<std::vector<NetcdfVariable>> Arrays();
   // The variable of that name outside groups, without roles; of any rank. Not set if there is none
   // of numbers. DATA_LOSS: a coordinate that can't be read.
   absl::StatusOr<std::optional<NetcdfVariable>> Find(const std::string& name);
@@ -80,7 +80,7 @@ class NetcdfFile {
   absl::StatusOr<std::optional<NetcdfVariable>> Describe(int group, int id,
                                                          const std::string& prefix, int least_rank);
   absl::Status Visit(int group, const std::string& prefix, int depth,
-                     std::vector<NetcdfVariable>* volumes);
+                     std::vector<NetcdfVariable>* arrays);
   absl::StatusOr<std::vector<CfAxis>> AxesOf(int group, const std::vector<int>& dimensions);
 
   const std::string path_;

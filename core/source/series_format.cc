@@ -161,10 +161,13 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".tif", ".tiff", ".lsm"},
        .more_names = ", a folder of them, or a pattern",
        .is_content = IsTiff,
-       .open = [](const std::string& file, const std::string& field,
-                  const std::string& /*part*/) { return OpenTiffSeries({file}, file, field, ""); },
-       .open_as = [](const std::string& file, const std::string& field,
-                     const std::string& axes) { return OpenTiffSeries({file}, file, field, axes); },
+       .open_as =
+           [](const std::string& file, const std::string& field, const std::string& /*part*/,
+              const GridRules& rules,
+              const std::string& axes) { return OpenTiffSeries({file}, file, field, axes, rules); },
+       .open_by_rules =
+           [](const std::string& file, const std::string& field, const std::string& /*part*/,
+              const GridRules& rules) { return OpenTiffSeries({file}, file, field, "", rules); },
        .find_files = FilesOfTiff},
       {.name = "BioRad",
        .endings = {".pic"},
@@ -191,6 +194,9 @@ const std::vector<SeriesFormat>& SeriesFormats() {
        .endings = {".nc", ".nc4", ".cdf", ".netcdf"},
        .has_field_names = true,
        .is_content = IsNetcdf,
+       .open_as = [](const std::string& file, const std::string& /*field*/, const std::string& part,
+                     const GridRules& rules,
+                     const std::string& axes) { return OpenNetcdfSeries(file, part, rules, axes); },
        .open_by_rules = [](const std::string& file, const std::string& /*field*/,
                            const std::string& part,
                            const GridRules& rules) { return OpenNetcdfSeries(file, part, rules); }},
@@ -263,8 +269,9 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const
     return file;
   }
   const auto layout = ReadNiftiHeaderLayout(header_path);
-  const bool is_ours = layout.ok() && ((rules.ignores_shear && layout->shear.has_value()) ||
-                                       layout->wide.has_value());
+  const bool is_ours =
+      layout.ok() && ((rules.ignores_shear && layout->shear.has_value()) ||
+                      (rules.has_spacing && !layout->distances.ok()) || layout->wide.has_value());
   return is_ours ? std::move(file) : std::nullopt;
 }
 
@@ -282,10 +289,11 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSeriesFile(const SeriesFile& f
     return absl::InvalidArgumentError(
         absl::StrCat(file.file, ": --axes ", axes,
                      ": the axes of this kind of file have their meaning; "
-                     "--axes is for datasets of HDF5 files and for TIFF"));
+                     "--axes is for datasets of HDF5 files, for netCDF and for TIFF"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            !axes.empty() ? file.format->open_as(file.file, field, axes)
+                            !axes.empty()
+                                ? file.format->open_as(file.file, field, file.part, rules, axes)
                             : file.format->open_by_rules != nullptr
                                 ? file.format->open_by_rules(file.file, field, file.part, rules)
                                 : file.format->open(file.file, field, file.part));

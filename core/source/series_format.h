@@ -34,6 +34,8 @@ struct SeriesFormat {
   // The same, with the meaning of the axes (SeriesOptions). Null: the files say it.
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open_as)(const std::string& file,
                                                            const std::string& field,
+                                                           const std::string& part,
+                                                           const GridRules& rules,
                                                            const std::string& axes) = nullptr;
   // In place of `open`, for formats that refuse grids which are sheared or uneven.
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open_by_rules)(const std::string& file,
@@ -73,7 +75,8 @@ std::optional<SeriesFile> FindSeriesFileByName(const std::string& path);
 std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
 
 // That of a header with the ending of NIfTI that our own reader takes: it is not one of NIfTI-1, it
-// is in a gzip stream of its own (.hdr.gz), or it has a shear that the rules ignore.
+// is in a gzip stream of its own (.hdr.gz), or it has a shear or lacks distances, which the rules
+// take.
 std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules);
 
 // Opens the file, or its part as a series of one field. `field` is the name of a field that the

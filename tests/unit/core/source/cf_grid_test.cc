@@ -1,7 +1,9 @@
 #include "core/source/cf_grid.h"
 
 #include <cmath>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
@@ -38,7 +40,11 @@ TEST(CfGridTest, AttributesGoBeforeNames) {
                                          {{.name = "time"}, 'T'},
                                          {{.name = "z"}, 'Z'},
                                          {{.name = "component"}, 'C'},
-                                         {{.name = "member"}, '?'}}) {
+                                         {{.name = "a", .standard_name = "realization"}, 'C'},
+                                         {{.name = "a", .units = "millibars"}, 'Z'},
+                                         {{.name = "lat", .units = "hPa"}, 'Z'},
+                                         {{.name = "member"}, 'C'},
+                                         {{.name = "run"}, '?'}}) {
     EXPECT_EQ(CfLetterOf(c.axis), c.letter) << c.axis.name << " " << c.axis.units;
   }
 }
@@ -65,7 +71,11 @@ TEST(CfGridTest, FindsTheAxesOfSpaceInAnyOrder) {
                                          {{"x", "a", "b"}, "012XZY"},
                                          {{"time", "lat", "lon"}, ""},
                                          {{"p", "q", "r", "s"}, ""},
-                                         {{"member", "z", "y", "x"}, ""},
+                                         {{"run", "z", "y", "x"}, ""},
+                                         {{"member", "z", "y", "x"}, "123ZYX"},
+                                         {{"member", "lat", "lon"}, ""},
+                                         {{"height", "lat", "lon"}, "012ZYX"},
+                                         {{"depth", "height", "width"}, "012ZYX"},
                                          {{"z", "z", "y", "x"}, ""},
                                          {{"t", "time", "z", "y", "x"}, ""}}) {
     const auto roles = CfRolesOf(Axes(c.names));
@@ -78,6 +88,11 @@ TEST(CfGridTest, FindsTheAxesOfSpaceInAnyOrder) {
     }
     EXPECT_EQ(got, c.space) << ::testing::PrintToString(c.names);
   }
+  std::vector<CfAxis> twice = Axes({"time", "step", "z", "y", "x"});  // a reference time of one
+  twice[0].size = 1;
+  EXPECT_EQ(CfRolesOf(twice)->time, 1u);
+  twice[1].size = 1;
+  EXPECT_EQ(CfRolesOf(twice)->time, 0u);
   EXPECT_EQ(CfRolesOf(Axes({"z", "y", "x"}, 1)), std::nullopt);
   EXPECT_EQ(CfRolesOf(Axes({"c", "time", "z", "y", "x"}))->component, 0u);
 }
@@ -108,6 +123,88 @@ TEST(CfGridTest, FirstAndLastSampleLieAtTheirCoordinates) {
   EXPECT_EQ(At(grid, {0, 1, 3}), (math::Vec3d{6, 1, 5}));
 }
 
+// The world's z of the first and the last sample of an axis of 1000, 900, ... 700.
+std::pair<double, double> LevelsOf(CfAxis level,
+                                   std::vector<double> values = {1000, 900, 800, 700}) {
+  std::vector<CfAxis> axes = Axes({level.name, "y", "x"});
+  level.size = 4;
+  level.values = std::move(values);
+  axes[0] = std::move(level);
+  const auto grid = CfGridOf(axes, *CfRolesOf(axes));
+  EXPECT_TRUE(grid.ok()) << grid.status();
+  return grid.ok() ? std::pair{At(*grid, {0, 0, 0}).z, At(*grid, {0, 0, 3}).z}
+                   : std::pair{0.0, 0.0};
+}
+
+TEST(CfGridTest, VerticalCoordinatesPointWhereTheConventionSays) {
+  const std::pair<double, double> down{-1000, -700};
+  const std::pair<double, double> up{1000, 700};
+  // Units of pressure need no `positive`.
+  for (const char* units : {"hPa", "Pa", "millibars", "mb", "dbar", "atm"}) {
+    EXPECT_EQ(LevelsOf({.name = "level", .units = units}), down) << units;
+    EXPECT_EQ(LevelsOf({.name = "level", .positive = "up", .units = units}), up) << units;
+  }
+  // `positive` goes before names, and in any case.
+  EXPECT_EQ(LevelsOf({.name = "a", .positive = "Down", .standard_name = "height"}), down);
+  EXPECT_EQ(LevelsOf({.name = "a", .positive = "UP", .standard_name = "depth"}), up);
+  EXPECT_EQ(LevelsOf({.name = "a", .standard_name = "depth", .units = "m"}), down);
+  EXPECT_EQ(LevelsOf({.name = "a", .standard_name = "air_pressure"}), down);
+  EXPECT_EQ(LevelsOf({.name = "a", .standard_name = "altitude", .units = "m"}), up);
+  EXPECT_EQ(LevelsOf({.name = "a", .units = "sigma_level"}), down);
+  EXPECT_EQ(LevelsOf({.name = "lev", .units = "level"}), up);
+  EXPECT_EQ(LevelsOf({.name = "z", .units = "m"}), up);
+  // A depth by name alone, unless it has a sign already.
+  EXPECT_EQ(LevelsOf({.name = "deptht", .axis = "Z", .units = "m"}), down);
+  EXPECT_EQ(LevelsOf({.name = "depth"}), down);
+  EXPECT_EQ(LevelsOf({.name = "depth", .units = "K"}), up);
+  EXPECT_EQ(LevelsOf({.name = "depth"}, {-1000, -900, -800, -700}), down);
+  // Not of another axis than Z.
+  std::vector<CfAxis> axes = Axes({"z", "y", "x"});
+  axes[1].axis = "Y";
+  axes[1].units = "hPa";
+  axes[1].values = {1, 2, 3, 4};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_EQ(At(grid, {0, 3, 0}).y, 4);
+  axes[0].positive = "upwards";
+  EXPECT_THAT(CfGridOf(axes, *CfRolesOf(axes)),
+              StatusIs(kInvalid, AllOf(HasSubstr("\"z\""), HasSubstr("\"upwards\""))));
+}
+
+TEST(CfGridTest, LettersGiveTheMeaningOfAxes) {
+  std::vector<CfAxis> axes = Axes({"run", "q", "one", "p", "r"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CfRoles roles, CfRolesFrom("TX-ZY", axes));
+  EXPECT_THAT(roles.space, ElementsAre(1, 3, 4));
+  EXPECT_THAT(roles.letters, ElementsAre('X', 'Z', 'Y'));
+  EXPECT_EQ(roles.time, 0u);
+  EXPECT_EQ(roles.component, std::nullopt);
+  for (const char* letters : {"TZYX", "TZ-YXC", "-Z-YX", "ZZ-YX", "TTZYX", "CZYX-", "tz-yx", ""}) {
+    EXPECT_THAT(CfRolesFrom(letters, axes),
+                StatusIs(kInvalid, AllOf(HasSubstr("--axes"), HasSubstr("run (?, 4)"),
+                                         HasSubstr("one (?, 1)"))))
+        << letters;
+  }
+}
+
+TEST(CfGridTest, SuggestedLettersAreTaken) {
+  struct Case {
+    std::vector<std::string> names;
+    std::string letters;
+  };
+  for (const Case& c : std::vector<Case>{{{"run", "z", "y", "x"}, "CZYX"},
+                                         {{"time", "run", "lev", "lat", "lon"}, "TCZYX"},
+                                         {{"run", "one", "lev", "lat", "lon"}, "C-ZYX"},
+                                         {{"member", "run", "lev", "lat", "lon"}, "CTZYX"},
+                                         {{"t", "time", "z", "y", "x"}, "TCZYX"},
+                                         {{"p", "q", "r", "s"}, "ZYXC"},
+                                         {{"a", "b", "c0", "d", "e", "f"}, ""},
+                                         {{"time", "lat", "lon"}, ""},
+                                         {{"lat", "lon"}, ""}}) {
+    const std::vector<CfAxis> axes = Axes(c.names);
+    EXPECT_EQ(SuggestCfAxes(axes), c.letters) << ::testing::PrintToString(c.names);
+    EXPECT_EQ(CfRolesFrom(c.letters, axes).ok(), !c.letters.empty());
+  }
+}
+
 TEST(CfGridTest, RefusesUnevenAxesWithTheDeviation) {
   std::vector<CfAxis> axes = Axes({"lev", "lat", "lon"});
   axes[0].values = {0, 10, 25, 30};
@@ -126,7 +223,9 @@ TEST(CfGridTest, RefusesUnevenAxesWithTheDeviation) {
   axes[0].values = {3, 3, 3, 3};
   EXPECT_THAT(CfGridOf(axes, *CfRolesOf(axes)), StatusIs(kInvalid, HasSubstr("ends at 3")));
   axes[0].values = {0, 1, NAN, 3};
-  EXPECT_FALSE(CfGridOf(axes, *CfRolesOf(axes)).ok());
+  EXPECT_THAT(CfGridOf(axes, *CfRolesOf(axes)),
+              StatusIs(kInvalid, AllOf(HasSubstr("\"lev\""), HasSubstr("coordinate 2"),
+                                       HasSubstr("missing"))));
 }
 
 TEST(CfGridTest, UnevenAxesHaveTheirDistances) {

@@ -35,7 +35,7 @@ TEST(NetcdfFileTest, FindsVolumesWithTheirAxesAndPacking) {
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, NetcdfFile::Open(path));
   EXPECT_EQ(file->path(), path);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volumes, file->Volumes());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volumes, file->Arrays());
   ASSERT_EQ(volumes.size(), 1u);
   EXPECT_EQ(volumes[0].name, "p");
   EXPECT_THAT(volumes[0].axes[1].values, ElementsAre(10.5, 11, 11.5));
@@ -72,6 +72,27 @@ TEST(NetcdfFileTest, FindsVariablesOfAnyRankWithTheirNumbers) {
   EXPECT_THAT(file->Numbers(*only, "cosines"), ElementsAre(0, 0.5, 1));
   EXPECT_THAT(file->Numbers(*only, "none"), ElementsAre());
   EXPECT_EQ(file->Find("none").value(), std::nullopt);
+}
+
+TEST(NetcdfFileTest, CoordinatesMayBeMissingOrUnsigned) {
+  const testing::TempDir dir;
+  const std::string path = dir.Sub("a.nc");
+  {
+    NetcdfWriter writer(path, 0);
+    const int x = writer.Dimension("x", 3);
+    const int y = writer.Dimension("y", 2);
+    const int z = writer.Dimension("z", 2);
+    writer.Variable("x", NC_BYTE, {x}, {3}, {100, -56, -1}, {{"_Unsigned", "true"}});
+    writer.Variable("y", NC_FLOAT, {y}, {2}, {1, NC_FILL_FLOAT});
+    writer.Variable("z", NC_SHORT, {z}, {2}, {-9, 4}, {}, {{"_FillValue", -9}, {"add_offset", 9}});
+    writer.Variable("p", NC_BYTE, {z, y, x}, {2, 2, 3}, std::vector<double>(12, 1));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, NetcdfFile::Open(path));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arrays, file->Arrays());
+  ASSERT_EQ(arrays.size(), 1u);
+  EXPECT_THAT(arrays[0].axes[2].values, ElementsAre(100, 200, 255));
+  EXPECT_THAT(arrays[0].axes[1].values, ElementsAre(1, ::testing::IsNan()));
+  EXPECT_THAT(arrays[0].axes[0].values, ElementsAre(::testing::IsNan(), 13));
 }
 
 TEST(NetcdfFileTest, SaysWhatIsNone) {

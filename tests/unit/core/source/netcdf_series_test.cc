@@ -248,9 +248,54 @@ TEST_F(NetcdfSeriesTest, RefusesInASentence) {
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.nc")),
               StatusIs(kInvalid, AllOf(HasSubstr("a.nc"), HasSubstr("time axis"))));
   write({1}, {0, 1});
-  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.nc")), StatusIs(kInvalid, HasSubstr("no variable of")));
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.nc")),
+              StatusIs(kInvalid, AllOf(HasSubstr("a.nc:p"), HasSubstr("lev (Z, 1)"),
+                                       HasSubstr("expected one Z"))));
   testing::WriteFile(dir_.Sub("a.nc"), "CDF\x01 and no more");
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.nc")), StatusIs(kInvalid, HasSubstr("netCDF")));
+}
+
+TEST_F(NetcdfSeriesTest, DimensionsWithoutMeaningAreNamedAndAxesGivesIt) {
+  const std::string path = dir_.Sub("b.nc");
+  {
+    NetcdfWriter writer(path, 0);
+    const int run = writer.Dimension("run", 3);
+    const int z = writer.Dimension("lev", 2);
+    const int y = writer.Dimension("lat", 3);
+    const int x = writer.Dimension("lon", 4);
+    writer.Variable("lev", NC_FLOAT, {z}, {2}, {1000, 500}, {{"units", "hPa"}});
+    writer.Variable("still", NC_BYTE, {z, y, x}, {2, 3, 4}, Ramp());
+    writer.Variable("u", NC_FLOAT, {run, z, y, x}, {3, 2, 3, 4}, Ramp(3));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, OpenVolumeSeries(path));
+  EXPECT_EQ(others->fields()[0].name, "still");
+  EXPECT_THAT(
+      OpenVolumeSeries(path + ":u"),
+      StatusIs(kInvalid,
+               AllOf(HasSubstr(path + ":u"), HasSubstr("run (?, 3)"), HasSubstr("lev (Z, 2)"),
+                     HasSubstr("isoscope partition " + path + ":u --axes CZYX --output DIR"))));
+  for (const char* axes : {"TZYX", "CZYX"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path + ":u", {.axes = axes}));
+    ASSERT_EQ(series->fields().size(), 1u);
+    const bool has_time = axes[0] == 'T';
+    EXPECT_EQ(series->step_count(), has_time ? 3 : 1);
+    // Three runs are no vector.
+    EXPECT_EQ(series->fields()[0].components,
+              has_time ? std::vector<std::string>{""} : std::vector<std::string>({"0", "1", "2"}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
+                                  series->Open(0, has_time ? 0 : 2, has_time ? 2 : 0));
+    EXPECT_EQ(math::TransformPoint(volume->geometry().world_from_index(), {0, 0, 1}),
+              (math::Vec3d{0, 0, -500}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
+    EXPECT_EQ(ValuesOf<float>(read)[5], 3 * 5 + 200 - 20);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto turned, OpenVolumeSeries(path, {.axes = "XYZ"}));
+  EXPECT_EQ(turned->fields()[0].name, "still");
+  EXPECT_THAT(OpenVolumeSeries(path + ":u", {.axes = "ZYX"}),
+              StatusIs(kInvalid, AllOf(HasSubstr(":u"), HasSubstr("run (?, 3)"))));
+  EXPECT_THAT(OpenVolumeSeries(path, {.axes = "TCZYX"}),
+              StatusIs(kInvalid, HasSubstr("no variable has such axes")));
+  EXPECT_THAT(OpenVolumeSeries(path, {.axes = "Z2YX"}), StatusIs(kInvalid, HasSubstr("Z2YX")));
 }
 
 TEST_F(NetcdfSeriesTest, CutFilesAreErrorsOrShortOfNothing) {

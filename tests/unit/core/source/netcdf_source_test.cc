@@ -39,8 +39,9 @@ TEST(NetcdfSourceTest, ReadsStepsAndComponentsWhateverTheOrderOfAxes) {
   for (const std::int64_t step : {0, 1}) {
     for (const std::int64_t component : {0, 1}) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto file, NetcdfFile::Open(dir.Sub("a.nc")));
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volumes, file->Volumes());
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto volumes, file->Arrays());
       ASSERT_EQ(volumes.size(), 1u);
+      volumes[0].roles = CfRolesOf(volumes[0].axes).value();
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
                                     OpenNetcdfVolume(std::move(file), volumes[0], step, component));
       EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{3, 4, 5}));
