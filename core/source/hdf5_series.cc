@@ -28,6 +28,7 @@
 #include "absl/strings/str_split.h"
 
 #include "core/base/check.h"
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/source/axis_order.h"
 #include "core/source/hdf5_attributes.h"
@@ -80,9 +81,12 @@ absl::StatusOr<AxisOrder> FindAxes(const NamedHdf5Dataset& named,
       choices.empty()
           ? absl::StrFormat("%s: %d axes (%s elements); expected 3 to 5; %s", name, dims.size(),
                             shape, ListHdf5Volumes(named.file.get()))
-          : absl::StrFormat("%s: %d axes (%s elements), and no attribute says what they mean: say "
-                            "it, slowest first (T time, C components), with --axes %s",
-                            name, dims.size(), shape, choices));
+          : absl::StrFormat(
+                "%s: %d axes (%s elements), and no attribute says what they mean: %s; say "
+                "it, slowest first (T time, C components), as in `isoscope partition "
+                "%s --axes %s --output DIR`",
+                name, dims.size(), shape, choices, base::ShellWord(name),
+                choices.substr(0, choices.find_first_of(", "))));
 }
 
 absl::StatusOr<std::vector<std::string>> Describe(const std::string& path,

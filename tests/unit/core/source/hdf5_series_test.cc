@@ -171,10 +171,19 @@ TEST_F(Hdf5SeriesTest, MissingOrWrongAxesAreErrorsWithTheShapeAndTheChoices) {
   const auto status = [&](const std::string& name, const std::string& axes) {
     return OpenHdf5Series(path_ + ":/" + name, axes).status();
   };
-  EXPECT_THAT(status("u", ""),
-              StatusIs(kInvalid, AllOf(HasSubstr("4 axes (2 x 3 x 4 x 5 elements)"),
-                                       HasSubstr("--axes TZYX, CZYX or ZYXC"))));
-  EXPECT_THAT(status("v", ""), StatusIs(kInvalid, HasSubstr("--axes TCZYX")));
+  EXPECT_THAT(
+      status("u", ""),
+      StatusIs(kInvalid,
+               AllOf(HasSubstr("4 axes (2 x 3 x 4 x 5 elements)"), HasSubstr("TZYX, CZYX or ZYXC"),
+                     HasSubstr("isoscope partition " + path_ + ":/u --axes TZYX --output DIR"))));
+  EXPECT_THAT(status("v", ""), StatusIs(kInvalid, HasSubstr("--axes TCZYX --output")));
+  // The advice works when it is followed.
+  for (const char* name : {"u", "v"}) {
+    const std::string message(status(name, "").message());
+    const std::size_t begin = message.find("--axes ") + 7;
+    EXPECT_TRUE(status(name, message.substr(begin, message.find(' ', begin) - begin)).ok())
+        << message;
+  }
   EXPECT_THAT(status("w", ""), StatusIs(kInvalid, HasSubstr("expected 3 to 5")));
   EXPECT_THAT(status("u", "ZYX"), StatusIs(kInvalid, HasSubstr("expected 4 letters")));
   EXPECT_THAT(status("u", "TXYZ"), StatusIs(kInvalid, HasSubstr("Z, Y and X in this order")));

@@ -1,0 +1,394 @@
+#!/usr/bin/env python3
+"""Every advice of a refusal works when it is followed.
+
+    advice_test.py ISOSCOPE SOURCE_TREE [unittest arguments]
+
+A case makes a file that is refused, takes the advice out of the message, follows it by rote, and demands success. The
+sentences of the sources that advise a flag, a command or another path are listed: each needs a case here, or a line in
+ELSEWHERE that says which test follows it, or why it gives no advice.
+"""
+
+import glob
+import os
+import re
+import shlex
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCES = os.path.abspath(sys.argv.pop(2))
+ISOSCOPE = os.path.abspath(sys.argv.pop(1))
+
+# A pattern of a sentence, and what is to be said of it.
+ELSEWHERE = [
+    # Followed by other tests, which this one looks for.
+    (r'choose one by --series N', 'test: dicom_folder_test.cc'),
+    (r'choose one by its UID', 'test: dicom_folder_test.cc'),
+    (r'expected slices at one distance', 'test: dicom_stack_test.cc'),
+    (r'say which dataset, as in', 'test: hdf5_source_test.cc'),
+    (r'no attribute says what they mean', 'test: hdf5_series_test.cc'),
+    (r'several volumes, of which one must be chosen', 'case'),
+    (r'raise --memory-limit', 'test: partition_plan_test.cc'),
+    (r'partition (its|the) first step with --time', 'test: series_partitioner_test.cc'),
+    (r'a dataset of a pattern; expected a mesh', 'test: hdf5_file_series_test.cc'),
+    (r'for what --append appends|--append DIR', 'says which flags do not fit'),
+    # Those name what does not fit, or the choices.
+    (r'is no box X0:X1', 'form of a value'),
+    (r'^%s: --crop %d:%d on axis', 'names the limits'),
+    (r'^(%s: |: )?(%d axes .*)?--axes ', 'names the letters that fit'),
+    (r'--axes (is|for)', 'says which flags do not fit'),
+    (r'as in \\"kinds: domain', 'form of a header'),
+    (r"openPMD's basePath", 'form of a header'),
+    (r"--crop and --stride can't help", 'says what does not help'),
+    (r'^%s: --header-bytes', 'names the limits'),
+    (r'a .* array without a name', 'names the choices'),
+    (r'--field chooses fields of the source', 'names the choices'),
+    (r'--shards ', 'says which flags do not fit'),
+    (r"can't be used with|is for --server|is for raw files only|in plaintext|is a dataset", 'says which flags do not fit'),
+    (r'^%s: %d axes \(%s elements\); expected 3 to 5', 'names the choices'),
+]
+
+
+def nrrd(sizes, lines, sample_bytes=1, count=None):
+    total = 1
+    for size in sizes:
+        total *= size
+    head = f'NRRD0004\ntype: {"uchar" if sample_bytes == 1 else "short"}\ndimension: {len(sizes)}\n'
+    head += f'sizes: {" ".join(map(str, sizes))}\nendian: little\n{lines}encoding: raw\n\n'
+    return head.encode() + ramp(total if count is None else count)
+
+
+def ramp(count):
+    return bytes(i % 251 for i in range(count))
+
+
+def nifti(rows=None, qform=0, distances=(1, 1, 1)):
+    head = bytearray(352)
+    struct.pack_into('<i', head, 0, 348)
+    struct.pack_into('<8h', head, 40, 3, 6, 5, 4, 1, 1, 1, 1)
+    struct.pack_into('<2h', head, 70, 2, 8)
+    struct.pack_into('<4f', head, 76, 1, *distances)
+    struct.pack_into('<f', head, 108, 352)
+    head[123] = 2
+    struct.pack_into('<2h', head, 252, qform, 1 if rows else 0)
+    if rows:
+        struct.pack_into('<12f', head, 280, *rows)
+    head[344:348] = b'n+1\0'
+    return bytes(head) + ramp(120)
+
+
+def analyze(distances):
+    head = bytearray(348)
+    struct.pack_into('<i', head, 0, 348)
+    struct.pack_into('<8h', head, 40, 3, 6, 5, 4, 1, 1, 1, 1)
+    struct.pack_into('<2h', head, 70, 2, 8)
+    struct.pack_into('<4f', head, 76, 0, *distances)
+    return bytes(head)
+
+
+def cdf(dims, variables):
+    """A classic netCDF file. A variable: name, names of dimensions, attributes, values of floats."""
+    def name(text):
+        raw = text.encode()
+        return struct.pack('>I', len(raw)) + raw + b'\0' * (-len(raw) % 4)
+
+    def attributes(items):
+        if not items:
+            return struct.pack('>2I', 0, 0)
+        out = struct.pack('>2I', 12, len(items))
+        for key, value in items.items():
+            raw = value.encode()
+            out += name(key) + struct.pack('>2I', 2, len(raw)) + raw + b'\0' * (-len(raw) % 4)
+        return out
+
+    numbers = {dim: i for i, (dim, _) in enumerate(dims)}
+
+    def header(begins):
+        out = b'CDF\x01' + struct.pack('>3I', 0, 10, len(dims))
+        for dim, size in dims:
+            out += name(dim) + struct.pack('>I', size)
+        out += attributes({}) + struct.pack('>2I', 11, len(variables))
+        for (var, axes, texts, values), begin in zip(variables, begins):
+            out += name(var) + struct.pack('>I', len(axes))
+            out += b''.join(struct.pack('>I', numbers[axis]) for axis in axes)
+            out += attributes(texts) + struct.pack('>3I', 5, 4 * len(values), begin)
+        return out
+
+    begins, at = [], len(header([0] * len(variables)))
+    for _, _, _, values in variables:
+        begins.append(at)
+        at += 4 * len(values)
+    return header(begins) + b''.join(struct.pack(f'>{len(v)}f', *v) for _, _, _, v in variables)
+
+
+def tiff(pages, description='', resolution=None):
+    """Pages of 6 x 5 samples of 8 bits."""
+    out = bytearray(b'II*\0\0\0\0\0')
+    link = 4
+    for page in range(pages):
+        data = len(out)
+        out += bytes((7 * page + i) % 251 for i in range(30))
+        entries = [(256, 3, 1, 6), (257, 3, 1, 5), (258, 3, 1, 8), (259, 3, 1, 1), (262, 3, 1, 1)]
+        if page == 0 and description:
+            text = description.encode() + b'\0'
+            out += b'\0' * (len(out) % 2)
+            entries.append((270, 2, len(text), len(out)))
+            out += text
+        entries += [(273, 4, 1, data), (277, 3, 1, 1), (278, 3, 1, 5), (279, 4, 1, 30)]
+        if resolution:
+            out += b'\0' * (len(out) % 2)
+            for tag, value in zip((282, 283), resolution):
+                entries.append((tag, 5, 1, len(out)))
+                out += struct.pack('<2I', value, 1)
+            entries.append((296, 3, 1, 1))
+        out += b'\0' * (len(out) % 2)
+        struct.pack_into('<I', out, link, len(out))
+        out += struct.pack('<H', len(entries))
+        for tag, kind, count, value in entries:
+            out += struct.pack('<2HI', tag, kind, count) + struct.pack('<I', value)
+        link = len(out)
+        out += b'\0\0\0\0'
+    return bytes(out)
+
+
+def vtk_xml(kind, inner):
+    return (f'<VTKFile type="{kind}"><{kind} WholeExtent="0 2 0 1 0 1"><Piece Extent="0 2 0 1 0 1"><PointData>'
+            '<DataArray type="Float32" Name="p" format="ascii">' + ' '.join(map(str, range(12))) + '</DataArray>'
+            f'</PointData>{inner}</Piece></{kind}></VTKFile>').encode()
+
+
+def coordinates(x):
+    arrays = ''.join(f'<DataArray type="Float64" Name="{n}" format="ascii">{v}</DataArray>'
+                     for n, v in (('x', x), ('y', '0 1'), ('z', '0 1')))
+    return f'<Coordinates>{arrays}</Coordinates>'
+
+
+class AdviceTest(unittest.TestCase):
+
+    def setUp(self):
+        own = tempfile.TemporaryDirectory(prefix='isoscope-advice-test-')
+        self.addCleanup(own.cleanup)
+        self.folder = own.name
+        self.runs = 0
+        self.environment = dict(os.environ, XDG_CACHE_HOME=os.path.join(own.name, 'cache'))
+
+    def file(self, name, data):
+        path = os.path.join(self.folder, name)
+        with open(path, 'wb') as file:
+            file.write(data)
+        return path
+
+    def run_isoscope(self, arguments):
+        done = subprocess.run([ISOSCOPE, *arguments], capture_output=True, text=True, timeout=120,
+                              env=self.environment, cwd=self.folder)
+        return done.returncode, done.stderr
+
+    def output(self):
+        self.runs += 1
+        return os.path.join(self.folder, f'out{self.runs}')
+
+    def refused(self, arguments, pattern):
+        """Returns the message of a refusal, which has the pattern in it."""
+        status, message = self.run_isoscope(arguments)
+        self.assertNotEqual(status, 0, arguments)
+        self.assertRegex(message, pattern)
+        return message
+
+    def works(self, arguments, message):
+        status, said = self.run_isoscope(arguments)
+        self.assertEqual(status, 0, f'the advice of "{message}"\nwas followed by {arguments}:\n{said}')
+
+    def commands(self, message):
+        """Follows the commands in backticks, one after the other."""
+        found = re.findall(r'`isoscope ([^`]*)`', message)
+        self.assertTrue(found, message)
+        folder = self.output()
+        for command in found:
+            words = [folder if word == 'DIR' else word for word in shlex.split(command)]
+            if words[0] == 'render':
+                words += ['--isovalue', '60', '--output', self.output() + '.png']
+            self.works(words, message)
+
+    def flag(self, arguments, message, flag, value=None):
+        """Follows an advice to give a flag, with a value in place of that of the message."""
+        self.assertIn(flag + (' ' if value else ''), message)
+        self.works([*arguments, flag, *([value] if value else [])], message)
+
+    # ---- Distances. ----
+
+    def test_distances_that_are_missing_or_none(self):
+        self.file('a.img', ramp(120))
+        for name, data in (
+                ('a.nii', nifti(distances=(1, 0, 1))),
+                ('q.nii', nifti(qform=1, distances=(1, -2, 1))),
+                ('a.hdr', analyze((1, 1, 0))),
+                ('a.nrrd', nrrd((6, 5, 4), 'spacings: 1 nan 2\n')),
+                ('a.mha', b'ObjectType = Image\nNDims = 3\nDimSize = 6 5 4\nElementSpacing = 1 1 -1\n'
+                          b'ElementType = MET_UCHAR\nElementDataFile = LOCAL\n' + ramp(120)),
+                ('a.tif', tiff(4, resolution=(100, 50))),
+                ('b.tif', tiff(4, 'ImageJ=1\nimages=4\nunit=um\nspacing=3\n')),
+                ('c.tif', tiff(4, '<OME><Image><Pixels SizeX="6" SizeY="5" SizeZ="4" SizeC="1" SizeT="1" '
+                                  'DimensionOrder="XYZCT" PhysicalSizeX="0.1" PhysicalSizeY="0.1"/></Image></OME>'))):
+            with self.subTest(name):
+                path = self.file(name, data)
+                render = ['render', path, '--isovalue', '60', '--output', self.output() + '.png']
+                for command in (render, ['info', path], ['partition', path, '--output', self.output()]):
+                    message = self.refused(command, r'--spacing X,Y,Z')
+                    self.flag(command, message, '--spacing', '1,2,3')
+
+    # ---- Grids. ----
+
+    def test_sheared_axes(self):
+        path = self.file('a.nii', nifti(rows=(1, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)))
+        render = ['render', path, '--isovalue', '60', '--output', self.output() + '.png']
+        message = self.refused(render, 'sheared')
+        self.flag(render, message, '--ignore-shear')
+
+    def test_uneven_axes(self):
+        levels = ('z', ['z'], {}, [0, 1, 3, 7])
+        values = ('p', ['z', 'y', 'x'], {}, [float(i) for i in range(120)])
+        for name, data in (('a.nc', cdf([('z', 4), ('y', 5), ('x', 6)], [levels, values])),
+                           ('a.vtr', vtk_xml('RectilinearGrid', coordinates('0 1 5')))):
+            with self.subTest(name):
+                path = self.file(name, data)
+                render = ['render', path, '--isovalue', '5', '--output', self.output() + '.png']
+                message = self.refused(render, 'is not even')
+                self.flag(render, message, '--resample')
+
+    # ---- The meaning of axes. ----
+
+    def test_axes_of_netcdf_without_meaning(self):
+        values = [float(i % 251) for i in range(360)]
+        path = self.file('a b.nc', cdf([('run', 3), ('lev', 4), ('lat', 5), ('lon', 6)],
+                                       [('u', ['run', 'lev', 'lat', 'lon'], {}, values)]))
+        for command in (['render', path, '--isovalue', '60', '--output', self.output() + '.png'], ['info', path],
+                        ['info', path + ':u'], ['partition', path, '--output', self.output()]):
+            self.commands(self.refused(command, r'run \(\?, 3\)'))
+
+    def test_pages_of_tiff(self):
+        for name, description in (('a.tif', 'ImageJ=1\nimages=4\nslices=3\nframes=2\n'),
+                                  ('b.tif', '<OME><Image/></OME>'),
+                                  ('c.tif', '<OME><Image><Pixels SizeX="6" SizeY="5" SizeZ="1" SizeC="1" SizeT="4" '
+                                            'DimensionOrder="XYZCT"/></Image></OME>'),
+                                  ('d.tif', 'ImageJ=1\nimages=9\nslices=9\n')):
+            with self.subTest(name):
+                path = self.file(name, tiff(4, description))
+                self.commands(self.refused(['info', path], 'say what its pages are'))
+
+    # ---- Several volumes. ----
+
+    def test_several_volumes_in_one_file(self):
+        volumes = nrrd((6, 5, 4, 3), 'kinds: domain domain domain time\n', count=360)
+        path = self.file('four.nrrd', volumes)
+        self.commands(self.refused(['render', path, '--isovalue', '60', '--output', self.output() + '.png'],
+                                   'several volumes'))
+
+    def test_components_of_a_vti(self):
+        data = vtk_xml('ImageData', '').replace(b'Name="p"', b'Name="p" NumberOfComponents="3"')
+        data = data.replace(b' 11<', b' ' + b' '.join(str(i).encode() for i in range(11, 36)) + b'<')
+        path = self.file('v.vti', data)
+        status, message = self.run_isoscope(['render', path, '--isovalue', '9', '--output', self.output() + '.png'])
+        if status != 0:
+            part = re.search(r'as in (\S+)[;,]', message)
+            self.assertTrue(part, message)
+            self.works(['render', part.group(1), '--isovalue', '9', '--output', self.output() + '.png'], message)
+
+    # ---- Names of files. ----
+
+    def test_files_by_another_name(self):
+        for name, data in (('a.vti', vtk_xml('RectilinearGrid', coordinates('0 1 2'))),
+                           ('b.vtr', vtk_xml('ImageData', ''))):
+            with self.subTest(name):
+                path = self.file(name, data)
+                message = self.refused(['info', path], 'rename it to end in')
+                ending = re.search(r'rename it to end in (\.\w+)', message).group(1)
+                renamed = path[:-4] + ending
+                os.rename(path, renamed)
+                self.works(['info', renamed], message)
+
+    def test_samples_that_are_raw(self):
+        for name in ('a.mrc', 'a.img', 'a.bin'):
+            with self.subTest(name):
+                path = self.file(name, ramp(120))
+                message = self.refused(['info', path], '--dims')
+                ending = re.search(r'rename it to end in (\.\w+)', message)
+                if ending:
+                    renamed = path[:-4] + ending.group(1)
+                    os.rename(path, renamed)
+                    path = renamed
+                self.works(['info', path, '--dims', '6,5,4', '--type', 'uint8'], message)
+
+    def test_netcdf_by_the_name_of_minc(self):
+        path = self.file('a.mnc', cdf([('z', 4), ('y', 5), ('x', 6)],
+                                      [('p', ['z', 'y', 'x'], {}, [float(i) for i in range(120)])]))
+        message = self.refused(['info', path], '--format netcdf')
+        self.works(['info', path, '--format', 'netcdf'], message)
+
+    def test_a_format_by_its_name(self):
+        path = self.file('a.bin', nrrd((6, 5, 4), ''))
+        message = self.refused(['info', path, '--format', 'nrdd'], 'known are|expected one of')
+        self.assertIn('nrrd', message)
+        self.works(['info', path, '--format', 'nrrd'], message)
+
+    # ---- A source without a time. ----
+
+    def test_steps_that_need_a_time(self):
+        series = self.output()
+        volumes = self.file('four.nrrd', nrrd((6, 5, 4, 2), 'kinds: domain domain domain time\n', count=240))
+        self.works(['partition', volumes, '--output', series], 'none')
+        next_step = self.file('four_next.nrrd', nrrd((6, 5, 4), ''))
+        append = ['partition', next_step, '--append', series, '--field', 'four']
+        message = self.refused(append, 'give it with --time VALUE')
+        self.flag(append, message, '--time', '9')
+
+    # ---- The list. ----
+
+    def test_every_advice_of_the_sources_has_its_case(self):
+        with open(__file__, encoding='utf-8') as file:
+            own = file.read()
+        said = own[own.index('class AdviceTest'):]
+        cases = [re.escape(text) for text in (
+            '--spacing X,Y,Z', '--ignore-shear', '--resample interpolates', 'isoscope partition', '--axes Z',
+            'rename it to end in', '--format netcdf', '--dims', '--format %s', 'give it with --time VALUE',
+            'choose one of 0 to')]
+        self.assertIn('def test_sheared_axes', said)
+        missing = []
+        for folder in ('core/source', 'core/partition', 'client-cli/session'):
+            for path in sorted(glob.glob(os.path.join(SOURCES, folder, '**', '*.cc'), recursive=True)):
+                with open(path, encoding='utf-8') as file:
+                    for sentence in sentences(file.read()):
+                        if not any(re.search(p, sentence) for p in cases + [p for p, _ in ELSEWHERE]):
+                            missing.append(f'{os.path.relpath(path, SOURCES)}: {sentence[:200]}')
+        self.assertEqual(missing, [], 'advice that no case follows')
+        tests = {os.path.basename(p) for p in glob.glob(os.path.join(SOURCES, 'tests/unit/**/*_test.cc'),
+                                                        recursive=True)}
+        for _, why in ELSEWHERE:
+            if why.startswith('test: '):
+                self.assertIn(why[6:], tests)
+
+
+def sentences(text):
+    """The literals of each error that advises a flag, a command or another path."""
+    found = []
+    for match in re.finditer(r'\w*(?:Error|NoSampleDistance)\(', text):
+        depth, at, is_text = 1, match.end(), False
+        while at < len(text) and depth:
+            c = text[at]
+            if is_text:
+                at += c == '\\'
+                is_text = c != '"'
+            elif c == '"':
+                is_text = True
+            else:
+                depth += (c == '(') - (c == ')')
+            at += 1
+        sentence = ''.join(re.findall(r'"((?:[^"\\]|\\.)*)"', text[match.end():at]))
+        if re.search(r'(?<![\w-])--[a-z]|isoscope [a-z]+ |rename it to end|choose one|as in ', sentence):
+            found.append(sentence)
+    return found
+
+
+if __name__ == '__main__':
+    unittest.main()
