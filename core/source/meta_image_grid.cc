@@ -135,9 +135,9 @@ absl::StatusOr<volume::GridGeometry> ReadMetaImageGrid(const std::string& path,
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t named, fields.GetInteger("ndims", 0));
   if (axes < 3 || named != static_cast<std::int64_t>(axes)) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: NDims = %d, DimSize = %s; expected three axes or more, as many as "
-                        "NDims says",
-                        path, named, fields.Get("dimsize")));
+        absl::StrFormat("%s: %d-dimensional (NDims = %d, DimSize = %s); expected three axes of 2 "
+                        "samples or more, as many as NDims says",
+                        path, axes, named, fields.Get("dimsize")));
   }
   volume::GridGeometry geometry;
   geometry.sample_dims = {sizes[0], sizes[1], sizes[2]};

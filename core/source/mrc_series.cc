@@ -182,11 +182,14 @@ absl::StatusOr<math::Vec3d> CellSpacing(const MrcHeader& header, const std::arra
                                         bool* has_cell) {
   const math::Vec3d cell{header.Number(11), header.Number(12), header.Number(13)};
   *has_cell = cell != math::Vec3d{0, 0, 0};
+  const bool has_grid = header.Integer(8) != 0 || header.Integer(9) != 0 || header.Integer(10) != 0;
   math::Vec3d spacing{1, 1, 1};
   for (int i = 0; *has_cell && i < 3; ++i) {
     const int axis = axes[static_cast<std::size_t>(i)];
     const auto word = static_cast<std::size_t>(axis);
-    const std::int32_t samples = header.Integer(8 + word);
+    // Some programs leave out all three.
+    const std::int32_t samples =
+        header.Integer(has_grid ? 8 + word : 1 + static_cast<std::size_t>(i));
     spacing[axis] = cell[axis] / samples;
     if (!(samples > 0) || !(cell[axis] > 0) || !std::isfinite(cell[axis])) {
       return absl::InvalidArgumentError(absl::StrFormat(

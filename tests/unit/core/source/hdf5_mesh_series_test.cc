@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -264,10 +265,12 @@ TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
 }
 
 TEST_F(Hdf5MeshSeriesTest, GridsOfOpenPmdAreWholeAndMayRunBackwards) {
-  const std::string path = dir_.Sub("g.h5");
+  std::string path;  // another one each time, since a file that is open can't be written
+  int files = 0;
   // Leaves out the attribute `without`.
   const auto write = [&](const std::vector<double>& spacing, const std::string& without = "",
                          const std::vector<double>& position = {0, 0, 0}) {
+    path = dir_.Sub(absl::StrCat("g", files++, ".h5"));
     Hdf5MeshWriter writer(path);
     writer.Texts("/", "openPMD", {"1.1.0"});
     for (const char* group : {"/data", "/data/5", "/data/5/meshes"}) {
