@@ -7,6 +7,7 @@
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 
 namespace isoscope::gateway {
 
@@ -41,6 +42,9 @@ absl::Status TlsContext::Load() {
                            ssl::context::no_sslv3 | ssl::context::no_tlsv1 |
                            ssl::context::no_tlsv1_1,
                        error);
+  for (const std::string& file : {certificate_file_, key_file_}) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(file));  // OpenSSL would wait for a writer
+  }
   std::string failed_file;
   if (!error) {
     context->use_certificate_chain_file(certificate_file_, error);

@@ -15,6 +15,7 @@
 #include "client-cli/session/session.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/log.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
@@ -76,6 +77,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
                             {"renderer", cluster->renderer_description()}});
   *context.out << address << std::endl;
   context.interrupt->Wait();
+  const base::OrderlyEnd drains(kGrace + absl::Seconds(5));
   base::LogInfo("draining", {{"grace_s", absl::ToInt64Seconds(kGrace)}});
   cluster->Shutdown(kGrace);
   base::LogInfo("stopped");

@@ -44,6 +44,7 @@
 #include "clients/cpp/request/label_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
@@ -278,6 +279,7 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
     }
   }
   context.interrupt->Wait();
+  const base::OrderlyEnd closes(kClosingGrace + absl::Seconds(5));
   server->Shutdown(kClosingGrace);
   return absl::OkStatus();
 }

@@ -17,9 +17,13 @@ class Interrupt {
   Interrupt& operator=(const Interrupt&) = delete;
 
   // Blocks the two signals in this thread and those it starts, and starts a thread that waits for
-  // them: the first triggers, a second ends the process at once, after `before_exit` (null: nothing
-  // to do). That thread calls it. Call this first in main, at most once; the interrupt must live as
-  // long as the process.
+  // them: the first triggers, a second ends the process at once. So does the first if the process
+  // then stands still (base::StandstillWatch) for half a second: a file, a disk or a pipe does not
+  // answer, and nothing polls the cancellation. Before such an end that thread calls `before_exit`
+  // (null: nothing to do) and removes the unfinished paths (base::UnfinishedPath).
+  //
+  // Makes it the interrupt of the process (base::ProcessInterrupt). Call this first in main, at
+  // most once; the interrupt must live as long as the process.
   void InstallForProcess(void (*before_exit)() = nullptr);
 
   // Acts as the first signal does, even if nothing is installed. Never call it in a signal handler,

@@ -3,7 +3,7 @@
 // 1. Dispatch finds the command: one word or two ("cache list"); `help X` is `X --help`.
 // 2. Run reads its flags. An unknown one is an error, which names the nearest flag.
 // 3. The action works. Its error is printed in one line, and decides the exit code: 2 for wrong
-//    usage, 130 after Ctrl-C, else 1.
+//    usage, 130 after Ctrl-C, whatever error the interrupted work gave, else 1.
 
 #include "core/cli/program.h"
 
@@ -232,8 +232,7 @@ int RunProgram(const Program& program, const std::vector<std::string>& arguments
                  << std::endl;
     return kExitFailed;
   }
-  if (absl::IsCancelled(status) && context.interrupt != nullptr &&
-      context.interrupt->signal_number() != 0) {
+  if (!status.ok() && context.interrupt != nullptr && context.interrupt->signal_number() != 0) {
     return kExitInterrupted + context.interrupt->signal_number();
   }
   return ExitCodeOf(status);

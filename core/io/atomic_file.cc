@@ -28,6 +28,7 @@ absl::StatusOr<std::unique_ptr<AtomicFile>> AtomicFile::Create(const std::string
     return made;
   }
   ISOSCOPE_RETURN_IF_ERROR(RemoveRecursively(made->partial_path_));
+  made->unfinished_.emplace(made->partial_path_);
   ISOSCOPE_ASSIGN_OR_RETURN(made->file_, CreateWritableFile(made->partial_path_));
   return made;
 }

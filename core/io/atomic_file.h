@@ -6,12 +6,14 @@
 #include <cstdint>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/process_interrupt.h"
 #include "core/io/file.h"
 
 namespace isoscope::io {
@@ -51,7 +53,8 @@ class AtomicFile {
   [[nodiscard]] absl::Status SpecialStatus() const;
 
   const std::string path_;
-  const std::string partial_path_;          // empty for devices and pipes
+  const std::string partial_path_;  // empty for devices and pipes
+  std::optional<base::UnfinishedPath> unfinished_;
   std::unique_ptr<WritableFile> file_;      // null for devices and pipes
   std::unique_ptr<std::ofstream> special_;  // for devices and pipes
   std::int64_t size_bytes_ = 0;

@@ -24,10 +24,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/time/time.h"
 #include <sys/stat.h>
 #include <sys/uio.h>
 
 #include "core/base/check.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/transfers.h"
@@ -37,6 +39,9 @@ namespace {
 
 // With a buffer of this size, a write costs more than its system call.
 constexpr std::size_t kWriteBufferBytes = 256 * static_cast<std::size_t>(base::kKiB);
+
+// An interrupted process may wait this long for a disk that removes its files.
+constexpr absl::Duration kMaxRemovalDuration = absl::Seconds(30);
 
 // An open file descriptor, closed at the end.
 class Descriptor {
@@ -87,6 +92,20 @@ std::string ParentOf(const std::string& path) {
   }
   const std::filesystem::path parent = trimmed.parent_path();
   return parent.empty() ? "." : parent.string();
+}
+
+// OK for a regular file.
+absl::Status CheckMode(mode_t mode, const std::string& path) {
+  if (S_ISREG(mode)) {
+    return absl::OkStatus();
+  }
+  const char* const kind = S_ISDIR(mode)    ? "a directory"
+                           : S_ISFIFO(mode) ? "a pipe (FIFO)"
+                           : S_ISSOCK(mode) ? "a socket"
+                                            : "a device";
+  return absl::FailedPreconditionError(
+      absl::StrCat(path, ": is ", kind, ", expected a regular file",
+                   S_ISFIFO(mode) ? "; write what comes out of it to a file first" : ""));
 }
 
 class PosixRandomAccessFile : public RandomAccessFile {
@@ -276,6 +295,11 @@ absl::Status WriteFully(int descriptor, std::int64_t offset, absl::string_view b
   return absl::OkStatus();
 }
 
+absl::Status CheckIsRegularFile(const std::string& path) {
+  struct stat info {};
+  return stat(path.c_str(), &info) == 0 ? CheckMode(info.st_mode, path) : absl::OkStatus();
+}
+
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {
   // O_NONBLOCK: opening a FIFO would wait for its writer. Regular files ignore it.
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
@@ -284,11 +308,7 @@ absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std
   if (fstat(descriptor.get(), &info) != 0) {
     return ErrnoToStatus(errno, "stat", path);
   }
-  if (!S_ISREG(info.st_mode)) {
-    return absl::FailedPreconditionError(
-        absl::StrCat(path, ": is a ", S_ISDIR(info.st_mode) ? "directory" : "special file",
-                     ", expected a regular file"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckMode(info.st_mode, path));
   if (fcntl(descriptor.get(), F_SETFL, 0) != 0) {  // some kernels' io_uring heeds O_NONBLOCK
     return ErrnoToStatus(errno, "set up", path);
   }
@@ -378,6 +398,7 @@ absl::Status SyncDirectory(const std::string& path) {
 }
 
 absl::Status RemoveRecursively(const std::string& path) {
+  const base::OrderlyEnd removal(kMaxRemovalDuration);
   std::error_code error;
   std::filesystem::remove_all(path, error);
   return error ? ErrnoToStatus(error.value(), "remove", path) : absl::OkStatus();

@@ -61,7 +61,11 @@ class WritableFile {
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
 };
 
-// Opens a file. FAILED_PRECONDITION if `path` is no regular file.
+// FAILED_PRECONDITION, which says what `path` is, if it is there and is no regular file: a folder,
+// a FIFO, a socket or a device, whose opening or reading may not end. Never waits for a writer.
+absl::Status CheckIsRegularFile(const std::string& path);
+
+// Opens a file. FAILED_PRECONDITION as CheckIsRegularFile.
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path);
 
 // Creates `path`, which must not exist.

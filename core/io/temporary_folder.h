@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_
 #define ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_
 
+#include <memory>
 #include <string>
 #include <utility>
 
@@ -10,16 +11,19 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/process_interrupt.h"
+
 namespace isoscope::io {
 
 // The destructor removes the folder with its contents. That includes interrupts, which end a
-// command as any error does. Thread-compatible.
+// command as any error does, and the end of a process that stands still. Thread-compatible.
 class TemporaryFolder {
  public:
   // Makes a folder in $TMPDIR or /tmp that only this user can read. The error names that folder.
   static absl::StatusOr<TemporaryFolder> Make();
   ~TemporaryFolder();
-  TemporaryFolder(TemporaryFolder&& other) noexcept : path_(std::exchange(other.path_, "")) {}
+  TemporaryFolder(TemporaryFolder&& other) noexcept
+      : path_(std::exchange(other.path_, "")), unfinished_(std::move(other.unfinished_)) {}
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(TemporaryFolder&&) = delete;
@@ -31,9 +35,11 @@ class TemporaryFolder {
   }
 
  private:
-  explicit TemporaryFolder(std::string path) : path_(std::move(path)) {}
+  explicit TemporaryFolder(std::string path)
+      : path_(std::move(path)), unfinished_(std::make_unique<base::UnfinishedPath>(path_)) {}
 
   std::string path_;  // empty: moved from
+  std::unique_ptr<base::UnfinishedPath> unfinished_;
 };
 
 }  // namespace isoscope::io

@@ -82,6 +82,7 @@ OutputFolder::~OutputFolder() {
 absl::Status OutputFolder::Create() {
   // A killed process with the same id may have left one: ids repeat in containers.
   ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial_path_));
+  unfinished_.emplace(partial_path_);
   ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(partial_path_));
   is_partial_ = true;
   return absl::OkStatus();
@@ -90,6 +91,7 @@ absl::Status OutputFolder::Create() {
 absl::Status OutputFolder::Commit() {
   ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(partial_path_, path_));
   is_partial_ = false;
+  unfinished_.reset();
   return absl::OkStatus();
 }
 

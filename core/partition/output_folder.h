@@ -4,10 +4,13 @@
 #define ISOSCOPE_CORE_PARTITION_OUTPUT_FOLDER_H_
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+
+#include "core/base/process_interrupt.h"
 
 namespace isoscope::partition {
 
@@ -40,6 +43,7 @@ class OutputFolder {
   const std::string partial_path_;
   const std::string name_;
   bool is_partial_ = false;
+  std::optional<base::UnfinishedPath> unfinished_;
 };
 
 }  // namespace isoscope::partition

@@ -5,11 +5,13 @@
 //   fork, close the child's end    ->     signals, descriptors, limits
 //   send(limits, request)          ->     set the limits, run the handler
 //   poll, recv                     <-     send(answer)
+//   an interrupt: SIGKILL          ->
 //   close                          ->     recv gives 0 bytes: _exit
 //
 // The parent notices a death as the end of the socket. It notices a hang by a limit of CPU time
-// (SIGXCPU) or of the clock. PR_SET_PDEATHSIG is not used: it fires when the thread that forked
-// ends, not the process.
+// (SIGXCPU) or of the clock. The kernel may keep a killed child that waits for a disk: the parent
+// does not wait for such a child for long. PR_SET_PDEATHSIG is not used: it fires when the thread
+// that forked ends, not the process.
 
 #include "core/source/decoder_process.h"
 
@@ -37,6 +39,7 @@
 #include <sys/wait.h>
 
 #include "core/base/check.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::source {
@@ -173,19 +176,39 @@ absl::Status NoProcess(absl::string_view what) {
       "; free memory, or raise the limits of processes and open files (ulimit -u, ulimit -n)"));
 }
 
-// Waits for the socket, at most `limit`. Time in which this process is stopped does not count.
-bool WaitForAnswer(int socket, absl::Duration limit) {
-  constexpr absl::Duration kStep = absl::Seconds(1);
+enum class Wait { kReady, kLate, kInterrupted };
+
+// Waits for the socket, at most `limit`, or until the process is interrupted. Time in which this
+// process is stopped does not count.
+Wait WaitForAnswer(int socket, absl::Duration limit) {
+  constexpr absl::Duration kStep = absl::Milliseconds(100);  // heeds an interrupt
   for (absl::Duration waited; waited < limit;) {
+    if (base::ProcessInterrupt().is_cancelled()) {
+      return Wait::kInterrupted;
+    }
     const absl::Time begin = absl::Now();
     pollfd entry{.fd = socket, .events = POLLIN, .revents = 0};
     const int count = poll(&entry, 1, static_cast<int>(absl::ToInt64Milliseconds(kStep)));
     if (count > 0 || (count < 0 && errno != EINTR)) {
-      return true;
+      return Wait::kReady;
     }
     waited += std::clamp(absl::Now() - begin, absl::ZeroDuration(), kStep);
   }
-  return false;
+  return Wait::kLate;
+}
+
+// Waits for the end of a killed child, and returns its status. 0 if the kernel keeps it.
+int WaitForKilled(pid_t pid) {
+  constexpr int kSteps = 500;
+  constexpr timespec kStep{.tv_sec = 0, .tv_nsec = 1'000'000};
+  int status = 0;
+  for (int step = 0; step < kSteps; ++step) {
+    if (Retry([&] { return waitpid(pid, &status, WNOHANG); }) != 0) {
+      return status;
+    }
+    nanosleep(&kStep, nullptr);
+  }
+  return 0;
 }
 
 std::string NameOfSignal(int number) {
@@ -246,7 +269,7 @@ int DecoderProcess::Stop() {
   const pid_t ended = Retry([&] { return waitpid(pid_, &status, WNOHANG); });
   if (ended == 0) {
     kill(pid_, SIGKILL);
-    Retry([&] { return waitpid(pid_, &status, 0); });
+    status = WaitForKilled(pid_);
   }
   pid_ = -1;
   socket_ = -1;
@@ -260,8 +283,9 @@ DecoderProcess::Outcome DecoderProcess::AskChild(const Limits& limits, void* ans
   if (sent != static_cast<ssize_t>(packet_.size())) {
     return Outcome::kEnded;
   }
-  if (!WaitForAnswer(socket_, absl::Seconds(limits.clock_seconds))) {
-    return Outcome::kLate;
+  const Wait wait = WaitForAnswer(socket_, absl::Seconds(limits.clock_seconds));
+  if (wait != Wait::kReady) {
+    return wait == Wait::kLate ? Outcome::kLate : Outcome::kInterrupted;
   }
   const ssize_t size =
       Retry([&] { return recv(socket_, answer, job_.answer_bytes, MSG_DONTWAIT | MSG_TRUNC); });
@@ -286,9 +310,14 @@ absl::Status DecoderProcess::AskBytes(const void* request, std::size_t request_b
       return absl::OkStatus();
     }
     const int status = Stop();
+    if (outcome == Outcome::kInterrupted) {
+      return absl::CancelledError("interrupted");
+    }
     if (outcome == Outcome::kLate) {
-      return absl::UnavailableError(
-          absl::StrFormat("it took more than %d s", limits.clock_seconds));
+      return absl::DeadlineExceededError(absl::StrFormat(
+          "the process that reads it did not answer for %d s: its disk does not answer or is very "
+          "slow, or the machine is overloaded; try again, or copy the file to another disk",
+          limits.clock_seconds));
     }
     if (outcome == Outcome::kWrongAnswer) {
       return absl::UnavailableError("its answer is of a wrong size");

@@ -59,10 +59,12 @@ class DecoderProcess {
   // process or memory.
   absl::Status Start();
 
-  // UNAVAILABLE: the child ended, or a limit ended it. The message says how, and the next request
-  // gets a new child. If another process killed the child (SIGKILL), this request is retried once.
-  // The child may have written anything: check the answer as any bytes from outside. Otherwise as
-  // Start.
+  // UNAVAILABLE: the child ended, or its limits of processor time or memory ended it. The message
+  // says how. DEADLINE_EXCEEDED: it did not answer within clock_seconds, most often because a disk
+  // does not; nothing is known of the file. CANCELLED: the process was interrupted
+  // (base::ProcessInterrupt); the child is killed. After each the next request gets a new child. If
+  // another process killed the child (SIGKILL), this request is retried once. The child may have
+  // written anything: check the answer as any bytes from outside. Otherwise as Start.
   template <typename Request, typename Answer>
   absl::Status Ask(const Request& request, const Limits& limits, Answer* answer) {
     static_assert(std::is_trivially_copyable_v<Request> && std::is_trivially_copyable_v<Answer>);
@@ -76,12 +78,13 @@ class DecoderProcess {
   [[nodiscard]] pid_t pid() const { return pid_; }
 
  private:
-  enum class Outcome { kAnswered, kEnded, kLate, kWrongAnswer };
+  enum class Outcome { kAnswered, kEnded, kLate, kInterrupted, kWrongAnswer };
 
   absl::Status AskBytes(const void* request, std::size_t request_bytes, const Limits& limits,
                         void* answer, std::size_t answer_bytes);
   Outcome AskChild(const Limits& limits, void* answer);
-  // Ends the child and returns its status as wait does; 0 if that can't be known.
+  // Ends the child and returns its status as wait does; 0 if that can't be known. A child that
+  // waits for a disk may stay for some time.
   int Stop();
 
   const Job job_;

@@ -85,7 +85,8 @@ class DicomDecoder {
   absl::Status Start();
 
   // DATA_LOSS: the file can't be decoded. The message, without the path, says how the process
-  // ended; it is "" if the libraries refused the file. RESOURCE_EXHAUSTED: as Start.
+  // ended; it is "" if the libraries refused the file. DEADLINE_EXCEEDED, CANCELLED: as
+  // DecoderProcess::Ask; nothing is known of the file. RESOURCE_EXHAUSTED: as Start.
   absl::StatusOr<DicomHeader> ReadHeader(const std::string& path);
 
   // Also decodes the pixels into `out`, as [y][x], if they have `slice_bytes`; else `out` stays as

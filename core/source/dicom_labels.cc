@@ -2,6 +2,7 @@
 
 #include <optional>
 
+#include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
 #include "core/io/file.h"
@@ -30,6 +31,9 @@ absl::StatusOr<std::vector<volume::Label>> ReadDicomLabels(const std::string& pa
     }
     DicomDecoder decoder;
     const absl::StatusOr<DicomSegments> read = decoder.ReadSegments(file);
+    if (!read.ok() && !absl::IsDataLoss(read.status())) {  // the file may have labels
+      return absl::Status(read.status().code(), absl::StrCat(file, ": ", read.status().message()));
+    }
     if (!read.ok() || read->kind == DicomSegmentKind::kFractional) {
       break;
     }

@@ -46,6 +46,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/printable.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_storage.h"
@@ -410,6 +411,7 @@ class Scanner {
 }  // namespace
 
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path) {
+  ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a folder with many files
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
                             io::OpenRandomAccessFile(path));
   return Scanner(file.get()).Scan();

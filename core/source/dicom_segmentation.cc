@@ -143,6 +143,10 @@ class SegmentPlanes final : public SliceReader {
                            static_cast<std::size_t>(bytes_), out);
     }
     const absl::Status decoded = decoder_.ReadFrame(segmentation_->path, number, out);
+    if (!decoded.ok() && !absl::IsDataLoss(decoded)) {
+      return absl::Status(decoded.code(),
+                          absl::StrCat(segmentation_->path, ": ", decoded.message()));
+    }
     return decoded.ok() ? decoded
                         : absl::Status(decoded.code(),
                                        absl::StrFormat("%s: frame %d can't be decoded: damaged, or "
@@ -331,8 +335,8 @@ absl::StatusOr<std::vector<SourceField>> FieldsOfShares(
     for (const DicomSegment& segment : read->segments) {
       labels[segment.number] = volume::CleanLabelName(segment.label);
     }
-  } else if (absl::IsResourceExhausted(read.status())) {
-    return read.status();
+  } else if (!absl::IsDataLoss(read.status())) {  // the file may have names
+    return absl::Status(read.status().code(), absl::StrCat(path, ": ", read.status().message()));
   }
   std::vector<SourceField> fields;
   std::set<std::string> names;

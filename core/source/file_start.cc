@@ -6,6 +6,7 @@
 
 #include "absl/strings/match.h"
 
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/inflate_reader.h"
@@ -13,6 +14,7 @@
 namespace isoscope::source {
 
 absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size) {
+  ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a folder with many files
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
                             io::OpenRandomAccessFile(path));
   FileStart head;

@@ -16,7 +16,7 @@ struct FileStart {
 };
 
 // At most `size` bytes; fewer if the file ends before. Errors as OpenRandomAccessFile and
-// InflateReader.
+// InflateReader; CANCELLED if the process was interrupted.
 absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size);
 
 }  // namespace isoscope::source

@@ -236,7 +236,8 @@ absl::StatusOr<NamedHdf5Dataset> OpenHdf5ByName(const std::string& path, Hdf5Typ
   if (!io::PathExists(parts.file)) {
     return absl::NotFoundError(absl::StrCat(parts.file, ": no such file"));
   }
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(parts.file));  // HDF5 would wait for a writer
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);                   // errors are ours to report
   Hdf5Handle file(H5Fopen(parts.file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file.is_valid()) {
     return absl::InvalidArgumentError(absl::StrCat(parts.file,

@@ -83,7 +83,8 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path
   if (!io::PathExists(path)) {
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
   }
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);             // errors are ours to report
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // HDF5 would wait for a writer
   const Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file.is_valid()) {
     return std::nullopt;  // OpenHdf5Dataset says why

@@ -178,6 +178,7 @@ class FileFinder {
             name_, ": its samples lie in '", path,
             "', which does not exist; HDF5_EXTFILE_PREFIX can name the folder it is in"));
       }
+      ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // HDF5 would wait for a writer
       const double wanted_bytes = std::min(static_cast<double>(size), missing_bytes);
       std::error_code error;
       const std::uintmax_t file_bytes = fs::file_size(path, error);
@@ -232,6 +233,7 @@ class FileFinder {
                                               "', which was not found; looked for ",
                                               absl::StrJoin(paths, ", ")));
     }
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(*path));  // HDF5 would wait for a writer
     const Hdf5Handle file(H5Fopen(path->c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
     if (!file.is_valid()) {
       return absl::DataLossError(absl::StrCat(name_, ": part of its samples lies in '", *path,

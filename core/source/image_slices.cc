@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/source/itk_image.h"
 #include "core/source/jpeg_slice.h"
 #include "core/source/named_files.h"
@@ -46,6 +47,11 @@ const SliceFormat* FormatOf(const std::string& path) {
   return found == kFormats.end() ? nullptr : found;
 }
 
+absl::StatusOr<SliceImage> ReadSliceImage(const std::string& path, SlicePart part) {
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // ITK would wait for a writer
+  return FormatOf(path)->read(path, part);
+}
+
 class ImageSliceReader final : public SliceReader {
  public:
   // `first`: the header of the first file.
@@ -54,7 +60,7 @@ class ImageSliceReader final : public SliceReader {
 
   absl::Status ReadSlice(std::int64_t z, char* out) override {
     const std::string& path = files_[static_cast<std::size_t>(z)];
-    ISOSCOPE_ASSIGN_OR_RETURN(const SliceImage slice, FormatOf(path)->read(path, SlicePart::kAll));
+    ISOSCOPE_ASSIGN_OR_RETURN(const SliceImage slice, ReadSliceImage(path, SlicePart::kAll));
     if (slice.width != first_.width || slice.height != first_.height || slice.type != first_.type) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
@@ -89,8 +95,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path
                      "; a volume has two or more: give their folder, or a pattern such as "
                      "'slices/*.png'"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(SliceImage first,
-                            FormatOf(files.front())->read(files.front(), SlicePart::kHeader));
+  ISOSCOPE_ASSIGN_OR_RETURN(SliceImage first, ReadSliceImage(files.front(), SlicePart::kHeader));
   volume::GridGeometry geometry;
   geometry.sample_dims = {first.width, first.height, static_cast<std::int64_t>(files.size())};
   const absl::Status valid = volume::Validate(geometry);

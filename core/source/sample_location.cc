@@ -4,6 +4,7 @@
 
 #include "absl/strings/match.h"
 
+#include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/file_start.h"
 
@@ -59,7 +60,9 @@ std::optional<FileFormat> SampleFormatFromName(const std::string& name) {
   return std::nullopt;
 }
 
-absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::string& path) {
+namespace {
+
+absl::StatusOr<SampleLocation> Locate(FileFormat format, const std::string& path) {
   switch (format) {
     case FileFormat::kNifti:
       return LocateNiftiSamples(path);
@@ -69,6 +72,16 @@ absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::strin
       return LocateMetaImageSamples(path);
   }
   return absl::InternalError("file format out of range");
+}
+
+}  // namespace
+
+absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, Locate(format, path));
+  for (const std::string& file : location.files) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(file));  // ITK would wait for a writer
+  }
+  return location;
 }
 
 }  // namespace isoscope::source

@@ -29,6 +29,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
@@ -222,6 +223,8 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
   if (!io::PathExists(path)) {
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
   }
+  ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a stack of many files
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));   // libtiff would wait for a writer
   TIFFSetErrorHandler(KeepMessage);
   TIFFSetWarningHandler(DropMessage);  // private tags
   TakeMessage();

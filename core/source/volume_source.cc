@@ -53,7 +53,12 @@ absl::Status CheckIsFile(const std::string& path) {
   if (io::IsDirectory(path)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": a folder; expected a file"));
   }
-  return absl::OkStatus();
+  return io::CheckIsRegularFile(path);
+}
+
+// The readers of libraries would wait for a writer, or read without end.
+absl::Status CheckIsNoSpecialFile(const std::string& path) {
+  return io::IsDirectory(path) ? absl::OkStatus() : io::CheckIsRegularFile(path);
 }
 
 bool IsTiffName(const std::string& path) {
@@ -175,6 +180,7 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::str
 
 absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format,
                                        const GridRules& rules = {}) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsNoSpecialFile(path));
   if (!format.empty()) {
     return FindVolumeAs(path, format, rules);
   }
@@ -186,6 +192,7 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
     return FoundVolume{.kind = SourceKind::kImageSlices, .files = ImageSlicesNamed(path)};
   }
   if (SplitHdf5Path(path, &hdf5)) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsNoSpecialFile(hdf5.file));
     ISOSCOPE_ASSIGN_OR_RETURN(auto files, FilesOfHdf5Pattern(hdf5.file));
     return FoundVolume{.kind = SourceKind::kHdf5,
                        .files = files.value_or(std::vector<std::string>{hdf5.file})};

@@ -154,7 +154,9 @@ class Child {
     if (absl::IsUnavailable(asked)) {
       return Damaged(asked.message());
     }
-    ISOSCOPE_RETURN_IF_ERROR(asked);
+    if (!asked.ok()) {
+      return absl::Status(asked.code(), absl::StrCat(path_, ": ", asked.message()));
+    }
     const bool is_code = answer.code >= 0 && answer.code <= 16;  // absl::StatusCode
     if (answer.is_answered != 1 || !is_code || answer.text_bytes > kSharedBytes) {
       return Damaged("its answer makes no sense");

@@ -30,8 +30,9 @@ struct WalledLibrary {
 
 // Opens the volume by `library.open` in a child process, which then reads the rows, too, and ends
 // with the source. Its answers are checked, and its errors are those of `library.open` and
-// ReadRows. DATA_LOSS also: the library ended its process, or took too long. After an error of
-// ReadRows all later ones fail. RESOURCE_EXHAUSTED: the system gives no process.
+// ReadRows. DATA_LOSS also: the library ended its process, or a limit of processor time or memory
+// did. DEADLINE_EXCEEDED: it did not answer. CANCELLED: the process was interrupted. After an error
+// of ReadRows all later ones fail. RESOURCE_EXHAUSTED: the system gives no process.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& library,
                                                          const std::string& path,
                                                          const std::string& part = "");

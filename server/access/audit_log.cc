@@ -74,13 +74,23 @@ absl::Status AuditLog::Reopen() {
     file_ = STDOUT_FILENO;
     return absl::OkStatus();
   }
-  const int opened = open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, kMode);
+  // O_NONBLOCK: opening a pipe would wait for its reader.
+  const int opened =
+      open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NONBLOCK, kMode);
   if (opened < 0) {
-    return ErrorOf(path_, "open");
+    return errno == ENXIO ? absl::FailedPreconditionError(absl::StrCat(
+                                "the audit log ", path_,
+                                " is a pipe that nobody reads; start its reader first"))
+                          : ErrorOf(path_, "open");
   }
   struct stat state {};
   if (fstat(opened, &state) != 0) {
     const absl::Status error = ErrorOf(path_, "look at");
+    close(opened);
+    return error;
+  }
+  if (fcntl(opened, F_SETFL, O_APPEND) != 0) {
+    const absl::Status error = ErrorOf(path_, "set up");
     close(opened);
     return error;
   }

@@ -21,8 +21,10 @@
 #include <new>
 #include <stdexcept>
 #include <string>
+#include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <sys/prctl.h>
@@ -30,12 +32,15 @@
 #include <sys/socket.h>
 #include <sys/wait.h>
 
+#include "core/base/cancellation.h"
+#include "core/base/process_interrupt.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::source {
 namespace {
 
 using ::isoscope::testing::StatusIs;
+using ::testing::_;
 using ::testing::HasSubstr;
 
 constexpr auto kUnavailable = absl::StatusCode::kUnavailable;
@@ -221,8 +226,49 @@ TEST_F(DecoderProcessTest, HangsEndByCpuTimeAndByTheClock) {
   EXPECT_THAT(Ask(Deed::kSpin, 0, by_cpu).status(), StatusIs(kUnavailable, HasSubstr("SIGXCPU")));
   ExpectAnswers();
   const DecoderProcess::Limits by_clock{.clock_seconds = 1};
-  EXPECT_THAT(Ask(Deed::kSleep, 0, by_clock).status(), StatusIs(kUnavailable, HasSubstr("1 s")));
+  EXPECT_THAT(Ask(Deed::kSleep, 0, by_clock).status(),
+              StatusIs(absl::StatusCode::kDeadlineExceeded, HasSubstr("did not answer for 1 s")))
+      << "a disk may be slow: nothing is known of the file";
   ExpectAnswers();
+}
+
+// The interrupt of the process, which fires 20 ms after the child has begun.
+class InterruptedSoon {
+ public:
+  InterruptedSoon() {
+    base::SetProcessInterrupt(&interrupt_);
+    thread_ = std::thread([this] {
+      absl::SleepFor(absl::Milliseconds(20));
+      interrupt_.Cancel();
+    });
+  }
+  ~InterruptedSoon() {
+    thread_.join();
+    base::SetProcessInterrupt(nullptr);
+  }
+
+ private:
+  base::Cancellation interrupt_;
+  std::thread thread_;
+};
+
+TEST_F(DecoderProcessTest, AnInterruptEndsTheWaitForAChildThatDoesNotAnswerAndKillsIt) {
+  {
+    const InterruptedSoon interrupted;
+    EXPECT_THAT(Ask(Deed::kSleep).status(),
+                StatusIs(absl::StatusCode::kCancelled, HasSubstr("interrupted")));
+    EXPECT_EQ(process_.pid(), -1);
+    EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "no process is left";
+  }
+  ExpectAnswers();
+}
+
+TEST_F(DecoderProcessTest, AnInterruptEndsTheWaitForAChildThatIsStopped) {
+  ISOSCOPE_ASSERT_OK(process_.Start());
+  ASSERT_EQ(kill(process_.pid(), SIGSTOP), 0);
+  const InterruptedSoon interrupted;
+  EXPECT_THAT(Ask(Deed::kAddOne).status(), StatusIs(absl::StatusCode::kCancelled, _));
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "no process is left";
 }
 
 TEST_F(DecoderProcessTest, CpuTimeIsOfOneRequestNotOfAll) {

@@ -1,0 +1,109 @@
+#include "core/base/process_interrupt.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <system_error>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "core/base/mutex.h"
+
+namespace isoscope::base {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::atomic<const Cancellation*> installed_interrupt{nullptr};
+
+// Both are never destroyed: a thread may end the process while others run.
+struct UnfinishedPaths {
+  Mutex mutex;
+  std::multiset<std::string> paths ABSL_GUARDED_BY(mutex);
+};
+UnfinishedPaths& Unfinished() {
+  static auto* const paths = new UnfinishedPaths();
+  return *paths;
+}
+
+struct OrderlyEnds {
+  std::atomic<int> count{0};
+  std::atomic<std::int64_t> end_ns{0};  // of Clock: when the last of them must be over
+};
+OrderlyEnds& Ends() {
+  static auto* const ends = new OrderlyEnds();
+  return *ends;
+}
+
+std::int64_t NowNs() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
+      .count();
+}
+
+}  // namespace
+
+const Cancellation& ProcessInterrupt() {
+  static const auto* const never = new Cancellation();
+  const Cancellation* const installed = installed_interrupt.load();
+  return installed != nullptr ? *installed : *never;
+}
+
+absl::Status CheckProcessInterrupt() {
+  return ProcessInterrupt().is_cancelled() ? absl::CancelledError("interrupted") : absl::OkStatus();
+}
+
+void SetProcessInterrupt(const Cancellation* interrupt) { installed_interrupt.store(interrupt); }
+
+UnfinishedPath::UnfinishedPath(std::string path) : path_(std::move(path)) {
+  const MutexLock lock(&Unfinished().mutex);
+  Unfinished().paths.insert(path_);
+}
+
+UnfinishedPath::~UnfinishedPath() {
+  const MutexLock lock(&Unfinished().mutex);
+  std::multiset<std::string>& paths = Unfinished().paths;
+  paths.erase(paths.find(path_));
+}
+
+void RemoveUnfinishedPaths(absl::Duration patience) {
+  std::vector<std::string> paths;
+  {
+    const MutexLock lock(&Unfinished().mutex);
+    paths.assign(Unfinished().paths.begin(), Unfinished().paths.end());
+  }
+  if (paths.empty()) {
+    return;
+  }
+  const auto is_done = std::make_shared<std::atomic<bool>>(false);
+  std::thread([paths, is_done] {
+    for (const std::string& path : paths) {
+      std::error_code error;
+      std::filesystem::remove_all(path, error);
+    }
+    is_done->store(true);
+  }).detach();
+  constexpr auto kStep = std::chrono::milliseconds(2);
+  const Clock::time_point end = Clock::now() + absl::ToChronoNanoseconds(patience);
+  while (!is_done->load() && Clock::now() < end) {
+    std::this_thread::sleep_for(kStep);
+  }
+}
+
+OrderlyEnd::OrderlyEnd(absl::Duration at_most) {
+  const std::int64_t end_ns = NowNs() + absl::ToInt64Nanoseconds(at_most);
+  std::int64_t known = Ends().end_ns.load();
+  while (known < end_ns && !Ends().end_ns.compare_exchange_weak(known, end_ns)) {
+  }
+  Ends().count.fetch_add(1);
+}
+
+OrderlyEnd::~OrderlyEnd() { Ends().count.fetch_sub(1); }
+
+bool OrderlyEnd::IsUnderWay() { return Ends().count.load() > 0 && NowNs() < Ends().end_ns.load(); }
+
+}  // namespace isoscope::base
