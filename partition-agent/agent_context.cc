@@ -26,9 +26,9 @@ std::shared_ptr<base::Executor> FrameExecutorOf(const AgentServerOptions& option
 
 }  // namespace
 
-AgentContext::AgentContext(const AgentServerOptions& server_options, ShardSet served)
+AgentContext::AgentContext(const AgentServerOptions& server_options)
     : options(server_options),
-      shards(std::move(served)),
+      damages(server_options.hides_paths),
       cpu_renderer(
           options.renderer->picture_revision().back_end == frame::BackEnd::kEgl
               ? render::MakeCpuRenderer({.max_kept_bytes = options.memory->kept_mesh_bytes(),
@@ -39,13 +39,25 @@ AgentContext::AgentContext(const AgentServerOptions& server_options, ShardSet se
       play(&shards, options.memory.get(), &metrics, Resources(nullptr),
            options.mailboxes != nullptr ? kIdleOfCoordinator : absl::ZeroDuration(),
            PlayAhead::ModeOfEnvironment()),
-      series_executor(shards.series().empty()
-                          ? nullptr
-                          : std::make_unique<base::Executor>(1, kMaxQueuedDescriptions)),
       frame_executor(FrameExecutorOf(options, max_frames),
                      kStepCount * static_cast<std::size_t>(max_frames)),
       extraction_executor(kMaxConcurrentExtractions, kMaxQueuedExtractions),
       query_executor(kMaxConcurrentQueries, kMaxQueuedQueries) {}
+
+void AgentContext::Serve(Shards plain, SeriesShards series) {
+  for (const std::shared_ptr<const Shard>& shard : plain) {
+    damages.AddShard(shard->reader->directory(), shard->reader->manifest().name,
+                     shard->reader->shard_index());
+  }
+  for (const std::shared_ptr<SeriesShard>& shard : series) {
+    damages.AddShard(shard->directory(), shard->served()->manifest.name, shard->shard_index());
+    shard->WhenOpened([this](const std::string& directory) { damages.Forget(directory); });
+  }
+  if (!series.empty()) {
+    series_executor = std::make_unique<base::Executor>(1, kMaxQueuedDescriptions);
+  }
+  shards.Fill(std::move(plain), std::move(series));
+}
 
 AgentResources AgentContext::Resources(base::TraceRecorder* trace) {
   return {.renderer = options.renderer.get(),
@@ -64,6 +76,8 @@ AgentGauges AgentContext::Gauges() const {
   return {.frames = frame_count.load(),
           .max_frames = max_frames,
           .shard_count = shards.size(),
+          .opening_shard_count = shards.is_filled() ? 0 : opening.progress().shard_count,
+          .damaged_shard_count = damages.damages().size(),
           .mesh_cache_bytes = cache.mesh_bytes(),
           .sample_cache_bytes = cache.sample_bytes(),
           .active_cache_bytes = cache.active_bytes(),

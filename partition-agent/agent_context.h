@@ -12,7 +12,9 @@
 #include "partition-agent/agent_metrics.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/agent_server.h"
+#include "partition-agent/opening.h"
 #include "partition-agent/play_ahead.h"
+#include "partition-agent/shard_damage.h"
 #include "partition-agent/shard_set.h"
 
 namespace isoscope::agent {
@@ -29,7 +31,11 @@ struct AgentContext {
   static constexpr int kMaxQueuedQueries = 64;
   static constexpr int kMaxQueuedDescriptions = 64;
 
-  AgentContext(const AgentServerOptions& server_options, ShardSet served);
+  // Its shards are being opened.
+  explicit AgentContext(const AgentServerOptions& server_options);
+
+  // Serves them from now on. Call it once.
+  void Serve(Shards plain, SeriesShards series);
 
   // `trace`: the recorder of a frame that has one.
   [[nodiscard]] AgentResources Resources(base::TraceRecorder* trace);
@@ -37,14 +43,16 @@ struct AgentContext {
   [[nodiscard]] AgentGauges Gauges() const;
 
   const AgentServerOptions options;
-  const ShardSet shards;
+  Opening opening;
+  ShardDamages damages;
+  ShardSet shards;
   const std::unique_ptr<render::Renderer> cpu_renderer;  // null if options.renderer is one
   const int max_frames;
   std::atomic<int> frame_count{0};  // calls that have not ended yet
   AgentMetrics metrics;
   PlayAhead play;
-  // Looks for new volumes of series. Null if there are none.
-  const std::unique_ptr<base::Executor> series_executor;
+  // Looks for new volumes of series. Null if there are none. Set before shards.is_filled().
+  std::unique_ptr<base::Executor> series_executor;
   // These come last, because their threads use the members above.
   base::ExecutorShare frame_executor;
   base::Executor extraction_executor;

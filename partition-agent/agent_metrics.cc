@@ -92,6 +92,10 @@ void AddBlocks(const AgentMetrics& metrics, const AgentGauges& gauges, FamilyLis
                  Value(metrics.steps_ahead.wasted, {{"outcome", "wasted"}})});
   list->Gauge("isoscope_agent_shards", "Shards that the agent serves.",
               {Value(gauges.shard_count)});
+  list->Gauge("isoscope_agent_opening_shards", "Shards that the agent is opening; 0: all are open.",
+              {Value(gauges.opening_shard_count)});
+  list->Gauge("isoscope_agent_damaged_shards", "Shards with files that could not be read.",
+              {Value(gauges.damaged_shard_count)});
 }
 
 }  // namespace

@@ -30,6 +30,8 @@ struct AgentGauges {
   int frames = 0;      // begun and not ended
   int max_frames = 0;  // more are refused
   std::size_t shard_count = 0;
+  int opening_shard_count = 0;  // they are served once all are open
+  std::size_t damaged_shard_count = 0;
   std::size_t mesh_cache_bytes = 0;
   std::size_t sample_cache_bytes = 0;
   std::size_t active_cache_bytes = 0;

@@ -68,12 +68,12 @@ absl::Status AddValues(const ShardSet& shards, const v1::GetGradientsRequest& re
 
 }  // namespace
 
-v1::DescribeShardsResponse DescribePlain(const ShardSet& shards, const render::Renderer& renderer) {
+v1::DescribeShardsResponse DescribePlain(const Shards& shards, const render::Renderer& renderer) {
   v1::DescribeShardsResponse description;
   description.set_version(std::string(base::Version()));
   description.set_renderer(renderer.description());
   *description.mutable_picture_revision() = rpc::ToProto(renderer.picture_revision());
-  for (const std::shared_ptr<const Shard>& shard : shards.plain()) {
+  for (const std::shared_ptr<const Shard>& shard : shards) {
     const store::ShardReader& reader = *shard->reader;
     v1::ShardDescription* const out = description.add_shards();
     *out->mutable_dataset() = rpc::ToProto(reader.manifest());
@@ -101,6 +101,25 @@ void AddSeries(const ShardSet& shards, v1::DescribeShardsResponse* description) 
     }
   }
   SortShards(description);
+}
+
+void AddOpening(const OpeningProgress& progress, v1::DescribeShardsResponse* description) {
+  isoscope::v1::OpeningProgress* const out = description->mutable_opening();
+  out->set_shard_count(progress.shard_count);
+  out->set_open_shard_count(progress.open_shard_count);
+  out->set_table_bytes(progress.table_bytes);
+  out->set_read_bytes(progress.read_bytes);
+  description->mutable_opening_datasets()->Assign(progress.datasets.begin(),
+                                                  progress.datasets.end());
+}
+
+void AddDamages(const std::vector<ShardDamage>& damages, v1::DescribeShardsResponse* description) {
+  for (const ShardDamage& damage : damages) {
+    isoscope::v1::DamagedShard* const out = description->add_damaged_shards();
+    out->set_dataset(damage.dataset);
+    out->set_shard_index(damage.shard_index);
+    out->set_message(damage.message);
+  }
 }
 
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequest& request,

@@ -5,21 +5,31 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_QUERIES_H_
 
+#include <vector>
+
 #include "absl/status/status.h"
 
 #include "core/base/cancellation.h"
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "partition-agent/opening.h"
+#include "partition-agent/shard_damage.h"
 #include "partition-agent/shard_set.h"
 
 namespace isoscope::agent {
 
 // Describes the renderer, and the shards of datasets without fields, by name and index. This never
 // changes.
-isoscope::internal::v1::DescribeShardsResponse DescribePlain(const ShardSet& shards,
+isoscope::internal::v1::DescribeShardsResponse DescribePlain(const Shards& shards,
                                                              const render::Renderer& renderer);
 // Adds the shards of series as they are now, after a look for new scalar volumes.
 void AddSeries(const ShardSet& shards, isoscope::internal::v1::DescribeShardsResponse* description);
+
+// Adds how far the opening is.
+void AddOpening(const OpeningProgress& progress,
+                isoscope::internal::v1::DescribeShardsResponse* description);
+void AddDamages(const std::vector<ShardDamage>& damages,
+                isoscope::internal::v1::DescribeShardsResponse* description);
 
 // Each overload scans all blocks of the shards or of the volume, and blocks its thread.
 absl::Status AnswerQuery(const ShardSet& shards,

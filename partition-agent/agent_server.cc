@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <filesystem>
 #include <iterator>
 #include <map>
 #include <memory>
 #include <set>
+#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -15,12 +17,16 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "core/base/mutex.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
+#include "core/store/directory_files.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
+#include "partition-agent/opening.h"
 #include "partition-agent/partition_agent_service_impl.h"
 #include "partition-agent/series_shard.h"
 #include "partition-agent/shard.h"
@@ -75,15 +81,20 @@ struct ShardLabel {
   std::string directory;
 };
 
-std::vector<ShardLabel> LabelsOf(const ShardSet& shards) {
+struct OpenedShards {
+  Shards plain;
+  SeriesShards series;
+};
+
+std::vector<ShardLabel> LabelsOf(const OpenedShards& shards) {
   std::vector<ShardLabel> labels;
-  for (const std::shared_ptr<const Shard>& shard : shards.plain()) {
+  for (const std::shared_ptr<const Shard>& shard : shards.plain) {
     const store::ShardReader& reader = *shard->reader;
     labels.push_back({reader.manifest().name, reader.manifest().dataset_id,
                       reader.manifest_crc32c(), reader.shard_index(),
                       reader.manifest().shards.size(), reader.directory()});
   }
-  for (const std::shared_ptr<SeriesShard>& shard : shards.series()) {
+  for (const std::shared_ptr<SeriesShard>& shard : shards.series) {
     const std::shared_ptr<const SeriesShard::Served> served = shard->served();
     labels.push_back({served->manifest.name, served->manifest.dataset_id, 0, shard->shard_index(),
                       static_cast<std::size_t>(served->manifest.shard_count), shard->directory()});
@@ -130,34 +141,75 @@ std::string Summarize(const std::vector<ShardLabel>& labels) {
   return absl::StrJoin(parts, "; ");
 }
 
-absl::StatusOr<ShardSet> OpenShards(const AgentServerOptions& options) {
-  Shards shards;
-  SeriesShards series;
-  for (const std::string& directory : options.directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
-                              ShardDirectoriesOf(directory));
-    for (const std::string& shard_directory : shard_directories) {
-      if (store::IsSeriesDirectory(shard_directory)) {
-        ISOSCOPE_ASSIGN_OR_RETURN(
-            series.emplace_back(),
-            SeriesShard::Open(shard_directory, options.memory->TakeOpenVolumes()));
-      } else {
-        ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), OpenShard(shard_directory));
-      }
+// Returns all shard directories of the options, as absolute paths: errors are told by them.
+absl::StatusOr<std::vector<std::string>> AllShardDirectories(const AgentServerOptions& options) {
+  std::vector<std::string> all;
+  for (const std::string& given : options.directories) {
+    std::error_code error;
+    std::filesystem::path path = std::filesystem::absolute(given, error).lexically_normal();
+    if (!path.has_filename()) {  // it ends with a slash
+      path = path.parent_path();
     }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
+                              ShardDirectoriesOf(error ? given : path.string()));
+    all.insert(all.end(), shard_directories.begin(), shard_directories.end());
   }
-  return ShardSet(std::move(shards), std::move(series));
+  return all;
+}
+
+absl::StatusOr<OpenedShards> OpenShards(const AgentServerOptions& options,
+                                        const std::vector<std::string>& directories,
+                                        const base::Cancellation& cancellation, Opening* opening) {
+  OpenedShards opened;
+  const store::OpenFile open_file = [&cancellation, opening](const std::string& path) {
+    return opening->OpenFile(path, cancellation);
+  };
+  for (const std::string& directory : directories) {
+    if (cancellation.is_cancelled()) {
+      return absl::CancelledError("the opening was cancelled");
+    }
+    if (store::IsSeriesDirectory(directory)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(opened.series.emplace_back(),
+                                SeriesShard::Open(directory, options.memory->TakeOpenVolumes()));
+    } else {
+      ISOSCOPE_ASSIGN_OR_RETURN(opened.plain.emplace_back(),
+                                OpenShard(directory, NextShardNumber(), open_file));
+    }
+    opening->NoteOpen();
+  }
+  return opened;
 }
 
 class AgentServerImpl final : public AgentServer {
  public:
-  AgentServerImpl(const AgentServerOptions& options, ShardSet shards, std::string summary)
-      : certificate_(options.transport.certificate_file),
-        service_(options, std::move(shards)),
-        summary_(std::move(summary)) {}
+  explicit AgentServerImpl(const AgentServerOptions& options)
+      : options_(options), certificate_(options.transport.certificate_file), service_(options) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
-  absl::Status Listen(const AgentServerOptions& options) {
+  absl::Status Open(const base::Cancellation& cancellation,
+                    const std::function<absl::Status()>& settle) override {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> directories,
+                              AllShardDirectories(options_));
+    service_.opening()->Begin(directories);
+    ISOSCOPE_ASSIGN_OR_RETURN(OpenedShards opened,
+                              OpenShards(options_, directories, cancellation, service_.opening()));
+    const std::vector<ShardLabel> labels = LabelsOf(opened);
+    ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(labels));
+    if (settle != nullptr) {
+      ISOSCOPE_RETURN_IF_ERROR(settle());
+    }
+    service_.Serve(std::move(opened.plain), std::move(opened.series));
+    const base::MutexLock lock(&mutex_);
+    summary_ = Summarize(labels);
+    SetServing();
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] std::string opening_summary() const override {
+    return ToString(service_.opening()->progress());
+  }
+
+  absl::Status Bind(const AgentServerOptions& options) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::shared_ptr<grpc::ServerCredentials> credentials,
         rpc::MakeServerCredentials(options.transport, rpc::kAgentRole,
@@ -171,9 +223,10 @@ class AgentServerImpl final : public AgentServer {
     builder.RegisterService(&service_);
     ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running,
                               rpc::StartServer(&builder, options.listen_address, credentials));
+    const base::MutexLock lock(&mutex_);
     server_ = std::move(running.server);
     port_ = running.port;
-    SetServing(true);
+    SetServing();
     return absl::OkStatus();
   }
 
@@ -183,7 +236,10 @@ class AgentServerImpl final : public AgentServer {
     return server_->InProcessChannel(rpc::MakeChannelArguments());
   }
 
-  [[nodiscard]] std::string shard_summary() const override { return summary_; }
+  [[nodiscard]] std::string shard_summary() const override {
+    const base::MutexLock lock(&mutex_);
+    return summary_;
+  }
 
   [[nodiscard]] int frames_in_work() const override { return service_.frames_in_work(); }
 
@@ -193,35 +249,51 @@ class AgentServerImpl final : public AgentServer {
 
   void AnnounceDrain() override {
     service_.AnnounceDrain();
-    SetServing(false);
+    const base::MutexLock lock(&mutex_);
+    is_stopping_ = true;
+    SetServing();
   }
 
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {
       return;  // never listened
     }
-    SetServing(false);
+    {
+      const base::MutexLock lock(&mutex_);
+      is_stopping_ = true;
+      SetServing();
+    }
     server_->Shutdown(absl::ToChronoTime(absl::Now() + grace));
   }
 
  private:
-  void SetServing(bool is_serving) {
+  // Health tells whether all shards are open, and the agent does not stop.
+  void SetServing() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (server_ == nullptr) {
+      return;  // opened before it listens
+    }
+    const bool is_serving = service_.is_open() && !is_stopping_;
     grpc::HealthCheckServiceInterface* health = server_->GetHealthCheckService();
     health->SetServingStatus(is_serving);  // the server as a whole
     health->SetServingStatus(isoscope::internal::v1::PartitionAgentService::service_full_name(),
                              is_serving);
   }
 
+  const AgentServerOptions options_;
   rpc::CertificateWatch certificate_;
   PartitionAgentServiceImpl service_;  // outlives the server
-  const std::string summary_;
-  std::unique_ptr<grpc::Server> server_;
+  mutable base::Mutex mutex_;          // of the health, which two threads may set
+  std::string summary_ ABSL_GUARDED_BY(mutex_);
+  bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  std::unique_ptr<grpc::Server> server_;  // set before other threads may call
   int port_ = 0;
 };
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServerOptions& options) {
+namespace {
+
+absl::Status CheckOptions(const AgentServerOptions& options) {
   if (options.directories.empty()) {
     return absl::InvalidArgumentError("no shard: name at least one shard or dataset directory");
   }
@@ -230,11 +302,24 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
         "max_concurrent_frames is ", options.max_concurrent_frames, " and max_queued_frames ",
         options.max_queued_frames, ": must be at least 1 and at least 0"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(ShardSet shards, OpenShards(options));
-  const std::vector<ShardLabel> labels = LabelsOf(shards);
-  ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(labels));
-  auto server = std::make_unique<AgentServerImpl>(options, std::move(shards), Summarize(labels));
-  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServerOptions& options) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckOptions(options));
+  auto server = std::make_unique<AgentServerImpl>(options);
+  ISOSCOPE_RETURN_IF_ERROR(server->Open(base::ProcessInterrupt(), /*settle=*/nullptr));
+  ISOSCOPE_RETURN_IF_ERROR(server->Bind(options));
+  return server;
+}
+
+absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Listen(
+    const AgentServerOptions& options) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckOptions(options));
+  auto server = std::make_unique<AgentServerImpl>(options);
+  ISOSCOPE_RETURN_IF_ERROR(server->Bind(options));
   return server;
 }
 

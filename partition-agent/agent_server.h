@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -13,6 +14,7 @@
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 
+#include "core/base/cancellation.h"
 #include "core/base/executor.h"
 #include "core/base/metrics.h"
 #include "core/base/task_arena.h"
@@ -45,6 +47,8 @@ struct AgentServerOptions {
   // many more agents than threads: steps that all use the arena spend more on waking its threads
   // than on work.
   bool one_thread_a_step = false;
+  // Whether errors go to callers on other machines: paths of this one stay in its log.
+  bool hides_paths = false;
   // With TLS, only coordinators may call.
   rpc::TransportFlags transport = {};
   bool has_reflection = true;
@@ -53,16 +57,28 @@ struct AgentServerOptions {
 // Thread-safe.
 class AgentServer {
  public:
-  // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as
-  // OpenShard and rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
+  // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as Open and
+  // Listen.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
+  // Serves at once. Until Open has succeeded, health is NOT_SERVING, DescribeShards tells the
+  // progress, and other calls fail with UNAVAILABLE (ErrorReason::kAgentOpening). Errors as
+  // rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
+  static absl::StatusOr<std::unique_ptr<AgentServer>> Listen(const AgentServerOptions& options);
   // Calls Shutdown without grace.
   virtual ~AgentServer() = default;
+
+  // Opens the shards, calls `settle`, which may be null, and serves them unless that fails. Call it
+  // once, after Listen. Blocks on the disk; CANCELLED soon after `cancellation` has fired, which
+  // outlives the server. Other errors as OpenShard, and of `settle`.
+  virtual absl::Status Open(const base::Cancellation& cancellation,
+                            const std::function<absl::Status()>& settle) = 0;
+  // How far Open is. "3 of 8 shards are open, ...".
+  [[nodiscard]] virtual std::string opening_summary() const = 0;
 
   // The bound port, or 0 without one.
   [[nodiscard]] virtual int port() const = 0;
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
-  // Text for operators: "head 0,2 of 4; noise 1 of 2".
+  // Text for operators: "head 0,2 of 4; noise 1 of 2". "" until the shards are open.
   [[nodiscard]] virtual std::string shard_summary() const = 0;
   // Frames whose call has not ended yet; 0: no step of any frame runs.
   [[nodiscard]] virtual int frames_in_work() const = 0;

@@ -97,10 +97,14 @@ class ExtractSurfaceCall final : public SurfaceReactor {
 
   void Run() {
     const absl::Time start = absl::Now();
-    const absl::Status status = base::OrNoMemory("the surface", [this] { return Extract(); });
+    const absl::Status status =
+        agent_.damages.ForCaller(base::OrNoMemory("the surface", [this] { return Extract(); }));
     outgoing_.Finish(status);
-    base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
-              status.ok() ? "extraction_done" : "extraction_failed",
+    const bool is_expected = status.ok() || absl::IsCancelled(status);
+    base::Log(is_expected ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              status.ok()   ? "extraction_done"
+              : is_expected ? "extraction_cancelled"
+                            : "extraction_failed",
               {{"request", identity_.request_id()},
                {"dataset_id", request_.dataset_id()},
                {"surface", rule_.Text()},

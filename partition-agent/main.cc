@@ -5,14 +5,18 @@
 #include <iostream>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
@@ -88,9 +92,52 @@ absl::Status ListDevices() {
   return absl::OkStatus();
 }
 
-// `started`: receives the server, for AnnounceDrain.
+// The parts of a started agent.
+struct Started {
+  AgentServerOptions options;
+  std::shared_ptr<AgentServer> server;
+  std::string address;
+};
+
+// Logs how far the opening is, now and then, while it lives.
+class OpeningLog {
+ public:
+  explicit OpeningLog(const Started& started) : thread_([this, &started] { Run(started); }) {}
+  ~OpeningLog() {
+    {
+      const base::MutexLock lock(&mutex_);
+      has_ended_ = true;
+      changed_.SignalAll();
+    }
+    thread_.join();
+  }
+  OpeningLog(const OpeningLog&) = delete;
+  OpeningLog& operator=(const OpeningLog&) = delete;
+
+ private:
+  void Run(const Started& started) {
+    constexpr absl::Duration kFirst = absl::Seconds(1);  // most agents are open by then
+    constexpr absl::Duration kInterval = absl::Seconds(10);
+    absl::Duration wait = kFirst;
+    const base::MutexLock lock(&mutex_);
+    while (!changed_.AwaitUntil(&mutex_, absl::Now() + wait,
+                                [this]()
+                                    ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return has_ended_; })) {
+      base::LogInfo("agent_opening", {{"address", started.address},
+                                      {"progress", started.server->opening_summary()}});
+      wait = kInterval;
+    }
+  }
+
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
+  std::thread thread_;
+};
+
+// The agent answers, and opens its shards in FinishStart.
 absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerFlags& server_flags,
-                                          std::weak_ptr<AgentServer>* started) {
+                                          Started* started) {
   if (flags.list_egl_devices) {
     ISOSCOPE_RETURN_IF_ERROR(ListDevices());
     return rpc::ServerShutdown();
@@ -103,6 +150,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
   options.max_queued_frames = server_flags.max_queued_frames;
   options.transport = server_flags.transport;
   options.has_reflection = server_flags.has_reflection;
+  options.hides_paths = true;
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
   options.arena = std::make_shared<base::TaskArena>(flags.threads);
@@ -115,38 +163,51 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
                             .max_kept_mesh_bytes = options.memory->kept_mesh_bytes(),
                             .max_unused_bytes = options.memory->unused_image_bytes(),
                             .arena = options.arena}));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Start(options));
-  *started = server;
-  ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
-  options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1, /*image_count=*/1);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Listen(options));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
                             rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
                               return server->CollectMetrics();
                             }));
-  base::LogInfo("agent_started",
-                {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
-                 {"shards", server->shard_summary()},
-                 {"renderer", options.renderer->description()},
-                 {"threads", options.arena->max_concurrency()},
-                 {"version", base::Version()}});
-  return [server = std::move(server), metrics = std::move(metrics)](absl::Duration grace) {
+  *started = {.options = options,
+              .server = server,
+              .address = rpc::BoundAddress(server_flags.listen_address, server->port())};
+  return [server = std::move(server), metrics = std::move(metrics), started](absl::Duration grace) {
     server->Shutdown(grace);
+    *started = {};  // the server ends with this function
   };
 }
 
+absl::Status FinishStart(const Started& started, const base::Cancellation& cancellation) {
+  const AgentServerOptions& options = started.options;
+  const auto settle = [&options]() -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
+    options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1, /*image_count=*/1);
+    return absl::OkStatus();
+  };
+  {
+    const OpeningLog log(started);
+    ISOSCOPE_RETURN_IF_ERROR(started.server->Open(cancellation, settle));
+  }
+  base::LogInfo("agent_started", {{"address", started.address},
+                                  {"shards", started.server->shard_summary()},
+                                  {"renderer", options.renderer->description()},
+                                  {"threads", options.arena->max_concurrency()},
+                                  {"version", base::Version()}});
+  return absl::OkStatus();
+}
+
 // Returns the time that coordinators may take to notice.
-absl::Duration AnnounceDrain(const Flags& flags, const std::weak_ptr<AgentServer>& started) {
-  const std::shared_ptr<AgentServer> server = started.lock();
-  if (server == nullptr || flags.drain_notice_seconds <= 0) {
+absl::Duration AnnounceDrain(const Flags& flags, const Started& started) {
+  if (flags.drain_notice_seconds <= 0) {
     return absl::ZeroDuration();
   }
-  server->AnnounceDrain();
+  started.server->AnnounceDrain();
   return absl::Seconds(flags.drain_notice_seconds);
 }
 
 int Main(int argc, char** argv) {
   Flags flags;
-  std::weak_ptr<AgentServer> server;
+  Started started;
   const rpc::ServerProgram program{
       .name = "isoscope-agent",
       .log_name = "agent",
@@ -157,10 +218,15 @@ int Main(int argc, char** argv) {
       .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =
           [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
-      .announce_drain = [&] { return AnnounceDrain(flags, server); },
+      .announce_drain = [&] { return AnnounceDrain(flags, started); },
       .start =
           [&](const rpc::ServerFlags& server_flags) {
-            return Start(flags, server_flags, &server);
+            return Start(flags, server_flags, &started);
+          },
+      .finish_start =
+          [&](const base::Cancellation& cancellation) {
+            return started.server == nullptr ? absl::OkStatus()
+                                             : FinishStart(started, cancellation);
           }};
   return rpc::RunServerProgram(program, argc, argv);
 }

@@ -12,11 +12,14 @@ namespace isoscope::agent {
 
 namespace v1 = isoscope::internal::v1;
 
-PartitionAgentServiceImpl::PartitionAgentServiceImpl(const AgentServerOptions& options,
-                                                     ShardSet shards)
-    : agent_(options, std::move(shards)),
-      plain_description_(DescribePlain(agent_.shards, *options.renderer)) {
+PartitionAgentServiceImpl::PartitionAgentServiceImpl(const AgentServerOptions& options)
+    : agent_(options) {
   rpc::PrepareKnownFields(v1::RenderFrameRequest());
+}
+
+void PartitionAgentServiceImpl::Serve(Shards plain, SeriesShards series) {
+  plain_description_ = DescribePlain(plain, *agent_.options.renderer);
+  agent_.Serve(std::move(plain), std::move(series));
 }
 
 std::vector<base::MetricFamily> PartitionAgentServiceImpl::CollectMetrics(
@@ -42,6 +45,19 @@ isoscope::v1::AgentLoad PartitionAgentServiceImpl::Load() const {
   return load;
 }
 
+void PartitionAgentServiceImpl::Describe(v1::DescribeShardsResponse* response) {
+  if (is_open()) {
+    *response = plain_description_;
+    AddSeries(agent_.shards, response);
+    AddDamages(agent_.damages.damages(), response);
+  } else {
+    *response = DescribePlain({}, *agent_.options.renderer);
+    AddOpening(agent_.opening.progress(), response);
+  }
+  *response->mutable_load() = Load();
+  response->set_is_draining(is_draining_.load());
+}
+
 rpc::OnCallEnd PartitionAgentServiceImpl::UnaryEnd(AgentMethod method,
                                                    const google::protobuf::Message* request,
                                                    const google::protobuf::Message* response,
@@ -57,14 +73,11 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
     grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* request,
     v1::DescribeShardsResponse* response) {
   const auto describe = [this, response] {
-    *response = plain_description_;
-    AddSeries(agent_.shards, response);
-    *response->mutable_load() = Load();
-    response->set_is_draining(is_draining_.load());
+    Describe(response);
     return absl::OkStatus();
   };
   rpc::OnCallEnd end = UnaryEnd(AgentMethod::kDescribeShards, request, response, context);
-  if (agent_.series_executor == nullptr) {
+  if (agent_.shards.series().empty()) {
     return rpc::AnswerUnary(context, *request, describe, end);
   }
   // Reads the disk, which a thread of gRPC must not wait for.
@@ -85,7 +98,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
       context, *request, &agent_.query_executor, kMaxDuration,
       [this, request, response](const base::Cancellation& cancellation,
                                 const base::TraceContext& /*identity*/) {
-        return AnswerQuery(agent_.shards, *request, cancellation, response);
+        return agent_.damages.ForCaller(
+            AnswerQuery(agent_.shards, *request, cancellation, response));
       },
       UnaryEnd(method, request, response, context));
 }

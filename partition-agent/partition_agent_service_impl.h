@@ -23,8 +23,14 @@ namespace isoscope::agent {
 class PartitionAgentServiceImpl final
     : public isoscope::internal::v1::PartitionAgentService::CallbackService {
  public:
-  // `shards`: at least one
-  PartitionAgentServiceImpl(const AgentServerOptions& options, ShardSet shards);
+  // The shards are being opened.
+  explicit PartitionAgentServiceImpl(const AgentServerOptions& options);
+  // Serves them from now on; at least one. Call it once.
+  void Serve(Shards plain, SeriesShards series);
+
+  [[nodiscard]] bool is_open() const { return agent_.shards.is_filled(); }
+  [[nodiscard]] Opening* opening() { return &agent_.opening; }
+  [[nodiscard]] const Opening* opening() const { return &agent_.opening; }
 
   // Frames whose call has not ended yet.
   [[nodiscard]] int frames_in_work() const { return agent_.frame_count.load(); }
@@ -70,6 +76,8 @@ class PartitionAgentServiceImpl final
   template <typename Request, typename Response>
   grpc::ServerUnaryReactor* StartQuery(AgentMethod method, grpc::CallbackServerContext* context,
                                        const Request* request, Response* response);
+  // Fills the answer of DescribeShards.
+  void Describe(isoscope::internal::v1::DescribeShardsResponse* response);
   [[nodiscard]] isoscope::v1::AgentLoad Load() const;
   // Counts a call, and gives its answer the checksum. The messages live as long as the call.
   [[nodiscard]] rpc::OnCallEnd UnaryEnd(AgentMethod method,
@@ -80,7 +88,8 @@ class PartitionAgentServiceImpl final
   const absl::Time start_ = absl::Now();
   std::atomic<bool> is_draining_{false};
   AgentContext agent_;
-  const isoscope::internal::v1::DescribeShardsResponse plain_description_;
+  // Without shards until agent_.shards.is_filled(), and set before.
+  isoscope::internal::v1::DescribeShardsResponse plain_description_;
 };
 
 }  // namespace isoscope::agent

@@ -225,7 +225,7 @@ class RenderFrameCall final : public FrameReactor {
   }
 
   // Ends the frame with an error. Only the first error counts.
-  void Fail(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
+  void Fail(const absl::Status& error) ABSL_LOCKS_EXCLUDED(mutex_) {
     std::int64_t frame_number = 0;
     bool is_admitted = false;
     {
@@ -237,14 +237,18 @@ class RenderFrameCall final : public FrameReactor {
       is_admitted = is_admitted_;
     }
     cancellation_.Cancel();  // a step may still run
+    const absl::Status status = agent_.damages.ForCaller(error);
     outgoing_.Finish(status);
     if (is_admitted) {
       agent_.metrics.CountFrame(status, absl::ZeroDuration());
     }
-    base::LogWarning("frame_failed", {{"request", identity_.request_id()},
-                                      {"frame", frame_number},
-                                      {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
-                                      {"status", status}});
+    const bool is_cancelled = absl::IsCancelled(status);
+    base::Log(is_cancelled ? base::LogLevel::kDebug : base::LogLevel::kWarning,
+              is_cancelled ? "frame_cancelled" : "frame_failed",
+              {{"request", identity_.request_id()},
+               {"frame", frame_number},
+               {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
+               {"status", status}});
   }
 
   AgentContext& agent_;

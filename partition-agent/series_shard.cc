@@ -251,6 +251,9 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
         shard->reader->manifest().dataset_id, ", the series expects shard ", shard_index_, " of ",
         volume.dataset_id, "; copy the whole shard directory again"));
   }
+  if (on_opened_) {
+    on_opened_(directory);
+  }
   return shard;
 }
 

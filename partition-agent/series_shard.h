@@ -22,6 +22,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -85,6 +86,12 @@ class SeriesShard {
       const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
       ReadManifest read_manifest = store::OpenSeriesShard);
 
+  // Has a function called whenever the folder of a volume could be opened. Call it before the shard
+  // is used by other threads.
+  void WhenOpened(std::function<void(const std::string& directory)> on_opened) {
+    on_opened_ = std::move(on_opened);
+  }
+
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
   [[nodiscard]] std::shared_ptr<const Served> served() const ABSL_LOCKS_EXCLUDED(mutex_);
@@ -135,6 +142,7 @@ class SeriesShard {
   const std::string directory_;
   const std::shared_ptr<OpenVolumes> open_volumes_;
   const ReadManifest read_manifest_;
+  std::function<void(const std::string& directory)> on_opened_;  // may be empty
   int shard_index_ = 0;
   base::Mutex refreshing_;  // one at a time: an older list never replaces a newer one
   io::FileStamp stamp_ ABSL_GUARDED_BY(refreshing_);     // of the manifest that is served

@@ -12,6 +12,8 @@
 
 #include "core/extract/block_shape.h"
 #include "core/index/interval_tree.h"
+#include "core/io/file.h"
+#include "core/store/directory_files.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::agent {
@@ -30,12 +32,15 @@ using Shards = std::vector<std::shared_ptr<const Shard>>;
 // Returns a number that no shard of this process has yet.
 std::uint32_t NextShardNumber();
 
-// Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if
-// the index does not belong to the blocks.
+// Opens a shard directory. Reads its tables and some pages of its index, no block. Errors as
+// ShardReader::Open and IntervalTree::Open; DATA_LOSS also if the index does not belong to the
+// blocks.
 //
 // number: Shard::number; that of an earlier opening only if the contents are the same
-absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
-                                                       std::uint32_t number = NextShardNumber());
+// open_file: as for ShardReader::Open
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(
+    const std::string& directory, std::uint32_t number = NextShardNumber(),
+    const store::OpenFile& open_file = io::OpenRandomAccessFile);
 
 }  // namespace isoscope::agent
 

@@ -1,15 +1,26 @@
 #include "partition-agent/shard_set.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
+#include "core/base/check.h"
+#include "core/base/error_reason.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::agent {
+
+void ShardSet::Fill(Shards shards, SeriesShards series) {
+  ISOSCOPE_CHECK(!is_filled());
+  shards_ = std::move(shards);
+  series_ = std::move(series);
+  is_filled_.store(true, std::memory_order_release);
+}
 
 int ShardSet::Served::index() const {
   return series != nullptr ? series->shard_index() : (*plain)->reader->shard_index();
@@ -25,6 +36,12 @@ absl::StatusOr<std::shared_ptr<const Shard>> ShardSet::Served::Open(
 
 absl::StatusOr<std::vector<ShardSet::Served>> ShardSet::ServedOf(
     const std::string& dataset_id) const {
+  if (!is_filled()) {
+    return base::WithReason(
+        base::WithRetryDelay(absl::UnavailableError("the agent is opening its shards; retry later"),
+                             kOpeningDelay),
+        base::ErrorReason::kAgentOpening);
+  }
   std::vector<Served> found;
   for (const std::shared_ptr<const Shard>& shard : shards_) {
     if (shard->reader->manifest().dataset_id == dataset_id) {
@@ -37,8 +54,10 @@ absl::StatusOr<std::vector<ShardSet::Served>> ShardSet::ServedOf(
     }
   }
   if (found.empty()) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
+    return base::WithReason(
+        absl::FailedPreconditionError(
+            absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)")),
+        base::ErrorReason::kDatasetIncomplete);
   }
   return found;
 }
@@ -71,9 +90,12 @@ absl::StatusOr<Shards> ShardSet::Find(
       std::transform(served.begin(), served.end(), std::back_inserter(indices),
                      [](const Served& of) { return of.index(); });
       std::sort(indices.begin(), indices.end());
-      return absl::FailedPreconditionError(absl::StrCat(
-          "shard ", index, " of dataset \"", manifest.name,
-          "\" is not served by this agent (any more); it serves ", absl::StrJoin(indices, ", ")));
+      return base::WithReason(absl::FailedPreconditionError(
+                                  absl::StrCat("shard ", index, " of dataset \"", manifest.name,
+                                               "\" is not served by this agent (any more); it "
+                                               "serves ",
+                                               absl::StrJoin(indices, ", "))),
+                              base::ErrorReason::kDatasetIncomplete);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
                               position->Open(dataset_id, opening));

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_SHARD_SET_H_
 #define ISOSCOPE_PARTITION_AGENT_SHARD_SET_H_
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -10,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "google/protobuf/repeated_field.h"
 
 #include "partition-agent/series_shard.h"
@@ -22,10 +24,23 @@ using SeriesShards = std::vector<std::shared_ptr<SeriesShard>>;
 // Thread-safe. Dataset ids are those of datasets, or of scalar volumes of a series.
 class ShardSet {
  public:
-  explicit ShardSet(Shards shards, SeriesShards series = {})
-      : shards_(std::move(shards)), series_(std::move(series)) {}
+  // Coordinators and clients ask again after this time while shards are being opened.
+  static constexpr absl::Duration kOpeningDelay = absl::Seconds(1);
 
-  // Finds the shards of a dataset by index, and opens those of a series. FAILED_PRECONDITION names
+  // The shards are being opened: call Fill once they are.
+  ShardSet() = default;
+  explicit ShardSet(Shards shards, SeriesShards series = {}) {
+    Fill(std::move(shards), std::move(series));
+  }
+  ShardSet(const ShardSet&) = delete;
+  ShardSet& operator=(const ShardSet&) = delete;
+
+  // Call it once.
+  void Fill(Shards shards, SeriesShards series);
+  [[nodiscard]] bool is_filled() const { return is_filled_.load(std::memory_order_acquire); }
+
+  // Finds the shards of a dataset by index, and opens those of a series. UNAVAILABLE
+  // (ErrorReason::kAgentOpening) before Fill. FAILED_PRECONDITION names
   // the dataset or shard that is not served; INVALID_ARGUMENT if the indices are malformed; of a
   // series also errors as SeriesShard::OpenVolume. O(shards). May block on the disk.
   [[nodiscard]] absl::StatusOr<Shards> Find(
@@ -36,10 +51,10 @@ class ShardSet {
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> FindAny(
       const std::string& dataset_id) const;
 
-  // Those of datasets without fields.
-  [[nodiscard]] const Shards& plain() const { return shards_; }
-  [[nodiscard]] const SeriesShards& series() const { return series_; }
-  [[nodiscard]] std::size_t size() const { return shards_.size() + series_.size(); }
+  // Those of datasets without fields. None before Fill; then they stay.
+  [[nodiscard]] const Shards& plain() const { return is_filled() ? shards_ : kNoShards; }
+  [[nodiscard]] const SeriesShards& series() const { return is_filled() ? series_ : kNoSeries; }
+  [[nodiscard]] std::size_t size() const { return plain().size() + series().size(); }
 
  private:
   // One shard of a dataset that is served; of a series it is open or can be opened.
@@ -53,8 +68,12 @@ class ShardSet {
   // FAILED_PRECONDITION if there are none.
   [[nodiscard]] absl::StatusOr<std::vector<Served>> ServedOf(const std::string& dataset_id) const;
 
-  const Shards shards_;
-  const SeriesShards series_;
+  static inline const Shards kNoShards{};
+  static inline const SeriesShards kNoSeries{};
+
+  std::atomic<bool> is_filled_{false};
+  Shards shards_;  // both never change once is_filled_ is set
+  SeriesShards series_;
 };
 
 }  // namespace isoscope::agent

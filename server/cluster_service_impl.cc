@@ -40,6 +40,16 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
   proto.set_address(agent.address);
   proto.set_version(agent.version);
   proto.set_renderer(agent.renderer);
+  if (agent.opening.has_value()) {
+    proto.set_state(isoscope::v1::AgentStatus::STATE_OPENING);
+    proto.set_message(std::string(agent.status.message()));
+    *proto.mutable_opening() = *agent.opening;
+    proto.set_picture_revision(frame::ToString(agent.picture_revision));
+    if (agent.load.has_value()) {
+      *proto.mutable_load() = *agent.load;
+    }
+    return proto;
+  }
   if (!agent.status.ok()) {
     proto.set_state(isoscope::v1::AgentStatus::STATE_UNREACHABLE);
     proto.set_message(std::string(agent.status.message()));
@@ -51,6 +61,11 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
   proto.set_message(Complaint(agent, datasets));
   if (agent.load.has_value()) {
     *proto.mutable_load() = *agent.load;
+  }
+  for (const isoscope::v1::DamagedShard& damaged : agent.damaged_shards) {
+    if (caller.MaySee(damaged.dataset())) {
+      *proto.add_damaged_shards() = damaged;
+    }
   }
   for (const isoscope::internal::v1::ShardDescription& shard : agent.shards) {
     if (!caller.MaySee(shard.dataset().name())) {

@@ -118,6 +118,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                  .memory_limit_bytes = options.memory_limit_bytes > 0
                                            ? options.memory_limit_bytes
                                            : CoordinatorMemory::DefaultLimitBytes(),
+                 .agent_limit = options.agent_limit,
                  .mailboxes = options.mailboxes,
                  .audit = std::move(audit),
                  .expected_viewport = options.expected_viewport}),
@@ -170,7 +171,10 @@ class CoordinatorServerImpl final : public CoordinatorServer {
   std::vector<base::MetricFamily> CollectMetrics() override {
     CoordinatorGauges gauges = runner_.gauges();
     for (const AgentState& agent : registry_->agents()) {
-      ++(agent.status.ok() ? gauges.reachable_agents : gauges.unreachable_agents);
+      ++(agent.status.ok()           ? gauges.reachable_agents
+         : agent.opening.has_value() ? gauges.opening_agents
+                                     : gauges.unreachable_agents);
+      gauges.damaged_shards += static_cast<int>(agent.damaged_shards.size());
     }
     for (const auto& [name, dataset] : registry_->datasets()) {
       ++(dataset.status.ok() ? gauges.complete_datasets : gauges.incomplete_datasets);

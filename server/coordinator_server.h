@@ -5,6 +5,7 @@
 #define ISOSCOPE_SERVER_COORDINATOR_SERVER_H_
 
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,6 +18,7 @@
 
 #include "core/base/metrics.h"
 #include "core/base/task_arena.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
@@ -40,6 +42,9 @@ struct CoordinatorServerOptions {
   // The memory limit (CoordinatorMemory); at least CoordinatorMemory::kMinLimitBytes. 0: the
   // default.
   std::size_t memory_limit_bytes = 0;
+  // If the agents are of this process, and the same flag raises their limit
+  // (CoordinatorMemory::AgentLimit). Null: they have their own.
+  std::function<std::size_t(const frame::FrameSpec& spec)> agent_limit = nullptr;
   // The interval between two polls of the agents.
   absl::Duration poll_interval = absl::Seconds(2);
   // The arena of the coordinator's computations; null: an arena of all cores.

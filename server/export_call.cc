@@ -183,8 +183,11 @@ class IsosurfaceServiceImpl::ExportCall final
     }
     turn_.GiveBack();
     outgoing_.Finish(status);
-    base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
-              status.ok() ? "export_done" : "export_failed",
+    const bool is_expected = status.ok() || absl::IsCancelled(status);
+    base::Log(is_expected ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              status.ok()   ? "export_done"
+              : is_expected ? "export_cancelled"
+                            : "export_failed",
               {{"request", identity_.request_id()},
                {"dataset", request_.dataset()},
                {"surfaces", frame::TextOf(spec_.rules)},

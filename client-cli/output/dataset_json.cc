@@ -194,6 +194,7 @@ Json AgentToJson(const v1::AgentStatus& agent) {
   json["address"] = agent.address();
   json["state"] = agent.state() == v1::AgentStatus::STATE_REACHABLE     ? "reachable"
                   : agent.state() == v1::AgentStatus::STATE_UNREACHABLE ? "unreachable"
+                  : agent.state() == v1::AgentStatus::STATE_OPENING     ? "opening"
                                                                         : "unknown";
   json["message"] = agent.message();
   json["version"] = agent.version();
@@ -204,6 +205,17 @@ Json AgentToJson(const v1::AgentStatus& agent) {
     json["shards"].push_back({{"dataset", shard.dataset()},
                               {"shard", shard.shard_index()},
                               {"block_count", shard.block_count()}});
+  }
+  if (agent.has_opening()) {
+    json["opening"] = {{"shard_count", agent.opening().shard_count()},
+                       {"open_shard_count", agent.opening().open_shard_count()},
+                       {"table_bytes", agent.opening().table_bytes()},
+                       {"read_bytes", agent.opening().read_bytes()}};
+  }
+  for (const v1::DamagedShard& damaged : agent.damaged_shards()) {
+    json["damaged_shards"].push_back({{"dataset", damaged.dataset()},
+                                      {"shard", damaged.shard_index()},
+                                      {"message", damaged.message()}});
   }
   return json;
 }

@@ -113,12 +113,21 @@ const v1::AgentStatus* FindAgent(const std::optional<ClusterSample>& sample,
   return nullptr;
 }
 
+const char* NameOf(const v1::AgentStatus& agent) {
+  switch (agent.state()) {
+    case v1::AgentStatus::STATE_REACHABLE:
+      return agent.damaged_shards().empty() ? "ok" : "damaged";
+    case v1::AgentStatus::STATE_OPENING:
+      return "opening";
+    default:
+      return "lost";
+  }
+}
+
 std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::AgentStatus* before) {
-  std::vector<std::string> cells = {
-      base::PrintableAscii(agent.address()),
-      agent.state() == v1::AgentStatus::STATE_REACHABLE ? "ok" : "lost",
-      base::PrintableAscii(FormatShards(agent))};
-  if (agent.state() != v1::AgentStatus::STATE_REACHABLE || !agent.has_load()) {
+  std::vector<std::string> cells = {base::PrintableAscii(agent.address()), NameOf(agent),
+                                    base::PrintableAscii(FormatShards(agent))};
+  if (agent.state() == v1::AgentStatus::STATE_UNREACHABLE || !agent.has_load()) {
     cells.insert(cells.end(), {"-", "-", "-", "-", "-", "-"});
     return cells;
   }
@@ -250,6 +259,11 @@ std::vector<std::string> TopScreen(const ClusterSample& now,
   for (const v1::AgentStatus& agent : now.status.agents()) {
     if (!agent.message().empty()) {
       lines.push_back(base::PrintableAscii(absl::StrCat(agent.address(), ": ", agent.message())));
+    }
+    for (const v1::DamagedShard& damaged : agent.damaged_shards()) {
+      lines.push_back(base::PrintableAscii(
+          absl::StrCat(agent.address(), ": shard ", damaged.shard_index(), " of ",
+                       damaged.dataset(), " is damaged: ", damaged.message())));
     }
   }
   AppendFrames(now, options, &lines);

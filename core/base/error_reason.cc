@@ -27,6 +27,7 @@ constexpr std::array<Entry, kErrorReasonCount> kEntries = {{
     {"RATE_LIMITED", true},
     {"TOO_LARGE", false},
     {"AGENT_LOST", true},
+    {"AGENT_OPENING", true},
     {"SERVER_STOPS", true},
     {"SHARD_DAMAGED", false},
     {"DEADLINE_PASSED", true},

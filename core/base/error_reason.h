@@ -22,6 +22,7 @@ enum class ErrorReason {
   kRateLimited,
   kTooLarge,
   kAgentLost,
+  kAgentOpening,
   kServerStops,
   kShardDamaged,
   kDeadlinePassed,

@@ -4,18 +4,25 @@
 // 2. Declare the flags. Answer --man-page and --completion, which need the declarations alone.
 // 3. Parse. Wrong usage ends with 2; --help and --version print and end with 0.
 // 4. With --probe, ask a running server and end with 0 or 1.
-// 5. Check the flags against each other, start the server, and wait for SIGTERM or SIGINT.
+// 5. Check the flags against each other, and start the server; a signal then ends the process. The
+//    rest of the start, if there is one, goes on while the server answers. Wait for SIGTERM or
+//    SIGINT.
 // 6. Announce the drain, wait as long as the program asks, then shut down within the grace period.
 //
 // An exception on the way, such as std::bad_alloc, is one line on standard error and exit code 1.
 
 #include "core/rpc/server_program.h"
 
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -25,9 +32,11 @@
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
+#include "core/base/mutex.h"
 #include "core/base/printable.h"
 #include "core/base/process_setup.h"
 #include "core/base/shutdown_signal.h"
+#include "core/base/standstill.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/command_description.h"
@@ -43,6 +52,11 @@ namespace {
 constexpr int kDone = 0;
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
+constexpr int kSignalled = 128;  // and the signal's number, as shells have it
+// A signal is noticed within this time.
+constexpr absl::Duration kStep = absl::Milliseconds(100);
+// After the drain, calls that are cut end within this time, unless they stand still.
+constexpr absl::Duration kEndPatience = absl::Seconds(5);
 // A server that takes longer counts as not serving.
 constexpr absl::Duration kProbeTimeout = absl::Seconds(4);
 
@@ -89,36 +103,180 @@ int RunProbe(const ServerProgram& program, const ServerFlags& flags) {
   return status.ok() ? kDone : kFailed;
 }
 
-// Waits for the shutdown signal. Meanwhile SIGUSR1 makes the log show debug lines, and SIGUSR2
-// restores --log-level.
+// SIGUSR1 makes the log show debug lines, and SIGUSR2 restores --log-level. Returns other signals,
+// and "".
+absl::string_view HandleSignal(const ServerFlags& flags, absl::string_view signal) {
+  if (signal != "SIGUSR1" && signal != "SIGUSR2") {
+    return signal;
+  }
+  const std::string level = signal == "SIGUSR1" ? "debug" : flags.log_level;
+  base::SetLogLevel(LogLevelFromName(level));
+  base::LogInfo("log_level", {{"now", level}, {"signal", signal}});
+  return "";
+}
+
+// Waits for the shutdown signal.
 absl::string_view WaitForShutdown(const ServerFlags& flags, base::ShutdownSignal* shutdown_signal) {
   base::RestWatch watch;
   while (true) {
-    const absl::string_view signal = shutdown_signal->Wait(base::RestWatch::kInterval);
-    if (signal == "SIGUSR1" || signal == "SIGUSR2") {
-      const std::string level = signal == "SIGUSR1" ? "debug" : flags.log_level;
-      base::SetLogLevel(LogLevelFromName(level));
-      base::LogInfo("log_level", {{"now", level}, {"signal", signal}});
-    } else if (!signal.empty()) {
+    const absl::string_view signal =
+        HandleSignal(flags, shutdown_signal->Wait(base::RestWatch::kInterval));
+    if (!signal.empty()) {
       return signal;
-    } else if (watch.HasComeToRest(base::ProcessorTime())) {
+    }
+    if (watch.HasComeToRest(base::ProcessorTime())) {
       base::ReturnFreedMemory();
     }
   }
 }
 
+// Ends the process at a signal while a server starts: nothing is to be drained or removed. Threads
+// have the two signals blocked, and a file or a device may not answer.
+class StartWatch {
+ public:
+  StartWatch() : thread_([this] { Run(); }) {}
+  ~StartWatch() {
+    has_started_.store(true);
+    thread_.join();
+  }
+  StartWatch(const StartWatch&) = delete;
+  StartWatch& operator=(const StartWatch&) = delete;
+
+ private:
+  void Run() {
+    sigset_t signals;
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGTERM);
+    sigaddset(&signals, SIGINT);
+    const timespec interval = absl::ToTimespec(kStep);
+    while (!has_started_.load()) {
+      const int number = sigtimedwait(&signals, nullptr, &interval);
+      if (number > 0) {
+        base::LogInfo("shutdown", {{"signal", number == SIGINT ? "SIGINT" : "SIGTERM"},
+                                   {"note", "while it started"}});
+        _exit(kSignalled + number);
+      }
+    }
+  }
+
+  std::atomic<bool> has_started_{false};
+  std::thread thread_;
+};
+
+// Ends the process if its end stands still: a file, a disk or a device does not answer.
+class EndWatch {
+ public:
+  // From `begin` on, which may lie ahead.
+  EndWatch(absl::Duration begin, int signal_number)
+      : thread_([this, begin, signal_number] { Run(begin, signal_number); }) {}
+  ~EndWatch() {
+    {
+      const base::MutexLock lock(&mutex_);
+      has_ended_ = true;
+      changed_.SignalAll();
+    }
+    thread_.join();
+  }
+  EndWatch(const EndWatch&) = delete;
+  EndWatch& operator=(const EndWatch&) = delete;
+
+ private:
+  // Returns true once the process has ended well.
+  bool HasEndedWithin(absl::Duration duration) {
+    const base::MutexLock lock(&mutex_);
+    return changed_.AwaitUntil(&mutex_, absl::Now() + duration,
+                               [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return has_ended_; });
+  }
+
+  void Run(absl::Duration begin, int signal_number) {
+    if (HasEndedWithin(begin)) {
+      return;
+    }
+    base::StandstillWatch watch(kStandstillSamples);
+    while (!HasEndedWithin(kStep)) {
+      if (watch.Sample()) {
+        base::LogWarning("shutdown_forced",
+                         {{"note", "a file, a disk or a device does not answer"}});
+        _exit(kSignalled + signal_number);
+      }
+    }
+  }
+
+  static constexpr int kStandstillSamples = 5;
+
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
+  std::thread thread_;
+};
+
+// The rest of the start, on a thread of its own (ServerProgram::finish_start).
+class FinishingStart {
+ public:
+  explicit FinishingStart(const ServerProgram& program) {
+    if (program.finish_start == nullptr) {
+      is_done_.store(true);
+      return;
+    }
+    thread_ = std::thread([this, &program] {
+      status_ = program.finish_start(cancellation_);
+      is_done_.store(true);
+    });
+  }
+  ~FinishingStart() { End().IgnoreError(); }
+  FinishingStart(const FinishingStart&) = delete;
+  FinishingStart& operator=(const FinishingStart&) = delete;
+
+  [[nodiscard]] bool is_done() const { return is_done_.load(); }
+  // Cancels it if it is not done, and waits for its end.
+  absl::Status End() {
+    cancellation_.Cancel();
+    if (thread_.joinable()) {
+      thread_.join();
+    }
+    return status_;
+  }
+
+ private:
+  base::Cancellation cancellation_;
+  std::atomic<bool> is_done_{false};
+  absl::Status status_;  // once the thread has ended
+  std::thread thread_;
+};
+
 absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
                    base::ShutdownSignal* shutdown_signal) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const ServerShutdown shut_down, program.start(flags));
+  ServerShutdown shut_down;
+  {
+    const StartWatch watch;
+    ISOSCOPE_ASSIGN_OR_RETURN(shut_down, program.start(flags));
+  }
   if (shut_down == nullptr) {
     return absl::OkStatus();
   }
-  const absl::string_view signal_name = WaitForShutdown(flags, shutdown_signal);
+  FinishingStart finishing(program);
+  absl::string_view signal_name;
+  while (!finishing.is_done() && signal_name != "SIGTERM" && signal_name != "SIGINT") {
+    signal_name = HandleSignal(flags, shutdown_signal->Wait(kStep));
+  }
+  if (!signal_name.empty()) {
+    base::LogInfo("shutdown", {{"signal", signal_name}, {"note", "while it started"}});
+    const EndWatch watch(absl::ZeroDuration(), signal_name == "SIGINT" ? SIGINT : SIGTERM);
+    finishing.End().IgnoreError();
+    shut_down(absl::ZeroDuration());
+    base::LogInfo(absl::StrCat(program.log_name, "_stopped"));
+    return absl::OkStatus();
+  }
+  ISOSCOPE_RETURN_IF_ERROR(finishing.End());
+  signal_name = WaitForShutdown(flags, shutdown_signal);
   base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});
   if (program.announce_drain != nullptr && signal_name == "SIGTERM") {
     absl::SleepFor(program.announce_drain());
   }
+  const EndWatch watch(absl::Seconds(flags.drain_seconds) + kEndPatience,
+                       signal_name == "SIGINT" ? SIGINT : SIGTERM);
   shut_down(absl::Seconds(flags.drain_seconds));
+  shut_down = nullptr;  // the server ends under the watch
   base::LogInfo(absl::StrCat(program.log_name, "_stopped"));
   return absl::OkStatus();
 }

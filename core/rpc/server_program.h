@@ -20,6 +20,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
+#include "core/base/cancellation.h"
 #include "core/cli/flag_set.h"
 #include "core/rpc/server_flags.h"
 
@@ -47,9 +48,14 @@ struct ServerProgram {
   // returns the time that they need. The server still serves meanwhile. Null: no other program
   // needs to know.
   std::function<absl::Duration()> announce_drain = nullptr;
-  // Starts the server once all flags are read, and logs that it serves. Returns an empty function
-  // if the flags asked for other work, which is then done.
+  // Starts the server once all flags are read, and logs that it serves, unless `finish_start` does.
+  // Returns an empty function if the flags asked for other work, which is then done. A signal
+  // meanwhile ends the process at once.
   std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start;
+  // The rest of the start, if that takes long: it runs on a thread of its own while the server
+  // answers already. An error ends the program as one of `start` does. It heeds `cancellation`,
+  // which a signal fires; if it stands still then, the process ends without it. Null: none.
+  std::function<absl::Status(const base::Cancellation& cancellation)> finish_start = nullptr;
 };
 
 // Runs `program` and returns its exit code. Call from main(), before any thread runs.

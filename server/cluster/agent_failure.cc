@@ -1,13 +1,9 @@
 #include "server/cluster/agent_failure.h"
 
-#include <optional>
-#include <utility>
-
+#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/time/time.h"
-
-#include "core/base/retry_delay.h"
+#include "absl/strings/string_view.h"
 
 namespace isoscope::server {
 
@@ -29,6 +25,10 @@ const char* NameOf(FrameStage stage) {
       return "done";
     case FrameStage::kEnded:
       return "ended";
+    case FrameStage::kExtracting:
+      return "extracting the surface";
+    case FrameStage::kAnswering:
+      return "answering a question";
   }
   return "";
 }
@@ -37,8 +37,10 @@ absl::Status AgentFailure::ToStatus() const {
   absl::Status named(status.code(),
                      absl::StrCat(NameOf(agent), absl::IsUnavailable(status) ? " was lost: " : ": ",
                                   status.message()));
-  const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
-  return delay.has_value() ? base::WithRetryDelay(std::move(named), *delay) : named;
+  // The agent's reason and retry delay.
+  status.ForEachPayload(
+      [&](absl::string_view url, const absl::Cord& payload) { named.SetPayload(url, payload); });
+  return named;
 }
 
 }  // namespace isoscope::server

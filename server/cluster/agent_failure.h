@@ -23,15 +23,18 @@ struct AgentIdentity {
 // "agent 10.0.0.7:50052 (shards 3, 7)".
 std::string NameOf(const AgentIdentity& agent);
 
-// The stages of an agent's part of a frame, in order.
+// The stages of an agent's part of a frame, in order; then what an agent does for other requests.
 enum class FrameStage {
   kSelectingOccluders,  // step 1
   kRenderingOccluders,  // step 2
   kRenderingVisible,    // step 3; the whole frame with Culling::kNone
   kDone,                // it has said so
   kEnded,               // its stream has ended
+  kExtracting,          // no frame: the surface of an export
+  kAnswering,           // no frame: a question, such as a histogram or the points of a pick
 };
-inline constexpr std::size_t kFrameStageCount = static_cast<std::size_t>(FrameStage::kEnded) + 1;
+inline constexpr std::size_t kFrameStageCount =
+    static_cast<std::size_t>(FrameStage::kAnswering) + 1;
 
 // "selecting occluders", ...: for messages and logs.
 const char* NameOf(FrameStage stage);

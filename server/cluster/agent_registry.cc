@@ -43,6 +43,17 @@ std::size_t AgentCount(const DatasetState& state) {
   return addresses.size();
 }
 
+// The tenth of the opening that an agent is in; -1: it opens nothing.
+int TenthOf(const std::optional<isoscope::v1::OpeningProgress>& progress) {
+  constexpr double kTenths = 10;
+  if (!progress.has_value()) {
+    return -1;
+  }
+  const double all = static_cast<double>(progress->table_bytes());
+  return all <= 0 ? 0
+                  : static_cast<int>(kTenths * static_cast<double>(progress->read_bytes()) / all);
+}
+
 // These log the changes from `before` to `after`. A blocked reader of the log blocks no other
 // thread: no lock is held.
 void LogMembers(const AgentMembers& before, const AgentMembers& after) {
@@ -57,6 +68,12 @@ void LogMembers(const AgentMembers& before, const AgentMembers& after) {
     } else if (member.state.status.ok() && member.state.is_draining &&
                !known->second.state.is_draining) {
       base::LogInfo("agent_drains", {{"address", address}});
+    } else if (member.state.opening.has_value()) {
+      if (known == before.end() ||
+          TenthOf(known->second.state.opening) != TenthOf(member.state.opening)) {
+        base::LogInfo("agent_opening",
+                      {{"address", address}, {"progress", member.state.status.message()}});
+      }
     } else if (!member.state.status.ok() && (was_ok || known == before.end())) {
       base::LogWarning(was_ok ? "agent_lost" : "agent_unreachable",
                        {{"address", address}, {"status", member.state.status}});
@@ -223,6 +240,7 @@ void AgentRegistry::AdoptMembers(AgentMembers members, absl::Time probe_begin) {
   auto after = std::make_shared<Snapshot>();
   after->datasets = DatasetsOf(states);
   after->unreachable = DescribeUnreachable(states);
+  after->opening = OpeningDatasets(states);
   after->is_any_complete = std::any_of(after->datasets.begin(), after->datasets.end(),
                                        [](const auto& entry) { return entry.second.status.ok(); });
   after->members = std::move(members);
@@ -266,8 +284,9 @@ std::shared_ptr<const AgentRegistry::Snapshot> AgentRegistry::Latest() const {
 absl::StatusOr<std::shared_ptr<const DatasetState>> AgentRegistry::FindIn(
     const std::shared_ptr<const Snapshot>& snapshot, const std::string& name,
     const Caller& caller) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState* const found,
-                            FindDataset(snapshot->datasets, name, snapshot->unreachable, caller));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const DatasetState* const found,
+      FindDataset(snapshot->datasets, name, snapshot->unreachable, caller, snapshot->opening));
   return std::shared_ptr<const DatasetState>(snapshot, found);
 }
 

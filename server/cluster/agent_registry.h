@@ -109,8 +109,9 @@ class AgentRegistry {
   struct Snapshot {
     AgentMembers members;
     std::map<std::string, DatasetState> datasets;
-    std::string unreachable;       // DescribeUnreachable of the members
-    bool is_any_complete = false;  // of the datasets
+    std::string unreachable;        // DescribeUnreachable of the members
+    std::set<std::string> opening;  // names of datasets whose shards agents open
+    bool is_any_complete = false;   // of the datasets
     absl::Time probe_begin = absl::InfinitePast();
   };
 

@@ -23,6 +23,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/error_reason.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -63,6 +64,22 @@ absl::Status ValidateVolumes(const internal::ShardDescription& shard, const std:
     }
   }
   return absl::OkStatus();
+}
+
+// Clients and coordinators ask again after this time while agents open their shards.
+constexpr absl::Duration kOpeningDelay = absl::Seconds(1);
+
+absl::Status OpeningError(absl::string_view message) {
+  return base::WithReason(base::WithRetryDelay(absl::UnavailableError(message), kOpeningDelay),
+                          base::ErrorReason::kAgentOpening);
+}
+
+std::string ToString(const isoscope::v1::OpeningProgress& progress) {
+  constexpr double kMiB = 1 << 20;
+  return absl::StrFormat("%d of %d shards are open, %.1f MiB of %.1f MiB of tables are read",
+                         progress.open_shard_count(), progress.shard_count(),
+                         static_cast<double>(progress.read_bytes()) / kMiB,
+                         static_cast<double>(progress.table_bytes()) / kMiB);
 }
 
 // Returns the first error in an agent's answer.
@@ -318,6 +335,9 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
 
 void AdoptAnswer(absl::StatusOr<internal::DescribeShardsResponse> answer, AgentState* agent) {
   agent->is_draining = false;
+  agent->opening.reset();
+  agent->opening_datasets.clear();
+  agent->damaged_shards.clear();
   if (!answer.ok()) {
     agent->status = std::move(answer).status();
     return;
@@ -338,7 +358,15 @@ void AdoptAnswer(absl::StatusOr<internal::DescribeShardsResponse> answer, AgentS
     return;
   }
   agent->picture_revision = *std::move(revision);
+  if (answer->has_opening()) {  // its shards are those of its last answer, as of a lost agent
+    agent->status = OpeningError(ToString(answer->opening()));
+    agent->opening = answer->opening();
+    agent->opening_datasets.insert(answer->opening_datasets().begin(),
+                                   answer->opening_datasets().end());
+    return;
+  }
   agent->status = absl::OkStatus();
+  agent->damaged_shards.assign(answer->damaged_shards().begin(), answer->damaged_shards().end());
   agent->is_draining = answer->is_draining();
   agent->shards.assign(answer->shards().begin(), answer->shards().end());
 }
@@ -352,10 +380,13 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
     }
   }
   const std::string unreachable = DescribeUnreachable(agents);
+  const std::set<std::string> opening = OpeningDatasets(agents);
   std::map<std::string, DatasetState> datasets;
   for (const auto& [name, draft] : drafts) {
     DatasetState state = Complete(name, draft, unreachable);
-    if (!state.status.ok()) {
+    if (!state.dataset.missing_shards().empty() && opening.count(name) > 0) {
+      state.status = OpeningError(state.status.message());
+    } else if (!state.status.ok()) {
       state.status = base::WithReason(state.status, base::ErrorReason::kDatasetIncomplete);
     }
     datasets.emplace(name, std::move(state));
@@ -372,14 +403,31 @@ void RemoveAgents(const std::set<std::string>& addresses, std::vector<ReplicaSet
 }
 
 std::string DescribeUnreachable(const std::vector<AgentState>& agents) {
-  std::vector<std::string> parts;
+  std::vector<std::string> lost;
+  std::vector<std::string> opening;
   for (const AgentState& agent : agents) {
     if (!agent.status.ok()) {
-      parts.push_back(absl::StrCat(agent.address, " (", agent.status.message(), ")"));
+      (agent.opening.has_value() ? opening : lost)
+          .push_back(absl::StrCat(agent.address, " (", agent.status.message(), ")"));
     }
   }
-  return parts.empty() ? ""
-                       : absl::StrCat("agents that can't be reached: ", absl::StrJoin(parts, ", "));
+  std::vector<std::string> parts;
+  if (!lost.empty()) {
+    parts.push_back(absl::StrCat("agents that can't be reached: ", absl::StrJoin(lost, ", ")));
+  }
+  if (!opening.empty()) {
+    parts.push_back(
+        absl::StrCat("agents that are opening their shards: ", absl::StrJoin(opening, ", ")));
+  }
+  return absl::StrJoin(parts, "; ");
+}
+
+std::set<std::string> OpeningDatasets(const std::vector<AgentState>& agents) {
+  std::set<std::string> names;
+  for (const AgentState& agent : agents) {
+    names.insert(agent.opening_datasets.begin(), agent.opening_datasets.end());
+  }
+  return names;
 }
 
 std::map<std::string, DatasetState> DatasetsFor(
@@ -399,7 +447,8 @@ std::map<std::string, DatasetState> DatasetsFor(
 absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, DatasetState>& datasets,
                                                 const std::string& name,
                                                 const std::string& unreachable,
-                                                const Caller& caller) {
+                                                const Caller& caller,
+                                                const std::set<std::string>& opening) {
   if (!name.empty() && caller.MaySee(name)) {
     const auto found = datasets.find(name);
     if (found != datasets.end()) {
@@ -425,6 +474,16 @@ absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, Data
                                                    [](std::string* out, absl::string_view entry) {
                                                      absl::StrAppend(out, "\"", entry, "\"");
                                                    }));
+  const bool is_opening = name.empty()
+                              ? visible.empty() && std::any_of(opening.begin(), opening.end(),
+                                                               [&](const std::string& of_agents) {
+                                                                 return caller.MaySee(of_agents);
+                                                               })
+                              : caller.MaySee(name) && opening.count(name) > 0;
+  if (is_opening) {
+    return OpeningError(name.empty() ? unreachable
+                                     : absl::StrCat("dataset \"", name, "\": ", unreachable));
+  }
   if (!name.empty()) {
     return absl::NotFoundError(absl::StrCat("dataset \"", name, "\": ", known, suffix));
   }

@@ -51,6 +51,10 @@ struct AgentState {
   frame::PictureRevision picture_revision;
   std::optional<isoscope::v1::AgentLoad> load;  // of its last answer; none from older versions
   bool is_draining = false;                     // it stops soon, and serves until then
+  // Set while the agent opens its shards; then `status` is UNAVAILABLE.
+  std::optional<isoscope::v1::OpeningProgress> opening;
+  std::set<std::string> opening_datasets;  // whose shards it opens
+  std::vector<isoscope::v1::DamagedShard> damaged_shards;
   // The shards of its last answer, also after the agent was lost.
   std::vector<isoscope::internal::v1::ShardDescription> shards;
 };
@@ -81,8 +85,12 @@ void AdoptAnswer(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> 
 // Returns the datasets by name. `agents`: in ascending order of address.
 std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents);
 
-// Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached.
+// Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached. Agents
+// that open their shards are named as such.
 std::string DescribeUnreachable(const std::vector<AgentState>& agents);
+
+// Returns the names of the datasets whose shards agents are opening.
+std::set<std::string> OpeningDatasets(const std::vector<AgentState>& agents);
 
 // Returns the datasets that the caller may see.
 std::map<std::string, DatasetState> DatasetsFor(
@@ -90,11 +98,13 @@ std::map<std::string, DatasetState> DatasetsFor(
 
 // Finds the dataset of that name ("": the only one) among those that the caller may see. The result
 // points into `datasets`. Copies nothing. NOT_FOUND, INVALID_ARGUMENT, or FAILED_PRECONDITION as
-// DatasetService says, with the names of all of these and `unreachable`.
+// DatasetService says, with the names of all of these and `unreachable`. UNAVAILABLE if it is one
+// of `opening`, or if no dataset is known and the caller may see one of these.
 absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, DatasetState>& datasets,
                                                 const std::string& name,
                                                 const std::string& unreachable,
-                                                const Caller& caller = {});
+                                                const Caller& caller = {},
+                                                const std::set<std::string>& opening = {});
 
 // FAILED_PRECONDITION with both ids if a request expects another dataset under this name.
 // `expected`: Dataset.dataset_id, or "": any.

@@ -1,24 +1,57 @@
 #include "server/frame/agent_call.h"
 
+#include <optional>
+#include <utility>
+
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/retry_delay.h"
 
 namespace isoscope::server {
 
+namespace {
+
+// Returns the error with another code. Its reason goes with the old one, unless it was set.
+absl::Status WithCode(absl::StatusCode code, absl::string_view prefix, const absl::Status& status) {
+  absl::Status changed(code, absl::StrCat(prefix, status.message()));
+  if (const std::optional<absl::Duration> delay = base::RetryDelayOf(status); delay.has_value()) {
+    changed = base::WithRetryDelay(std::move(changed), *delay);
+  }
+  return changed;
+}
+
+}  // namespace
+
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
-  const bool is_cut =
-      (absl::IsCancelled(status) && !was_cancelled_by_us) ||
-      (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
-  if (is_cut) {
-    return absl::UnavailableError(status.message());
+  switch (status.code()) {
+    case absl::StatusCode::kCancelled:
+      return was_cancelled_by_us ? status : absl::UnavailableError(status.message());
+    case absl::StatusCode::kUnknown:
+      return WithCode(absl::StrContains(status.message(), "Stream removed")
+                          ? absl::StatusCode::kUnavailable
+                          : absl::StatusCode::kInternal,
+                      "", status);
+    case absl::StatusCode::kUnimplemented:
+      return WithCode(absl::StatusCode::kUnavailable,
+                      "the agent does not know the call, which was damaged on its way, or is of "
+                      "another version: ",
+                      status);
+    case absl::StatusCode::kNotFound:
+      return WithCode(absl::StatusCode::kDataLoss, "", status);
+    case absl::StatusCode::kUnauthenticated:
+    case absl::StatusCode::kPermissionDenied:
+      return WithCode(absl::StatusCode::kUnavailable,
+                      "the agent refuses the coordinator: ", status);
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kOutOfRange:
+    case absl::StatusCode::kAlreadyExists:
+    case absl::StatusCode::kAborted:
+      return WithCode(absl::StatusCode::kInternal, "", status);
+    default:
+      return status;
   }
-  if (absl::IsUnimplemented(status)) {
-    return absl::UnavailableError(
-        absl::StrCat("the agent does not know the call, which was damaged on its way, or is of "
-                     "another version: ",
-                     status.message()));
-  }
-  return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
 }
 
 void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {

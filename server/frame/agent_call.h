@@ -9,10 +9,15 @@
 
 namespace isoscope::server {
 
-// Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
-// would mislead the client. INVALID_ARGUMENT (the coordinator's message was wrong) becomes
-// INTERNAL. UNAVAILABLE replaces the codes of a stream that was cut, but not by us, and of a call
-// that the agent does not know.
+// Returns how a call to an agent ended, as AgentFailure::status, with the agent's reason and retry
+// delay. Keeps codes, except those that would mislead the client:
+//
+// - NOT_FOUND becomes DATA_LOSS: a file of a shard is gone, not the dataset (an older agent).
+// - UNAUTHENTICATED and PERMISSION_DENIED become UNAVAILABLE: the agent refuses the coordinator.
+// - UNAVAILABLE replaces the codes of a stream that was cut, but not by us, and of a call that the
+//   agent does not know.
+// - INVALID_ARGUMENT (the coordinator's message was wrong), OUT_OF_RANGE, ALREADY_EXISTS, ABORTED
+//   and UNKNOWN become INTERNAL.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
 // The call ends by itself then; absl::InfiniteFuture(): never.

@@ -88,7 +88,7 @@ absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& datase
 
 FrameRunner::FrameRunner(const FrameRunnerOptions& options)
     : options_(options),
-      memory_(options.memory_limit_bytes),
+      memory_(options.memory_limit_bytes, options.agent_limit),
       active_blocks_(memory_.active_blocks_bytes()),
       images_(image::FrameImagePool::Make(memory_.unused_image_bytes())),
       admission_({.limits = {.max_working = options.max_concurrent_frames,
@@ -392,6 +392,9 @@ void FrameRunner::ReportQuery(const base::TraceContext& request, const QueryRepo
 void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
                                  const std::vector<AgentFailure>& failures) {
   for (const AgentFailure& failure : failures) {
+    if (absl::IsCancelled(failure.status)) {
+      continue;  // we cancelled the call: no failure of the agent
+    }
     metrics_.CountAgentFailure(failure.stage, failure.status);
     base::LogWarning("agent_failed", {{"request", request.request_id()},
                                       {"frame", frame_number},

@@ -51,6 +51,7 @@ struct FrameRunnerOptions {
   int max_queued_frames = 32;              // >= 0
   std::shared_ptr<base::TaskArena> arena;  // for the coordinator's own computations
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
+  CoordinatorMemory::AgentLimit agent_limit = nullptr;
   // Mailboxes of the agents, if all of them share this process; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   std::shared_ptr<AuditLog> audit = nullptr;  // null: none is kept

@@ -226,14 +226,19 @@ void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
                       const v1::RenderStatistics& statistics) const {
   const std::string duration = base::LogMilliseconds(absl::Now() - start_);
   if (!status.ok()) {
-    base::LogWarning(absl::StrCat(claim_.noun, "_failed"),
-                     {{"request", origin_.request.request_id()},
-                      {"frame", frame_number_},
-                      {"dataset", claim_.dataset},
-                      {"duration_ms", duration},
-                      {"caller", origin_.caller.name()},
-                      {"peer", origin_.client},
-                      {"status", status}});
+    // Moving views cancel frames all the time.
+    const base::LogLevel level = !absl::IsCancelled(status) ? base::LogLevel::kWarning
+                                 : claim_.is_moving         ? base::LogLevel::kDebug
+                                                            : base::LogLevel::kInfo;
+    base::Log(level,
+              absl::StrCat(claim_.noun, absl::IsCancelled(status) ? "_cancelled" : "_failed"),
+              {{"request", origin_.request.request_id()},
+               {"frame", frame_number_},
+               {"dataset", claim_.dataset},
+               {"duration_ms", duration},
+               {"caller", origin_.caller.name()},
+               {"peer", origin_.client},
+               {"status", status}});
   } else if (!claim_.is_moving) {
     base::LogInfo(absl::StrCat(claim_.noun, "_done"),
                   {{"request", origin_.request.request_id()},

@@ -137,12 +137,15 @@ absl::StatusOr<bool> SurfaceStream::ReadMessage() {
 }
 
 absl::Status SurfaceStream::Fail(absl::Status status, bool was_silent) {
+  if (was_cancelled_.load()) {  // by the export: no failure of the agent
+    return absl::CancelledError("the export was cancelled");
+  }
   failures_.push_back({.part_index = 0,
                        .agent = part_.On(replica_).identity(),
-                       .stage = FrameStage::kRenderingVisible,
+                       .stage = FrameStage::kExtracting,
                        .status = std::move(status)});
   const AgentFailure& failure = failures_.back();
-  const bool is_repeatable = !was_cancelled_.load() && !absl::IsCancelled(failure.status) &&
+  const bool is_repeatable = !absl::IsCancelled(failure.status) &&
                              (was_silent || !absl::IsDeadlineExceeded(failure.status));
   if (!is_repeatable || replica_ + 1 == part_.replicas.size()) {
     return failure.ToStatus();

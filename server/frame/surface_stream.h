@@ -62,6 +62,7 @@ class SurfaceStream final : public SurfaceSource {
   // Reads message_. False at the end of the stream. DEADLINE_EXCEEDED if the agent was silent.
   absl::StatusOr<bool> ReadMessage();
   // Records the failure. OK if another replica was asked; else its error, with the agent's name.
+  // After Cancel: records nothing, CANCELLED.
   absl::Status Fail(absl::Status status, bool was_silent = false);
 
   const FramePart part_;

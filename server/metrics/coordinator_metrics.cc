@@ -142,7 +142,11 @@ void AppendAgents(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
                            {{"cache", "active_blocks"}, {"result", "miss"}})}));
   families->push_back(Of(Type::kGauge, "isoscope_agents", "Agents, as they were last seen.",
                          {Value(gauges.reachable_agents, "state", "reachable"),
-                          Value(gauges.unreachable_agents, "state", "unreachable")}));
+                          Value(gauges.unreachable_agents, "state", "unreachable"),
+                          Value(gauges.opening_agents, "state", "opening")}));
+  families->push_back(Of(Type::kGauge, "isoscope_damaged_shards",
+                         "Shards with files that their agents could not read.",
+                         {MetricSample::Of(static_cast<double>(gauges.damaged_shards))}));
   families->push_back(Of(Type::kGauge, "isoscope_datasets",
                          "Datasets; of a complete one all shards are served, by agents of one "
                          "picture revision.",

@@ -52,6 +52,8 @@ struct CoordinatorGauges {
   int max_queued_frames = 0;
   int reachable_agents = 0;
   int unreachable_agents = 0;
+  int opening_agents = 0;
+  int damaged_shards = 0;  // that agents report
   int complete_datasets = 0;
   int incomplete_datasets = 0;
   std::size_t memory_limit_bytes = 0;

@@ -11,6 +11,7 @@
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/error_reason.h"
 #include "core/base/retry_delay.h"
 #include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
@@ -109,6 +110,84 @@ class FrameCall {
       stream_;
   bool is_finished_ = false;
 };
+
+// An agent answers before its shards are open.
+class OpeningAgentTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    AgentServerOptions options;
+    options.directories = {dataset_.directory()};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(options.renderer,
+                                  render::MakeRenderer({.kind = render::RendererKind::kCpu}));
+    options.arena = std::make_shared<base::TaskArena>(1);
+    options.memory = std::make_shared<AgentMemory>(std::size_t{1} << 30);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(server_, AgentServer::Listen(options));
+    stub_ = v1::PartitionAgentService::NewStub(server_->InProcessChannel());
+  }
+
+  v1::DescribeShardsResponse Describe() {
+    grpc::ClientContext context;
+    v1::DescribeShardsResponse response;
+    EXPECT_TRUE(stub_->DescribeShards(&context, {}, &response).ok());
+    return response;
+  }
+  absl::Status AskForBox() {
+    v1::GetActiveBoxRequest request;
+    request.set_dataset_id(dataset_.manifest().dataset_id);
+    request.add_isovalues(SmallDataset::kIsovalue);
+    grpc::ClientContext context;
+    v1::GetActiveBoxResponse response;
+    return rpc::ToAbslStatus(stub_->GetActiveBox(&context, request, &response));
+  }
+
+  const SmallDataset dataset_{2};
+  const base::Cancellation never_;
+  std::unique_ptr<AgentServer> server_;
+  std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
+};
+
+TEST_F(OpeningAgentTest, ItSaysThatItOpensItsShardsUntilItServesThem) {
+  v1::DescribeShardsResponse before = Describe();
+  EXPECT_TRUE(before.has_opening());
+  EXPECT_TRUE(before.shards().empty());
+  EXPECT_FALSE(before.renderer().empty());
+  const absl::Status refused = AskForBox();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kUnavailable);
+  EXPECT_EQ(base::ReasonOf(refused), base::ErrorReason::kAgentOpening);
+  EXPECT_TRUE(base::RetryDelayOf(refused).has_value());
+
+  int settled = 0;
+  ISOSCOPE_ASSERT_OK(server_->Open(never_, [&] {
+    ++settled;
+    before = Describe();
+    return absl::OkStatus();
+  }));
+  EXPECT_EQ(settled, 1);
+  EXPECT_EQ(before.opening().shard_count(), 2);
+  EXPECT_EQ(before.opening().open_shard_count(), 2);
+  EXPECT_EQ(before.opening().read_bytes(), before.opening().table_bytes());
+  ASSERT_EQ(before.opening_datasets_size(), 1);
+  EXPECT_EQ(before.opening_datasets(0), dataset_.manifest().name);
+  const v1::DescribeShardsResponse after = Describe();
+  EXPECT_FALSE(after.has_opening());
+  EXPECT_TRUE(after.opening_datasets().empty());
+  EXPECT_EQ(after.shards_size(), 2);
+  EXPECT_EQ(AskForBox(), absl::OkStatus());
+}
+
+TEST_F(OpeningAgentTest, ShardsAreNotServedIfTheirMemoryDoesNotDo) {
+  const absl::Status status =
+      server_->Open(never_, [] { return absl::FailedPreconditionError("too little memory"); });
+  EXPECT_EQ(status.message(), "too little memory");
+  EXPECT_TRUE(Describe().has_opening());
+}
+
+TEST_F(OpeningAgentTest, ACancelledOpeningServesNothing) {
+  base::Cancellation cancelled;
+  cancelled.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(server_->Open(cancelled, nullptr)));
+  EXPECT_TRUE(Describe().has_opening());
+}
 
 class PartitionAgentServiceTest : public ::testing::Test {
  protected:

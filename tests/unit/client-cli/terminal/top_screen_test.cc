@@ -105,6 +105,22 @@ TEST(TopScreenTest, ALostAgentIsShownWithItsReason) {
                                                HasSubstr("10.0.0.8:50052: connection refused")));
 }
 
+TEST(TopScreenTest, AnAgentThatOpensItsShardsAndOneWithDamageAreShownAsSuch) {
+  ClusterSample now = SampleAt(5);
+  v1::AgentStatus* const opening = AddAgent("10.0.0.8:50052", &now);
+  opening->set_state(v1::AgentStatus::STATE_OPENING);
+  opening->set_message("3 of 8 shards are open");
+  v1::DamagedShard* const damage = AddAgent("10.0.0.9:50052", &now)->add_damaged_shards();
+  damage->set_dataset("head");
+  damage->set_shard_index(2);
+  damage->set_message("blocks.bin: ends");
+  const std::string text = TextOf(now, std::nullopt);
+  EXPECT_THAT(text, AllOf(HasSubstr("10.0.0.8:50052  opening"),
+                          HasSubstr("10.0.0.8:50052: 3 of 8 shards are open"),
+                          HasSubstr("10.0.0.9:50052  damaged"),
+                          HasSubstr("10.0.0.9:50052: shard 2 of head is damaged: blocks.bin")));
+}
+
 TEST(TopScreenTest, FramesHaveTheirClientStepAndAge) {
   ClusterSample now = SampleAt(5);
   AddFrame("ipv4:10.1.2.3:4444", v1::FrameInWork::STEP_OCCLUDER_RENDERING, &now);

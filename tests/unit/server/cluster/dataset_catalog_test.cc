@@ -9,6 +9,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/error_reason.h"
+#include "core/base/retry_delay.h"
 #include "core/frame/picture_revision.h"
 #include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
@@ -59,6 +61,55 @@ TEST(DatasetsOfTest, MissingShardsAndUnreachableAgentsAreNamed) {
   EXPECT_TRUE(head.is_served);
   ASSERT_EQ(head.dataset.missing_shards_size(), 2);
   EXPECT_EQ(head.dataset.missing_shards(0), 1);
+}
+
+isoscope::internal::v1::DescribeShardsResponse OpeningAnswer(const std::string& dataset) {
+  isoscope::internal::v1::DescribeShardsResponse answer;
+  *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision{.number = 1});
+  answer.mutable_opening()->set_shard_count(8);
+  answer.mutable_opening()->set_open_shard_count(3);
+  answer.mutable_opening()->set_table_bytes(4 << 20);
+  answer.mutable_opening()->set_read_bytes(1 << 20);
+  answer.add_opening_datasets(dataset);
+  return answer;
+}
+
+// Symptom: an agent that opens its shards was "unreachable (Deadline Exceeded)".
+TEST(AdoptAnswerTest, AnAgentThatOpensItsShardsSaysHowFarAndKeepsThoseOfItsLastAnswer) {
+  AgentState agent = Answering("a:1", {MakeShard("head", 0, 1)});
+  AdoptAnswer(OpeningAnswer("head"), &agent);
+  EXPECT_THAT(agent.status, StatusIs(absl::StatusCode::kUnavailable,
+                                     HasSubstr("3 of 8 shards are open, 1.0 MiB of 4.0 MiB")));
+  ASSERT_TRUE(agent.opening.has_value());
+  EXPECT_EQ(agent.shards.size(), 1U);
+  EXPECT_THAT(DescribeUnreachable({agent}), AllOf(HasSubstr("opening their shards: a:1"),
+                                                  ::testing::Not(HasSubstr("can't be reached"))));
+  AdoptAnswer(absl::UnavailableError("gone"), &agent);
+  EXPECT_FALSE(agent.opening.has_value());
+  EXPECT_TRUE(agent.opening_datasets.empty());
+}
+
+TEST(DatasetsOfTest, AShardThatIsBeingOpenedIsUnavailableForNow) {
+  AgentState opening = Answering("b:1", {});
+  AdoptAnswer(OpeningAnswer("head"), &opening);
+  const auto datasets = DatasetsOf({Answering("a:1", {MakeShard("head", 0, 2)}), opening});
+  const absl::Status status = datasets.at("head").status;
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kUnavailable, HasSubstr("shard 1 of 2")));
+  EXPECT_EQ(base::ReasonOf(status), base::ErrorReason::kAgentOpening);
+  EXPECT_EQ(base::RetryDelayOf(status), absl::Seconds(1));
+  // An agent that opens another dataset changes nothing.
+  AdoptAnswer(OpeningAnswer("other"), &opening);
+  EXPECT_THAT(DatasetsOf({Answering("a:1", {MakeShard("head", 0, 2)}), opening}).at("head").status,
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
+TEST(FindDatasetTest, ADatasetThatIsBeingOpenedIsUnavailableForNow) {
+  for (const char* const name : {"head", ""}) {
+    const absl::Status status = FindDataset({}, name, "agents that open", {}, {"head"}).status();
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kUnavailable, HasSubstr("agents that open")));
+    EXPECT_EQ(base::ReasonOf(status), base::ErrorReason::kAgentOpening);
+  }
+  EXPECT_THAT(FindDataset({}, "torso", "", {}, {"head"}), StatusIs(absl::StatusCode::kNotFound));
 }
 
 TEST(DatasetsOfTest, ADatasetWhoseAgentsAreAllLostIsStillKnown) {

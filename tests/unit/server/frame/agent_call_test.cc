@@ -6,6 +6,9 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/error_reason.h"
+#include "core/base/retry_delay.h"
+#include "server/cluster/agent_failure.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::server {
@@ -13,6 +16,54 @@ namespace {
 
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
+
+// What the client of a failed call reads, for every code that an agent can return.
+TEST(AgentCallTest, EachCodeHasItsReasonForClients) {
+  using Code = absl::StatusCode;
+  using Reason = base::ErrorReason;
+  struct Case {
+    Code of_agent;
+    Code code;
+    Reason reason;
+    bool is_transient;
+  };
+  const Case cases[] = {
+      {Code::kCancelled, Code::kUnavailable, Reason::kAgentLost, true},
+      {Code::kUnknown, Code::kInternal, Reason::kInternal, false},
+      {Code::kInvalidArgument, Code::kInternal, Reason::kInternal, false},
+      {Code::kDeadlineExceeded, Code::kDeadlineExceeded, Reason::kDeadlinePassed, true},
+      {Code::kNotFound, Code::kDataLoss, Reason::kShardDamaged, false},
+      {Code::kAlreadyExists, Code::kInternal, Reason::kInternal, false},
+      {Code::kPermissionDenied, Code::kUnavailable, Reason::kAgentLost, true},
+      {Code::kResourceExhausted, Code::kResourceExhausted, Reason::kTooLarge, false},
+      {Code::kFailedPrecondition, Code::kFailedPrecondition, Reason::kNotPossible, false},
+      {Code::kAborted, Code::kInternal, Reason::kInternal, false},
+      {Code::kOutOfRange, Code::kInternal, Reason::kInternal, false},
+      {Code::kUnimplemented, Code::kUnavailable, Reason::kAgentLost, true},
+      {Code::kInternal, Code::kInternal, Reason::kInternal, false},
+      {Code::kUnavailable, Code::kUnavailable, Reason::kAgentLost, true},
+      {Code::kDataLoss, Code::kDataLoss, Reason::kShardDamaged, false},
+      {Code::kUnauthenticated, Code::kUnavailable, Reason::kAgentLost, true},
+  };
+  for (const Case& c : cases) {
+    const AgentFailure failure{.agent = {.address = "a:1", .shard_indices = {0}},
+                               .status = CallStatus(absl::Status(c.of_agent, "x"), false)};
+    const absl::Status told = failure.ToStatus();
+    EXPECT_EQ(told.code(), c.code) << absl::StatusCodeToString(c.of_agent);
+    EXPECT_EQ(base::ReasonOf(told), c.reason) << absl::StatusCodeToString(c.of_agent);
+    EXPECT_EQ(base::IsTransient(base::ReasonOf(told)), c.is_transient);
+  }
+}
+
+TEST(AgentCallTest, TheAgentsOwnReasonAndRetryDelayReachTheClient) {
+  const absl::Status opening =
+      base::WithReason(base::WithRetryDelay(absl::UnavailableError("x"), absl::Seconds(1)),
+                       base::ErrorReason::kAgentOpening);
+  const AgentFailure failure{.agent = {.address = "a:1", .shard_indices = {0}},
+                             .status = CallStatus(opening, false)};
+  EXPECT_EQ(base::ReasonOf(failure.ToStatus()), base::ErrorReason::kAgentOpening);
+  EXPECT_EQ(base::RetryDelayOf(failure.ToStatus()), absl::Seconds(1));
+}
 
 TEST(AgentCallTest, CodesThatWouldMisleadTheClientAreReplaced) {
   struct Case {
@@ -25,7 +76,7 @@ TEST(AgentCallTest, CodesThatWouldMisleadTheClientAreReplaced) {
       {absl::CancelledError("x"), true, absl::StatusCode::kCancelled},
       {absl::CancelledError("x"), false, absl::StatusCode::kUnavailable},
       {absl::UnknownError("x, Stream removed"), true, absl::StatusCode::kUnavailable},
-      {absl::UnknownError("x"), false, absl::StatusCode::kUnknown},
+      {absl::UnknownError("x"), false, absl::StatusCode::kInternal},
       {absl::UnimplementedError("x"), false, absl::StatusCode::kUnavailable},
       {absl::InvalidArgumentError("x"), false, absl::StatusCode::kInternal},
       {absl::DataLossError("x"), false, absl::StatusCode::kDataLoss},

@@ -85,6 +85,8 @@ TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
                                                        .max_queued_frames = 32,
                                                        .reachable_agents = 5,
                                                        .unreachable_agents = 1,
+                                                       .opening_agents = 4,
+                                                       .damaged_shards = 5,
                                                        .complete_datasets = 2,
                                                        .incomplete_datasets = 8,
                                                        .memory_limit_bytes = 1 << 30,
@@ -101,6 +103,8 @@ TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
   EXPECT_EQ(values["isoscope_admission_clients state=refused"], 9);
   EXPECT_EQ(values["isoscope_agents state=reachable"], 5);
   EXPECT_EQ(values["isoscope_agents state=unreachable"], 1);
+  EXPECT_EQ(values["isoscope_agents state=opening"], 4);
+  EXPECT_EQ(values["isoscope_damaged_shards"], 5);
   EXPECT_EQ(values["isoscope_datasets state=incomplete"], 8);
   EXPECT_EQ(values["isoscope_memory_limit_bytes"], 1 << 30);
   EXPECT_EQ(values["isoscope_frame_memory_bytes"], 12345);

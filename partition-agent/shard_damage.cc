@@ -1,0 +1,114 @@
+#include "partition-agent/shard_damage.h"
+
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/log.h"
+#include "core/base/retry_delay.h"
+#include "core/rpc/unary_call.h"
+
+namespace isoscope::agent {
+namespace {
+
+// A shard keeps the errors of this many of its files.
+constexpr std::size_t kMaxFiles = 64;
+
+bool SaysNothingOfTheFile(const absl::Status& status) {
+  return absl::IsCancelled(status) || absl::IsDeadlineExceeded(status) ||
+         absl::IsUnavailable(status) || absl::IsResourceExhausted(status);
+}
+
+// Returns the path that begins at `begin`: it ends before a blank or a colon.
+std::string PathAt(absl::string_view message, std::size_t begin) {
+  return std::string(message.substr(begin, message.find_first_of(" :,;", begin) - begin));
+}
+
+}  // namespace
+
+void ShardDamages::AddShard(const std::string& directory, std::string dataset, int shard_index) {
+  const base::MutexLock lock(&mutex_);
+  shards_[directory] = {.dataset = std::move(dataset), .shard_index = shard_index, .messages = {}};
+}
+
+absl::Status ShardDamages::ForCaller(absl::Status status) {
+  if (status.ok()) {
+    return status;
+  }
+  std::string path;
+  std::string told;  // without paths
+  bool is_new = false;
+  std::string dataset;
+  int shard_index = 0;
+  {
+    const base::MutexLock lock(&mutex_);
+    for (auto& [directory, entry] : shards_) {
+      const std::string folder = absl::StrCat(directory, "/");
+      std::size_t begin = status.message().find(folder);
+      if (begin == absl::string_view::npos) {
+        begin = status.message().find(absl::StrCat(directory, ":"));
+      }
+      if (begin == absl::string_view::npos) {
+        continue;
+      }
+      path = PathAt(status.message(), begin);
+      told =
+          absl::StrReplaceAll(status.message(), {{folder, ""}, {directory, "the shard's folder"}});
+      if (!SaysNothingOfTheFile(status) && entry.messages.size() < kMaxFiles) {
+        std::string& message = entry.messages[path];
+        is_new = message != told;
+        message = told;
+      }
+      dataset = entry.dataset;
+      shard_index = entry.shard_index;
+      break;
+    }
+  }
+  if (path.empty()) {
+    return status;
+  }
+  if (is_new) {
+    base::LogWarning(
+        "shard_damaged",
+        {{"dataset", dataset}, {"shard", shard_index}, {"path", path}, {"status", status}});
+  }
+  const std::string named =
+      hides_paths_ ? absl::StrCat("dataset \"", dataset, "\", shard ", shard_index, ": ", told)
+                   : std::string(status.message());
+  if (SaysNothingOfTheFile(status)) {
+    absl::Status same(status.code(), named);
+    return absl::IsResourceExhausted(status)
+               ? base::WithRetryDelay(std::move(same), rpc::UnaryTask::kBusyDelay)
+               : same;
+  }
+  return absl::DataLossError(named);
+}
+
+void ShardDamages::Forget(const std::string& directory) {
+  const base::MutexLock lock(&mutex_);
+  for (auto& [folder, entry] : shards_) {
+    if (absl::StartsWith(directory, folder)) {
+      std::erase_if(entry.messages, [&](const auto& message) {
+        return absl::StartsWith(message.first, directory);
+      });
+    }
+  }
+}
+
+std::vector<ShardDamage> ShardDamages::damages() const {
+  const base::MutexLock lock(&mutex_);
+  std::vector<ShardDamage> damages;
+  for (const auto& [folder, entry] : shards_) {
+    if (!entry.messages.empty()) {
+      damages.push_back({.dataset = entry.dataset,
+                         .shard_index = entry.shard_index,
+                         .message = entry.messages.begin()->second});
+    }
+  }
+  return damages;
+}
+
+}  // namespace isoscope::agent
