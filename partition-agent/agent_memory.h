@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstddef>
 #include <memory>
+#include <optional>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
@@ -40,10 +41,16 @@ class AgentMemory {
   // REQUIRES: limit_bytes >= kMinLimitBytes. The cache keeps nothing before Settle.
   explicit AgentMemory(std::size_t limit_bytes, int step_count = kDefaultStepCount);
 
+  // A frame that is expected: its steps draw this. max_layers: as for ReserveStep.
+  struct ExpectedStep {
+    view::Viewport viewport;
+    int max_layers = 0;
+  };
+
   // Gives the cache the memory that neither the process holds nor frames need. Begins to touch it
   // while no frames are in work. Call it once all shards are open. FAILED_PRECONDITION if no memory
-  // is left; the message has the necessary limit.
-  absl::Status Settle();
+  // is left; the message has the least limit that is enough, also for the expected step.
+  absl::Status Settle(const std::optional<ExpectedStep>& expected = std::nullopt);
 
   // Limits of a renderer: unused images and buffers, unused layers, and meshes whose pixels are not
   // shaded yet.
@@ -63,8 +70,12 @@ class AgentMemory {
   // run.
   [[nodiscard]] std::size_t read_bytes() const;
 
+  // Returns the least limit that has room for a step, in whole MiB.
+  static std::size_t LeastLimitFor(const view::Viewport& viewport, int max_layers, int step_count);
+
   // Reserves the memory of one step, read_bytes() included. Waits for other steps.
-  // RESOURCE_EXHAUSTED if the viewport is too large for the limit.
+  // RESOURCE_EXHAUSTED if the viewport is too large for the limit; the message has the least limit
+  // that is enough.
   //
   // max_layers: FrameSpec::max_layers of a frame with translucent surfaces; 0 for others
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(

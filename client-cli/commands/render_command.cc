@@ -399,19 +399,22 @@ absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& co
   if (!flags.output && !flags.planes.files.any_plane() && !display.is_on()) {
     return UsageError("--output FILE.png is missing: this terminal shows no pictures");
   }
+  SessionFlags session_flags = flags.session;
+  session_flags.expected_layers = flags.drawn_layers();
   if (flags.like) {
     // Read before anything is written: the output may be the same file.
     ISOSCOPE_ASSIGN_OR_RETURN(const client::RecordedPng recorded,
                               client::ReadRecordedPng(*flags.like));
     ISOSCOPE_ASSIGN_OR_RETURN(const frame::FrameSpec spec,
                               rpc::FrameSpecFromProto(recorded.record.request));
+    session_flags.expected_layers = frame::HasLayers(spec) ? spec.max_layers : 0;
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<Session> session,
-        Session::Open(flags.session, frame::DrawnWindowOf(spec).image_size(), context));
+        Session::Open(session_flags, frame::DrawnWindowOf(spec).image_size(), context));
     return RunLike(flags, recorded, display, session.get(), context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, flags.drawn_size(), context));
+                            Session::Open(session_flags, flags.drawn_size(), context));
   return RunFrames(flags, display, session.get(), context);
 }
 

@@ -13,6 +13,7 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/jpeg_codec.h"
 #include "core/io/atomic_file.h"
 
@@ -114,6 +115,19 @@ view::Viewport RenderFlags::region_size() const {
 
 view::Viewport RenderFlags::drawn_size() const {
   return effects.drawn_size(is_poster() ? region_size() : request.image_size());
+}
+
+int RenderFlags::drawn_layers() const {
+  const bool is_translucent =
+      std::any_of(request.surfaces.begin(), request.surfaces.end(),
+                  [](const client::SurfaceValue& surface) {
+                    return surface.color.has_value() && surface.color->alpha < 1;
+                  }) ||
+      std::any_of(request.label.sets.begin(), request.label.sets.end(),
+                  [](const client::LabelValue& label) {
+                    return label.opacity.has_value() && *label.opacity < 1;
+                  });
+  return is_translucent ? static_cast<int>(request.max_layers.value_or(frame::kDefaultLayers)) : 0;
 }
 
 bool RenderFlags::is_jpeg() const { return output && IsJpegName(FrameFileName(*output, 0)); }

@@ -49,6 +49,8 @@ struct RenderFlags {
   [[nodiscard]] view::Viewport region_size() const;
   // The size of the frames that agents draw.
   [[nodiscard]] view::Viewport drawn_size() const;
+  // The layers of these frames, if surfaces are translucent; else 0.
+  [[nodiscard]] int drawn_layers() const;
   [[nodiscard]] bool is_jpeg() const;
   // The PNG goes to standard output.
   [[nodiscard]] bool is_to_stdout() const { return output == kStandardOutput; }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -15,6 +16,8 @@
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/units.h"
+#include "core/frame/drawn_window.h"
+#include "core/frame/frame_spec.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/series_manifest.h"
 #include "partition-agent/agent_memory.h"
@@ -100,6 +103,18 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
       /*max_queued=*/std::numeric_limits<std::size_t>::max());
   server::CoordinatorServerOptions coordinator_options = CoordinatorOptionsOf(options);
   coordinator_options.mailboxes = mailboxes;
+  const int step_count =
+      one_thread_a_step ? arena->max_concurrency() : agent::AgentMemory::kDefaultStepCount;
+  coordinator_options.agent_limit = [step_count,
+                                     back_end = cluster->renderer_->picture_revision().back_end](
+                                        const frame::FrameSpec& spec) {
+    const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
+    // OpenGL draws a region into a picture of the whole.
+    const bool draws_whole = frame::DrawnBy(spec, back_end) == frame::BackEnd::kEgl;
+    return agent::AgentMemory::LeastLimitFor(draws_whole ? window.viewport : window.image_size(),
+                                             frame::HasLayers(spec) ? spec.max_layers : 0,
+                                             step_count);
+  };
   coordinator_options.arena = arena;
   agent::AgentServerOptions agent_options;
   agent_options.renderer = cluster->renderer_;
@@ -108,6 +123,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   agent_options.mailboxes = mailboxes;
   agent_options.frame_executor = frame_executor;
   agent_options.one_thread_a_step = one_thread_a_step;
+  agent_options.hides_paths = !options.listen_address.empty();
   for (const std::string& directory : shard_directories) {
     agent_options.directories = {directory};
     ISOSCOPE_ASSIGN_OR_RETURN(cluster->agents_.emplace_back(),
@@ -116,7 +132,11 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
         {.target = absl::StrCat("in-process:", coordinator_options.agents.size()),
          .channel = cluster->agents_.back()->InProcessChannel()});
   }
-  ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
+  std::optional<agent::AgentMemory::ExpectedStep> expected;
+  if (options.expected_viewport) {
+    expected = {.viewport = *options.expected_viewport, .max_layers = options.expected_layers};
+  }
+  ISOSCOPE_RETURN_IF_ERROR(memory->Settle(expected));
   if (options.expected_viewport) {
     // Images go to the coordinator, which still holds those of step 2 while step 3 draws.
     cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),

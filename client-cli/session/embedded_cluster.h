@@ -54,6 +54,9 @@ struct EmbeddedClusterOptions {
   absl::Duration max_frame_duration = absl::Minutes(5);
   // Memory is allocated early for a frame of this size; null: on demand.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
+  // FrameSpec::max_layers of such a frame if it has translucent surfaces, else 0: a refusal names
+  // the memory limit that it needs.
+  int expected_layers = 0;
 };
 
 // A memory limit of agents, as ParseByteSize; at least AgentMemory::kMinLimitBytes.

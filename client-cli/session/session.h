@@ -49,6 +49,8 @@ struct SessionFlags {
   std::optional<render::RendererKind> renderer;
   std::optional<absl::Duration> timeout;
   bool is_verbose = false;
+  // Not a flag: EmbeddedClusterOptions::expected_layers.
+  int expected_layers = 0;
 };
 
 // Register the flags of an input, of a server, or of both and of drawing here. `flags` must outlive

@@ -1,5 +1,7 @@
 #include "core/render/renderer_factory.h"
 
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include "core/base/status_macros.h"
@@ -25,7 +27,27 @@ absl::StatusOr<std::unique_ptr<EglRenderer>> MakeEglRenderer(const RendererOptio
                             .max_unused_bytes = options.max_unused_bytes});
 }
 
+// Whether the kernel has a device that hardware of OpenGL is reached by: those of Mesa's drivers,
+// NVIDIA's, ARM's, Qualcomm's and Windows' under Linux.
+bool HasGraphicsDevice() {
+  std::error_code error;
+  if (!std::filesystem::is_empty("/dev/dri", error) && !error) {
+    return true;
+  }
+  for (const char* const path : {"/dev/nvidiactl", "/dev/nvidia0", "/dev/nvhost-gpu", "/dev/nvmap",
+                                 "/dev/mali0", "/dev/kgsl-3d0", "/dev/dxg"}) {
+    if (std::filesystem::exists(path, error)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 absl::StatusOr<std::unique_ptr<Renderer>> MakeAutoRenderer(const RendererOptions& options) {
+  // To look for hardware loads Mesa, which keeps 45 MiB of the memory limit.
+  if (options.egl_device < 0 && !HasGraphicsDevice()) {
+    return MakeCpuRenderer(options);
+  }
   absl::StatusOr<std::unique_ptr<EglRenderer>> egl = MakeEglRenderer(options);
   if (egl.ok() && (*egl)->is_hardware()) {
     return *std::move(egl);

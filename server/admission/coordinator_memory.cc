@@ -47,6 +47,26 @@ std::size_t PixelsOf(const view::Viewport& size) {
   return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
 }
 
+// The share of frames.
+std::size_t FrameCapacity(std::size_t limit_bytes) { return limit_bytes / kFrameShare * 9; }
+
+std::size_t TraceBytesOf(std::size_t limit_bytes) {
+  return std::min(limit_bytes / kTraceShare, kMaxTraceBytes);
+}
+
+// The least limit, in whole MiB, with room for a frame that takes `bytes` without its trace.
+std::size_t LeastLimitFor(std::size_t bytes, bool has_trace) {
+  std::size_t too_small = 0;
+  std::size_t enough = std::size_t{1} << 30;  // a PiB
+  while (enough - too_small > 1) {
+    const std::size_t middle = too_small + (enough - too_small) / 2;
+    const std::size_t limit = middle * base::kMiB;
+    const bool fits = bytes + (has_trace ? TraceBytesOf(limit) : 0) <= FrameCapacity(limit);
+    (fits ? enough : too_small) = middle;
+  }
+  return enough * base::kMiB;
+}
+
 double Mebibytes(std::size_t bytes) {
   return static_cast<double>(bytes) / static_cast<double>(base::kMiB);
 }
@@ -86,9 +106,10 @@ std::size_t CoordinatorMemory::DefaultLimitBytes() {
   return std::max<std::size_t>(base::UsableBytes() / 4, base::kGiB);
 }
 
-CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes)
+CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes, AgentLimit agent_limit)
     : limit_bytes_(limit_bytes),
-      frames_(limit_bytes / kFrameShare * 9),
+      agent_limit_(std::move(agent_limit)),
+      frames_(FrameCapacity(limit_bytes)),
       exports_(
           std::max(limit_bytes / kExportShare, kExportAnswerBytes + 8 * kExportBytesPerAgent)) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
@@ -102,9 +123,7 @@ std::size_t CoordinatorMemory::active_blocks_bytes() const {
   return std::min(limit_bytes_ / kActiveBlocksShare, kMaxActiveBlocksBytes);
 }
 
-std::size_t CoordinatorMemory::trace_bytes() const {
-  return std::min(limit_bytes_ / kTraceShare, kMaxTraceBytes);
-}
+std::size_t CoordinatorMemory::trace_bytes() const { return TraceBytesOf(limit_bytes_); }
 
 absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery delivery,
                                           std::size_t trace_bytes) const {
@@ -114,16 +133,21 @@ absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery
   }
   const view::Viewport size = frame::ImageSizeOf(spec);
   const int samples = spec.effects.samples();
+  std::size_t enough = LeastLimitFor(FrameBytes(spec, delivery), trace_bytes > 0);
+  if (agent_limit_ != nullptr) {
+    enough = std::max(enough, agent_limit_(spec));
+  }
   return absl::ResourceExhaustedError(absl::StrFormat(
       "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator; with its memory limit of "
       "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of "
       "it%s%s%s, "
-      "or raise the coordinator's --memory-limit",
+      "or raise %s--memory-limit to %.0fMiB",
       size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
       Mebibytes(bytes), Mebibytes(limit_bytes_), Mebibytes(frames_.capacity_bytes()),
       samples > 1 ? ", or for fewer samples" : "",
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
-      trace_bytes > 0 ? ", or for no trace" : ""));
+      trace_bytes > 0 ? ", or for no trace" : "",
+      agent_limit_ == nullptr ? "the coordinator's " : "", Mebibytes(enough)));
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(

@@ -4,6 +4,7 @@
 #define ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
 
 #include <cstddef>
+#include <functional>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -40,8 +41,12 @@ class CoordinatorMemory {
   // A quarter of the memory that the process may use, at least 1 GiB.
   static std::size_t DefaultLimitBytes();
 
+  // The least limit, in bytes, with which the agents of the same process draw a frame.
+  using AgentLimit = std::function<std::size_t(const frame::FrameSpec& spec)>;
+
+  // agent_limit: of agents whose limit is raised by the same flag; null: they have their own.
   // REQUIRES: limit_bytes >= kMinLimitBytes.
-  explicit CoordinatorMemory(std::size_t limit_bytes);
+  explicit CoordinatorMemory(std::size_t limit_bytes, AgentLimit agent_limit = nullptr);
 
   // The limits of data that is kept between frames: images that no frame uses, and active blocks.
   [[nodiscard]] std::size_t unused_image_bytes() const;
@@ -56,7 +61,8 @@ class CoordinatorMemory {
   [[nodiscard]] std::size_t trace_bytes() const;
   [[nodiscard]] std::size_t max_trace_spans() const { return trace_bytes() / kTraceSpanBytes; }
 
-  // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit.
+  // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit, and the least limit
+  // that is enough.
   //
   // trace_bytes: bytes of its trace; 0: it has none
   [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery,
@@ -77,6 +83,7 @@ class CoordinatorMemory {
 
  private:
   const std::size_t limit_bytes_;
+  const AgentLimit agent_limit_;
   base::MemoryBudget frames_;
   base::MemoryBudget exports_;
 };

@@ -158,11 +158,53 @@ TEST(AgentMemoryTest, ViewportTooLargeForTheLimitIsRefusedWithTheFigures) {
       StatusIs(absl::StatusCode::kResourceExhausted,
                "a viewport of 1024 x 1024 pixels needs 41 MiB while it is drawn; with the memory "
                "limit of 96 MiB at most 24 MiB may be used: ask for a smaller viewport or raise "
-               "--memory-limit"));
+               "--memory-limit to 205MiB"));
   EXPECT_THAT(memory.ReserveStep({1 << 20, 1 << 20}, never),
               StatusIs(absl::StatusCode::kResourceExhausted,
                        HasSubstr("a viewport of 1048576 x 1048576 pixels needs")));
   EXPECT_THAT(AgentMemory(1024 * kMiB).ReserveStep({1024, 1024}, never), IsOk());
+}
+
+// The number of a refusal is the least that works, for any frame and number of steps.
+TEST(AgentMemoryTest, TheLimitThatARefusedStepNamesIsEnoughAndOneLessIsNot) {
+  const base::Cancellation never;
+  for (const int step_count : {1, 2, 8, 64}) {
+    for (const int max_layers : {0, 1, 8, 32}) {
+      for (const view::Viewport& viewport :
+           {view::Viewport{1, 1}, view::Viewport{1024, 1024}, view::Viewport{3840, 2160},
+            view::Viewport{16384, 16384}}) {
+        const std::size_t enough = AgentMemory::LeastLimitFor(viewport, max_layers, step_count);
+        AgentMemory fits(enough, step_count);
+        EXPECT_THAT(fits.ReserveStep(viewport, never, max_layers), IsOk())
+            << viewport.width_px << " " << max_layers << " " << step_count;
+        if (enough == AgentMemory::kMinLimitBytes) {
+          continue;
+        }
+        AgentMemory small(enough - kMiB, step_count);
+        const absl::Status refused = small.ReserveStep(viewport, never, max_layers).status();
+        int named = 0;
+        ASSERT_TRUE(absl::SimpleAtoi(NumberAfter(refused.message(), "--memory-limit to "), &named))
+            << refused;
+        EXPECT_EQ(static_cast<std::size_t>(named) * kMiB, enough);
+      }
+    }
+  }
+}
+
+// Symptom: a render that was refused at the start for its shards named a limit at which it was then
+// refused for its picture.
+TEST(AgentMemoryTest, TheLimitThatSettleNamesIsEnoughForTheExpectedFrame) {
+  const auto pool = base::MemoryPool::Make();
+  pool->Populate(AgentMemory::kMinLimitBytes);
+  AgentMemory memory(AgentMemory::kMinLimitBytes);
+  const AgentMemory::ExpectedStep expected{.viewport = {2048, 2048}, .max_layers = 4};
+  const absl::Status status = memory.Settle(expected);
+  int named = 0;
+  ASSERT_TRUE(absl::SimpleAtoi(NumberAfter(status.message(), "--memory-limit to "), &named))
+      << status;
+  EXPECT_EQ(static_cast<std::size_t>(named) * kMiB,
+            AgentMemory::LeastLimitFor(expected.viewport, expected.max_layers,
+                                       AgentMemory::kDefaultStepCount));
 }
 
 TEST(AgentMemoryTest, StepsWaitForEachOtherAndCanBeCancelled) {
