@@ -23,7 +23,7 @@ struct OpeningProgress {
   int open_shard_count = 0;
   std::int64_t table_bytes = 0;  // of files that opening reads: tables, not blocks
   std::int64_t read_bytes = 0;
-  std::vector<std::string> datasets;  // names, ascending, each once
+  std::vector<std::string> datasets{};  // names, ascending, each once
 };
 
 // "3 of 8 shards are open, 1,234.5 MiB of 2,000.0 MiB of tables are read".

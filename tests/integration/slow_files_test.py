@@ -28,6 +28,11 @@ def isoscope(*arguments, check=None):
     return done
 
 
+def read(path):
+    with open(path, encoding='utf-8', errors='replace') as file:
+        return file.read()
+
+
 def png(path, value):
     def chunk(kind, body):
         return struct.pack('>I', len(body)) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
@@ -142,14 +147,14 @@ class Cluster:
         self.logs.append(log)
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            found = re.search(r'_started .*address=(\S+)', open(log.name).read())
+            found = re.search(r'_started .*address=(\S+)', read(log.name))
             if found:
                 return found.group(1)
             time.sleep(0.05)
-        raise AssertionError(open(log.name).read())
+        raise AssertionError(read(log.name))
 
     def log(self, index):
-        return open(self.logs[index].name).read()
+        return read(self.logs[index].name)
 
     def stop(self):
         for process in self.processes:
@@ -224,7 +229,7 @@ class MemoryLimits(TempCase):
         volume = self.volume('v.nrrd', 96, 'random')
         for more in ([], ['--width', '2048', '--height', '1536'], ['--samples', '4'], ['--threads', '1'],
                      ['--threads', '8', '--shards', '4'],
-                     ['--surface', '100:#ff000080', '--surface', '150:#00ff0080', '--max-layers', '4']):
+                     ['--surface', '100:#ff0000:0.5', '--surface', '150:#00ff00:0.5', '--max-layers', '4']):
             level = [] if '--surface' in more else ['--isovalue', '128']
             with self.subTest(more):
                 enough = self.named(volume, *level, *more)
