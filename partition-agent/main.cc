@@ -185,7 +185,7 @@ absl::Status FinishStart(const Started& started, const base::Cancellation& cance
     return absl::OkStatus();
   };
   {
-    const OpeningLog log(started);
+    const OpeningLog opening_log(started);
     ISOSCOPE_RETURN_IF_ERROR(started.server->Open(cancellation, settle));
   }
   base::LogInfo("agent_started", {{"address", started.address},
