@@ -179,7 +179,8 @@ absl::StatusOr<SliceImage> HeaderOf(const opj_image_t& image, const std::string&
                     .height = samples.h,
                     .type = samples.prec <= 8
                                 ? (samples.sgnd != 0 ? ScalarType::kInt8 : ScalarType::kUint8)
-                                : (samples.sgnd != 0 ? ScalarType::kInt16 : ScalarType::kUint16)};
+                                : (samples.sgnd != 0 ? ScalarType::kInt16 : ScalarType::kUint16),
+                    .bits = samples.prec};
 }
 
 template <typename T>
@@ -245,6 +246,11 @@ bool HasAllTiles(absl::string_view bytes) {
 
 absl::StatusOr<SliceImage> ReadJpeg2000Slice(const std::string& path, SlicePart part) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, io::ReadWholeFile(path, kMaxFileBytes));
+  return DecodeJpeg2000(bytes, path, part);
+}
+
+absl::StatusOr<SliceImage> DecodeJpeg2000(absl::string_view bytes, const std::string& path,
+                                          SlicePart part) {
   if (!HasAllTiles(bytes)) {
     return NotReadable(
         path, absl::StrCat("its ", bytes.size(), " bytes do not have all tiles and the end"));

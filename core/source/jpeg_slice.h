@@ -25,6 +25,9 @@ inline constexpr std::int64_t kJpeg2000BytesPerSample = 12;
 // OpenJPEG. INVALID_ARGUMENT: colours, palettes, more bits. DATA_LOSS: no JPEG 2000, a tile is
 // missing, or the file ends before.
 absl::StatusOr<SliceImage> ReadJpeg2000Slice(const std::string& path, SlicePart part);
+// The same of bytes, also of High-Throughput JPEG 2000 (ITU-T T.814). `name` is for messages.
+absl::StatusOr<SliceImage> DecodeJpeg2000(absl::string_view bytes, const std::string& name,
+                                          SlicePart part);
 
 // True if the codestream in `bytes` has all parts of all tiles, and its end (EOC). Does not decode.
 // O(tile-parts). OpenJPEG gives zeros for missing tiles.

@@ -20,6 +20,7 @@ struct SliceImage {
   std::int64_t width = 0;  // samples
   std::int64_t height = 0;
   volume::ScalarType type = volume::ScalarType::kUint8;
+  std::int64_t bits = 0;  // of a sample, as the encoding says; 0: it says no more than the type
   std::string samples{};  // [y][x], little-endian; none if only the header was read
 };
 

@@ -17,6 +17,7 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/source/htj2k_bytes.h"
 #include "tests/unit/core/source/vti_bytes.h"
 
 namespace isoscope::source {
@@ -296,6 +297,19 @@ TEST_F(JpegSliceTest, JpegOfEqualColoursIsGreyAndOthersAreRefused) {
                   StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("a colour image")));
     }
   }
+}
+
+TEST_F(JpegSliceTest, HighThroughputCodestreamsAreDecodedFromBytes) {
+  const std::string bytes = isoscope::testing::Htj2kBytes();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SliceImage image,
+                                DecodeJpeg2000(bytes, "x", SlicePart::kAll));
+  EXPECT_EQ(image.width, 8);
+  EXPECT_EQ(image.height, 8);
+  EXPECT_EQ(image.bits, 12);
+  EXPECT_EQ(image.type, volume::ScalarType::kUint16);
+  EXPECT_EQ(image.samples, isoscope::testing::BytesOf(isoscope::testing::Htj2kSamples()));
+  EXPECT_THAT(DecodeJpeg2000(bytes.substr(0, 150), "x", SlicePart::kAll),
+              StatusIs(absl::StatusCode::kDataLoss));
 }
 
 }  // namespace
