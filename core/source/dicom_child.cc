@@ -1,16 +1,15 @@
-// Here GDCM and ITK read files, in a child process that they may end. The questions:
+// Here GDCM reads files, in a child process that it may end. The questions:
 //
-//   kSlice   the header by ITK; also the pixels, with slope and intercept applied, if the parent
-//            wants as many bytes as there are
-//   kFrames  a list of frames by GDCM, in the shared memory: what functional groups say of all
-//            frames (5200,9229), and then of each (5200,9230); in a dose grid, the offsets of
-//            frames from the first one along the normal (3004,000c)
-//   kFrame   the pixels of one frame by GDCM, as they are stored
-//   kSegmentFrames  the frames of a segmentation, with the segment of each (0062,000a)
-//   kSegments       its segments (0062,0002): number, label, colour
+//   kFrames    a list of frames, or of the only image, in the shared memory (dicom_frame_list.h)
+//   kFrame     the pixels of one frame, as they are stored
+//   kSegments  the segments of a segmentation (0062,0002): number, label, colour
 //
-// GDCM's readers of images end the process on some segmentations, and do not know label maps. So
-// for the last two only its reader of elements is used.
+// GDCM's readers of images end the process on some files, and do not know all classes. So headers
+// are read element by element, and its reader of images is used for two things: the pixels, and the
+// type of a compressed image, which its codestream may say otherwise than the elements.
+//
+// Debian's GDCM refuses files of High-Throughput JPEG 2000 for their transfer syntax. So the child
+// gives it their bytes with that of JPEG 2000, and OpenJPEG, which knows both, decodes them.
 //
 // Invariants: an answer of zeros means "not decoded", so a child that ends early gives no header.
 // No text but the series UID and the labels of segments leaves the child, because texts may quote
@@ -19,296 +18,302 @@
 #include "core/source/dicom_child.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <optional>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <sstream>
 #include <string>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
-#include "absl/strings/str_split.h"
 #include "absl/strings/string_view.h"
-#include "itkGDCMImageIO.h"
-#include "itkMetaDataObject.h"
 
 #include "core/base/coding.h"
+#include "core/source/dicom_frame_list.h"
+#include "core/source/jpeg_slice.h"
 #include "core/volume/scalar_type.h"
 #include "gdcmBoxRegion.h"
 #include "gdcmImageReader.h"
 #include "gdcmImageRegionReader.h"
 #include "gdcmReader.h"
-#include "gdcmSequenceOfItems.h"
+#include "gdcmSequenceOfFragments.h"
+#include "gdcmTrace.h"
 
 namespace isoscope::source {
 namespace {
 
-void FillHeader(itk::GDCMImageIO* io, DicomAnswer* answer) {
-  answer->component_type = static_cast<std::uint32_t>(io->GetComponentType());
-  answer->components = io->GetNumberOfComponents();
-  for (unsigned axis = 0; axis < 3; ++axis) {
-    answer->dims.at(axis) = io->GetDimensions(axis);
-    answer->origin.at(axis) = io->GetOrigin(axis);
-    answer->spacing.at(axis) = io->GetSpacing(axis);
-    const std::vector<double> direction = io->GetDirection(axis);
-    for (unsigned i = 0; i < 3; ++i) {
-      answer->direction.at(3 * axis + i) = direction.at(i);
+gdcm::Tag PixelsTag() { return {0x7fe0, 0x0010}; }
+
+// The bytes of a file as GDCM knows them.
+class DicomBytes {
+ public:
+  explicit DicomBytes(const DicomRequest& request) {
+    auto file = std::make_unique<std::ifstream>(request.path.data(), std::ios::binary);
+    if (request.is_high_throughput != 1) {
+      stream_ = std::move(file);
+      return;
     }
+    std::string bytes{std::istreambuf_iterator<char>(*file), std::istreambuf_iterator<char>()};
+    // Both UIDs take 24 bytes, so that no length changes.
+    constexpr char kHighThroughput[] = "1.2.840.10008.1.2.4.20";
+    constexpr absl::string_view kJpeg2000("1.2.840.10008.1.2.4.90\0\0", 24);
+    const std::size_t at = bytes.find(kHighThroughput);
+    if (at != std::string::npos && bytes.size() - at >= kJpeg2000.size()) {
+      std::copy(kJpeg2000.begin(), kJpeg2000.end(),
+                bytes.begin() + static_cast<std::ptrdiff_t>(at));
+    }
+    stream_ = std::make_unique<std::istringstream>(std::move(bytes));
   }
-  std::string series;
-  itk::ExposeMetaData(io->GetMetaDataDictionary(), "0020|000e", series);
-  std::copy_n(series.data(), std::min(series.size(), kMaxDicomUidBytes), answer->series.data());
+
+  void GiveTo(gdcm::Reader* reader) {
+    stream_->clear();
+    stream_->seekg(0);
+    reader->SetStream(*stream_);
+  }
+  // Whether the last reader went beyond the end.
+  [[nodiscard]] bool has_failed() const { return stream_->fail(); }
+
+ private:
+  std::unique_ptr<std::istream> stream_;
+};
+
+std::string TransferSyntaxOf(const gdcm::Reader& reader) {
+  return reader.GetFile().GetHeader().GetDataSetTransferSyntax().GetString();
 }
 
-// Whether a file whose pixels are not compressed has all of them. GDCM takes fewer.
-bool HasAllPixels(const char* path) {
+void SetFormat(const gdcm::PixelFormat& format, DicomAnswer* answer) {
+  answer->components = format.GetSamplesPerPixel();
+  answer->bits_allocated = format.GetBitsAllocated();
+  answer->bits_stored = format.GetBitsStored();
+  answer->high_bit = format.GetHighBit();
+  answer->is_signed = format.GetPixelRepresentation();
+}
+
+// ---- High-Throughput JPEG 2000. -----------------------------------------------------------------
+
+// The codestream of a frame; "" if it is not there. It may be cut into several fragments, of which
+// the first begins as codestreams do.
+std::string CodestreamOf(const gdcm::DataSet& data, std::uint64_t frame) {
+  const gdcm::SequenceOfFragments* const fragments =
+      data.FindDataElement(PixelsTag()) ? data.GetDataElement(PixelsTag()).GetSequenceOfFragments()
+                                        : nullptr;
+  std::string codestream;
+  std::uint64_t begun = 0;
+  const std::size_t count = fragments == nullptr ? 0 : fragments->GetNumberOfFragments();
+  for (std::size_t i = 0; i < count; ++i) {
+    const gdcm::ByteValue* const bytes = fragments->GetFragment(i).GetByteValue();
+    const absl::string_view fragment =
+        bytes == nullptr ? "" : absl::string_view(bytes->GetPointer(), bytes->GetLength());
+    begun += absl::StartsWith(fragment, "\xff\x4f\xff\x51") ? 1U : 0U;
+    if (begun == frame + 1) {
+      codestream += std::string(fragment);
+    }
+  }
+  return codestream;
+}
+
+// Sets the format of samples as they are decoded, into 8 or 16 bits.
+bool DecodeHighThroughput(const gdcm::DataSet& data, std::uint64_t frame, SlicePart part,
+                          DicomAnswer* answer, std::string* samples) {
+  absl::StatusOr<SliceImage> image = DecodeJpeg2000(CodestreamOf(data, frame), "", part);
+  if (!image.ok() || image->width != static_cast<std::int64_t>(answer->dims[0]) ||
+      image->height != static_cast<std::int64_t>(answer->dims[1])) {
+    return false;
+  }
+  answer->bits_allocated = static_cast<std::uint32_t>(8 * volume::SizeOf(image->type));
+  answer->bits_stored = static_cast<std::uint32_t>(image->bits);
+  answer->high_bit = answer->bits_stored - 1;
+  answer->is_signed =
+      image->type == volume::ScalarType::kInt8 || image->type == volume::ScalarType::kInt16 ? 1 : 0;
+  *samples = std::move(image->samples);
+  return true;
+}
+
+// The data set of a file of High-Throughput JPEG 2000, which is kept for the next frame: all of it
+// is read. Null if it can't be read.
+const gdcm::DataSet* KeptDataSet(const DicomRequest& request) {
+  struct Kept {
+    std::string path;
+    std::uintmax_t size = 0;
+    std::filesystem::file_time_type time;
+    std::unique_ptr<DicomBytes> bytes;
+    std::unique_ptr<gdcm::Reader> reader;
+  };
+  static Kept kept;
+  std::error_code error;
+  const std::string path = request.path.data();
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  const auto time = std::filesystem::last_write_time(path, error);
+  if (error || kept.reader == nullptr || kept.path != path || kept.size != size ||
+      kept.time != time) {
+    kept = Kept();
+    kept.path = path;
+    kept.size = size;
+    kept.time = time;
+    kept.bytes = std::make_unique<DicomBytes>(request);
+    auto reader = std::make_unique<gdcm::Reader>();
+    kept.bytes->GiveTo(reader.get());
+    if (!reader->Read()) {
+      return nullptr;
+    }
+    kept.reader = std::move(reader);
+  }
+  return &kept.reader->GetFile().GetDataSet();
+}
+
+// ---- Frames. ------------------------------------------------------------------------------------
+
+// The number of frames (0028,0008); 0 if there are too many or it is none.
+std::size_t FrameCount(const gdcm::DataSet& data) {
+  const std::string text = DicomBytesOf(data, {0x0028, 0x0008});
+  const std::string word(absl::StripAsciiWhitespace(text.substr(0, text.find('\0'))));
+  double count = 1;
+  if (!word.empty() && !absl::SimpleAtod(word, &count)) {
+    return 0;
+  }
+  return count >= 1 && count <= kMaxDicomFrames ? static_cast<std::size_t>(count) : 0;
+}
+
+// Asks the codestream of a compressed image for the type of its pixels.
+bool AskCodestream(const DicomRequest& request, DicomBytes* bytes, DicomAnswer* answer) {
+  if (request.is_high_throughput == 1) {
+    gdcm::Reader reader;
+    bytes->GiveTo(&reader);
+    std::string none;
+    return answer->components > 1 ||
+           (reader.Read() && DecodeHighThroughput(reader.GetFile().GetDataSet(), 0,
+                                                  SlicePart::kHeader, answer, &none));
+  }
   gdcm::ImageReader reader;
-  reader.SetFileName(path);
+  bytes->GiveTo(&reader);
   if (!reader.Read()) {
     return false;
   }
-  const gdcm::Image& image = reader.GetImage();
-  const gdcm::ByteValue* const pixels = image.GetDataElement().GetByteValue();
-  return pixels == nullptr || pixels->GetLength() >= image.GetBufferLength();
-}
-
-// The bytes of an element; "" if it is not there.
-std::string BytesOf(const gdcm::DataSet& data, const gdcm::Tag& tag) {
-  if (!data.FindDataElement(tag)) {
-    return "";
-  }
-  const gdcm::ByteValue* const bytes = data.GetDataElement(tag).GetByteValue();
-  return bytes == nullptr ? "" : std::string(bytes->GetPointer(), bytes->GetLength());
-}
-
-// Numbers as text (DS, IS).
-std::vector<double> NumbersOf(const gdcm::DataSet& data, const gdcm::Tag& tag) {
-  std::vector<double> numbers;
-  const std::string text = BytesOf(data, tag);
-  for (const absl::string_view word : absl::StrSplit(text, '\\')) {
-    double number = 0;
-    if (absl::SimpleAtod(word.substr(0, word.find('\0')), &number) && std::isfinite(number)) {
-      numbers.push_back(number);
-    }
-  }
-  return numbers;
-}
-
-// A binary number (FD, UL, US).
-template <typename T>
-MaybeDicomNumber BinaryNumber(const gdcm::DataSet& data, const gdcm::Tag& tag) {
-  const std::string bytes = BytesOf(data, tag);
-  if (bytes.size() != sizeof(T)) {
-    return {};
-  }
-  const auto value = static_cast<double>(base::LoadLittleEndian<T>(bytes.data()));
-  return std::isfinite(value) ? MaybeDicomNumber{.value = value, .is_set = 1} : MaybeDicomNumber{};
-}
-
-// The items of a sequence; null if it is not there. Implicit ones are parsed at each call.
-gdcm::SmartPointer<gdcm::SequenceOfItems> ItemsOf(const gdcm::DataSet& data, const gdcm::Tag& tag) {
-  return data.FindDataElement(tag) ? data.GetDataElement(tag).GetValueAsSQ()
-                                   : gdcm::SmartPointer<gdcm::SequenceOfItems>();
-}
-
-// Calls `use` with the first item of a sequence if it is there.
-template <typename Use>
-void UseItem(const gdcm::DataSet& data, const gdcm::Tag& tag, const Use& use) {
-  const gdcm::SmartPointer<gdcm::SequenceOfItems> items = ItemsOf(data, tag);
-  if (items != nullptr && items->GetNumberOfItems() > 0) {
-    use(items->GetItem(1).GetNestedDataSet());
-  }
-}
-
-// The things that a data set says of a frame: that of a file, or an item of functional groups.
-void FillPlane(const gdcm::DataSet& data, DicomFrameRecord* frame) {
-  if (const auto position = NumbersOf(data, {0x0020, 0x0032}); position.size() == 3) {
-    std::copy(position.begin(), position.end(), frame->position.begin());
-    frame->has_position = 1;
-  }
-  if (const auto directions = NumbersOf(data, {0x0020, 0x0037}); directions.size() == 6) {
-    std::copy(directions.begin(), directions.end(), frame->directions.begin());
-    frame->has_directions = 1;
-  }
-  if (const auto spacing = NumbersOf(data, {0x0028, 0x0030}); spacing.size() == 2) {
-    frame->spacing = {spacing[1], spacing[0], frame->spacing[2]};
-    frame->has_spacing = 1;
-  }
-  if (const auto distance = NumbersOf(data, {0x0018, 0x0088}); distance.size() == 1) {
-    frame->spacing[2] = std::abs(distance[0]);
-  }
-  if (const auto slope = NumbersOf(data, {0x0028, 0x1053}); slope.size() == 1) {
-    frame->slope = slope[0];
-  }
-  if (const auto intercept = NumbersOf(data, {0x0028, 0x1052}); intercept.size() == 1) {
-    frame->intercept = intercept[0];
-  }
-}
-
-// Functional groups, of all frames or of one.
-void FillGroups(const gdcm::DataSet& groups, DicomFrameRecord* frame) {
-  const auto plane = [frame](const gdcm::DataSet& data) { FillPlane(data, frame); };
-  for (const gdcm::Tag& tag :
-       {gdcm::Tag(0x0020, 0x9113), gdcm::Tag(0x0020, 0x9116), gdcm::Tag(0x0028, 0x9110),
-        gdcm::Tag(0x0028, 0x9145)}) {  // position, orientation, measures, values
-    UseItem(groups, tag, plane);
-  }
-  const auto keep = [](const MaybeDicomNumber& found, MaybeDicomNumber* number) {
-    *number = found.is_set == 1 ? found : *number;
-  };
-  UseItem(groups, {0x0020, 0x9111}, [&](const gdcm::DataSet& content) {
-    keep(BinaryNumber<std::uint32_t>(content, {0x0020, 0x9128}), &frame->temporal_position);
-  });
-  UseItem(groups, {0x0018, 0x9114}, [&](const gdcm::DataSet& echo) {
-    keep(BinaryNumber<double>(echo, {0x0018, 0x9082}), &frame->echo_time);
-  });
-  UseItem(groups, {0x0018, 0x9118}, [&](const gdcm::DataSet& cardiac) {
-    keep(BinaryNumber<double>(cardiac, {0x0020, 0x9153}), &frame->trigger_time);
-  });
-  UseItem(groups, {0x0062, 0x000a}, [&](const gdcm::DataSet& identification) {
-    const auto number = BinaryNumber<std::uint16_t>(identification, {0x0062, 0x000b});
-    frame->segment = number.is_set == 1 ? static_cast<std::uint64_t>(number.value) : frame->segment;
-  });
-}
-
-// The functional groups of frame `index`.
-void FillOwnGroups(const gdcm::SequenceOfItems& groups, std::size_t index,
-                   DicomFrameRecord* frame) {
-  if (index < groups.GetNumberOfItems()) {
-    FillGroups(groups.GetItem(index + 1).GetNestedDataSet(), frame);
-  }
-}
-
-void SetSeries(const gdcm::DataSet& data, DicomAnswer* answer) {
-  const std::string series = BytesOf(data, {0x0020, 0x000e});
-  std::copy_n(series.data(), std::min(series.size(), kMaxDicomUidBytes), answer->series.data());
-}
-
-std::uint32_t StoredTypeOf(const gdcm::PixelFormat& format) {
-  const auto type = [&]() -> std::optional<volume::ScalarType> {
-    switch (format.GetScalarType()) {
-      case gdcm::PixelFormat::UINT8:
-        return volume::ScalarType::kUint8;
-      case gdcm::PixelFormat::INT8:
-        return volume::ScalarType::kInt8;
-      case gdcm::PixelFormat::UINT16:
-        return volume::ScalarType::kUint16;
-      case gdcm::PixelFormat::INT16:
-        return volume::ScalarType::kInt16;
-      case gdcm::PixelFormat::UINT32:
-        return volume::ScalarType::kUint32;
-      case gdcm::PixelFormat::INT32:
-        return volume::ScalarType::kInt32;
-      default:
-        return std::nullopt;
-    }
-  }();
-  return type.has_value() ? static_cast<std::uint32_t>(*type) + 1 : 0;
+  SetFormat(reader.GetImage().GetPixelFormat(), answer);
+  return true;
 }
 
 // Fills the shared memory with the frames. False if the file can't be read.
-bool ListFrames(const char* path, DicomAnswer* answer, char* shared) {
+bool ListFrames(const DicomRequest& request, DicomAnswer* answer, char* shared) {
+  DicomBytes bytes(request);
+  gdcm::Reader reader;
+  bytes.GiveTo(&reader);
+  if (!reader.ReadUpToTag(PixelsTag())) {
+    return false;
+  }
+  const gdcm::DataSet& data = reader.GetFile().GetDataSet();
+  const std::size_t count = FrameCount(data);
+  if (count == 0) {
+    return false;
+  }
+  ListDicomFrames(data, count, answer, shared);
+  const bool is_encapsulated =
+      reader.GetFile().GetHeader().GetDataSetTransferSyntax().IsEncapsulated();
+  const bool is_segmentation = answer->segment_kind != DicomSegmentKind::kUnknown;
+  if (is_encapsulated && !is_segmentation && (count == 1 || request.is_high_throughput == 1) &&
+      !AskCodestream(request, &bytes, answer)) {
+    return false;
+  }
+  answer->outcome = DicomOutcome::kHeader;
+  return true;
+}
+
+// Copies a frame of an image that is decoded whole. GDCM takes images with fewer pixels than they
+// should have, unless those are compressed.
+bool CopyFrame(const DicomRequest& request, const gdcm::Image& image, DicomAnswer* answer,
+               char* shared) {
+  SetFormat(image.GetPixelFormat(), answer);
+  answer->dims = {image.GetDimension(0), image.GetDimension(1),
+                  image.GetNumberOfDimensions() == 3 ? image.GetDimension(2) : 1};
+  const std::uint64_t length = image.GetBufferLength();
+  const gdcm::ByteValue* const pixels = image.GetDataElement().GetByteValue();
+  if (length != request.frame_bytes * answer->dims[2] || request.frame >= answer->dims[2] ||
+      (pixels != nullptr && pixels->GetLength() < length)) {
+    return false;
+  }
+  if (answer->dims[2] == 1) {
+    return image.GetBuffer(shared);
+  }
+  std::vector<char> all(static_cast<std::size_t>(length));
+  if (!image.GetBuffer(all.data())) {
+    return false;
+  }
+  std::copy_n(all.data() + request.frame * request.frame_bytes, request.frame_bytes, shared);
+  return true;
+}
+
+bool DecodeRegion(const DicomRequest& request, DicomBytes* bytes, DicomAnswer* answer,
+                  char* shared) {
   gdcm::ImageRegionReader reader;
-  reader.SetFileName(path);
+  bytes->GiveTo(&reader);
   if (!reader.ReadInformation()) {
     return false;
   }
   const gdcm::Image& image = reader.GetImage();
-  const std::size_t count = image.GetNumberOfDimensions() == 3 ? image.GetDimension(2) : 1;
-  if (count > kMaxDicomFrames) {
-    return false;
-  }
-  answer->dims = {image.GetDimension(0), image.GetDimension(1), count};
-  answer->components = image.GetPixelFormat().GetSamplesPerPixel();
-  answer->stored_type = StoredTypeOf(image.GetPixelFormat());
-  const gdcm::DataSet& data = reader.GetFile().GetDataSet();
-  SetSeries(data, answer);
-  DicomFrameRecord common{};
-  common.slope = 1;
-  FillPlane(data, &common);
-  UseItem(data, {0x5200, 0x9229},
-          [&](const gdcm::DataSet& shared_groups) { FillGroups(shared_groups, &common); });
-  // A dose grid has a factor of its own, and the places of its frames.
-  if (const auto scaling = NumbersOf(data, {0x3004, 0x000e});
-      scaling.size() == 1 && common.slope == 1) {
-    common.slope = scaling[0];
-  }
-  const std::vector<double> offsets = NumbersOf(data, {0x3004, 0x000c});
-  const std::array<double, 6>& d = common.directions;
-  const std::array<double, 3> normal{d[1] * d[5] - d[2] * d[4], d[2] * d[3] - d[0] * d[5],
-                                     d[0] * d[4] - d[1] * d[3]};
-  const gdcm::SmartPointer<gdcm::SequenceOfItems> groups = ItemsOf(data, {0x5200, 0x9230});
-  for (std::size_t i = 0; i < count; ++i) {
-    DicomFrameRecord frame = common;
-    if (groups != nullptr) {
-      FillOwnGroups(*groups, i, &frame);
-    } else {
-      // One position of all frames: the others lie along the normal, if it is known how far.
-      const double distance = offsets.size() == count ? offsets[i] - offsets[0]
-                                                      : static_cast<double>(i) * frame.spacing[2];
-      frame.has_position = frame.has_position == 1 && frame.has_directions == 1 &&
-                                   (offsets.size() == count || frame.spacing[2] > 0)
-                               ? 1
-                               : 0;
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        frame.position.at(axis) += distance * normal.at(axis);
-      }
-    }
-    std::memcpy(shared + i * sizeof(frame), &frame, sizeof(frame));
-  }
-  answer->outcome = DicomOutcome::kHeader;
-  return true;
+  SetFormat(image.GetPixelFormat(), answer);
+  answer->dims = {image.GetDimension(0), image.GetDimension(1),
+                  image.GetNumberOfDimensions() == 3 ? image.GetDimension(2) : 1};
+  const auto frame = static_cast<unsigned>(request.frame);
+  gdcm::BoxRegion region;
+  region.SetDomain(0, image.GetDimension(0) - 1, 0, image.GetDimension(1) - 1, frame, frame);
+  reader.SetRegion(region);
+  return reader.ComputeBufferLength() == request.frame_bytes &&
+         reader.ReadIntoBuffer(shared, static_cast<std::size_t>(request.frame_bytes)) &&
+         !bytes->has_failed();
 }
 
-DicomSegmentKind SegmentKindOf(const gdcm::DataSet& data) {
-  const std::string text = BytesOf(data, {0x0062, 0x0001});
-  const absl::string_view word = absl::StripAsciiWhitespace(text);
-  return word == "BINARY"       ? DicomSegmentKind::kBinary
-         : word == "FRACTIONAL" ? DicomSegmentKind::kFractional
-         : word == "LABELMAP"   ? DicomSegmentKind::kLabelMap
-                                : DicomSegmentKind::kUnknown;
-}
-
-// Fills the shared memory with the frames of a segmentation. False if the file can't be read.
-bool ListSegmentFrames(const char* path, DicomAnswer* answer, char* shared) {
-  gdcm::Reader reader;
-  reader.SetFileName(path);
-  if (!reader.ReadUpToTag({0x7fe0, 0x0010})) {
+bool DecodeHighThroughputFrame(const DicomRequest& request, DicomAnswer* answer, char* shared) {
+  const gdcm::DataSet* const data = KeptDataSet(request);
+  if (data == nullptr) {
     return false;
   }
-  const gdcm::DataSet& data = reader.GetFile().GetDataSet();
-  const auto number = [&data](std::uint16_t element) {
-    return static_cast<std::uint64_t>(
-        BinaryNumber<std::uint16_t>(data, gdcm::Tag(0x0028, element)).value);
+  const auto side = [data](std::uint16_t element) {
+    return static_cast<std::uint64_t>(DicomShortOf(*data, gdcm::Tag(0x0028, element)).value);
   };
-  const std::vector<double> frames = NumbersOf(data, {0x0028, 0x0008});
-  const double count = frames.size() == 1 ? frames[0] : 1;
-  if (!(count >= 1 && count <= kMaxDicomFrames)) {
+  answer->dims = {side(0x0011), side(0x0010), FrameCount(*data)};
+  answer->components = 1;
+  std::string samples;
+  if (!DecodeHighThroughput(*data, request.frame, SlicePart::kAll, answer, &samples) ||
+      samples.size() != request.frame_bytes) {
     return false;
   }
-  answer->dims = {number(0x0011), number(0x0010), static_cast<std::uint64_t>(count)};
-  answer->components = number(0x0002);
-  answer->bits_allocated = static_cast<std::uint32_t>(number(0x0100));
-  answer->segment_kind = SegmentKindOf(data);
-  answer->padding = BinaryNumber<std::uint16_t>(data, {0x0028, 0x0120});
-  SetSeries(data, answer);
-  DicomFrameRecord common{};
-  common.slope = 1;
-  FillPlane(data, &common);
-  UseItem(data, {0x5200, 0x9229},
-          [&](const gdcm::DataSet& shared_groups) { FillGroups(shared_groups, &common); });
-  const gdcm::SmartPointer<gdcm::SequenceOfItems> groups = ItemsOf(data, {0x5200, 0x9230});
-  for (std::size_t i = 0; i < answer->dims[2]; ++i) {
-    DicomFrameRecord frame = common;
-    if (groups != nullptr) {
-      FillOwnGroups(*groups, i, &frame);
-    }
-    std::memcpy(shared + i * sizeof(frame), &frame, sizeof(frame));
-  }
-  answer->outcome = DicomOutcome::kHeader;
+  samples.copy(shared, samples.size());
   return true;
 }
+
+bool DecodeFrame(const DicomRequest& request, DicomAnswer* answer, char* shared) {
+  // Those of the frame before would stay where GDCM does not write.
+  std::memset(shared, 0, static_cast<std::size_t>(request.frame_bytes));
+  bool is_decoded = false;
+  if (request.is_high_throughput == 1) {
+    is_decoded = DecodeHighThroughputFrame(request, answer, shared);
+  } else {
+    DicomBytes bytes(request);
+    gdcm::Reader header;
+    bytes.GiveTo(&header);
+    if (!header.ReadUpToTag(PixelsTag())) {
+      return false;
+    }
+    if (FrameCount(header.GetFile().GetDataSet()) > 1 &&
+        TransferSyntaxOf(header) != "1.2.840.10008.1.2.1.99") {
+      is_decoded = DecodeRegion(request, &bytes, answer, shared);
+    } else {  // one image, or a deflated file, in which GDCM can't seek
+      gdcm::ImageReader reader;
+      bytes.GiveTo(&reader);
+      is_decoded = reader.Read() && CopyFrame(request, reader.GetImage(), answer, shared);
+    }
+  }
+  answer->outcome = is_decoded ? DicomOutcome::kPixels : DicomOutcome::kNotDecoded;
+  return is_decoded;
+}
+
+// ---- Segments. ----------------------------------------------------------------------------------
 
 // Text in UTF-8, from the set of letters that the file names (0008,0005), if it is Latin 1.
 std::string Utf8Of(const std::string& text, absl::string_view letters) {
@@ -330,12 +335,11 @@ std::string Utf8Of(const std::string& text, absl::string_view letters) {
 
 DicomSegmentRecord SegmentOf(const gdcm::DataSet& item, absl::string_view letters) {
   DicomSegmentRecord segment{};
-  segment.number =
-      static_cast<std::uint64_t>(BinaryNumber<std::uint16_t>(item, {0x0062, 0x0004}).value);
-  const std::string bytes = Utf8Of(BytesOf(item, {0x0062, 0x0005}), letters);
+  segment.number = static_cast<std::uint64_t>(DicomShortOf(item, {0x0062, 0x0004}).value);
+  const std::string bytes = Utf8Of(DicomBytesOf(item, {0x0062, 0x0005}), letters);
   const std::string label(absl::StripAsciiWhitespace(bytes.substr(0, bytes.find('\0'))));
   std::copy_n(label.data(), std::min(label.size(), segment.label.size()), segment.label.data());
-  const std::string lab = BytesOf(item, {0x0062, 0x000d});
+  const std::string lab = DicomBytesOf(item, {0x0062, 0x000d});
   if (lab.size() == 3 * sizeof(std::uint16_t)) {
     constexpr double kFull = 65535;
     const auto share = [&lab](std::size_t i) {
@@ -348,16 +352,17 @@ DicomSegmentRecord SegmentOf(const gdcm::DataSet& item, absl::string_view letter
 }
 
 // Fills the shared memory with the segments. False if the file can't be read.
-bool ListSegments(const char* path, DicomAnswer* answer, char* shared) {
+bool ListSegments(const DicomRequest& request, DicomAnswer* answer, char* shared) {
+  DicomBytes file(request);
   gdcm::Reader reader;
-  reader.SetFileName(path);
+  file.GiveTo(&reader);
   if (!reader.ReadUpToTag({0x5200, 0x9229})) {
     return false;
   }
   const gdcm::DataSet& data = reader.GetFile().GetDataSet();
-  const std::string letters = BytesOf(data, {0x0008, 0x0005});
-  answer->segment_kind = SegmentKindOf(data);
-  const gdcm::SmartPointer<gdcm::SequenceOfItems> items = ItemsOf(data, {0x0062, 0x0002});
+  const std::string letters = DicomBytesOf(data, {0x0008, 0x0005});
+  ListDicomFrames(data, 0, answer, shared);  // for the kind
+  const gdcm::SmartPointer<gdcm::SequenceOfItems> items = DicomItemsOf(data, {0x0062, 0x0002});
   const std::size_t count =
       items == nullptr ? 0 : std::min<std::size_t>(items->GetNumberOfItems(), kMaxDicomSegments);
   for (std::size_t i = 0; i < count; ++i) {
@@ -369,41 +374,14 @@ bool ListSegments(const char* path, DicomAnswer* answer, char* shared) {
   return true;
 }
 
-bool DecodeFrame(const DicomRequest& request, DicomAnswer* answer, char* shared) {
-  gdcm::ImageRegionReader reader;
-  reader.SetFileName(request.path.data());
-  if (!reader.ReadInformation()) {
-    return false;
-  }
-  const gdcm::Image& image = reader.GetImage();
-  const auto frame = static_cast<unsigned>(request.frame);
-  gdcm::BoxRegion region;
-  region.SetDomain(0, image.GetDimension(0) - 1, 0, image.GetDimension(1) - 1, frame, frame);
-  reader.SetRegion(region);
-  if (reader.ComputeBufferLength() != request.slice_bytes) {
-    return false;
-  }
-  std::memset(shared, 0, static_cast<std::size_t>(request.slice_bytes));
-  if (!reader.ReadIntoBuffer(shared, static_cast<std::size_t>(request.slice_bytes))) {
-    return false;
-  }
-  answer->outcome = DicomOutcome::kPixels;
-  return true;
-}
-
-// Answers the questions but kSlice.
 bool Answer(const DicomRequest& request, DicomAnswer* answer, char* shared) {
   switch (request.question) {
     case DicomQuestion::kFrames:
-      return ListFrames(request.path.data(), answer, shared);
+      return ListFrames(request, answer, shared);
     case DicomQuestion::kFrame:
       return DecodeFrame(request, answer, shared);
-    case DicomQuestion::kSegmentFrames:
-      return ListSegmentFrames(request.path.data(), answer, shared);
     case DicomQuestion::kSegments:
-      return ListSegments(request.path.data(), answer, shared);
-    case DicomQuestion::kSlice:
-      break;
+      return ListSegments(request, answer, shared);
   }
   return false;
 }
@@ -413,37 +391,16 @@ bool Answer(const DicomRequest& request, DicomAnswer* answer, char* shared) {
 void DecodeDicomInChild(const void* request_bytes, void* answer_bytes, char* shared) {
   DicomRequest request;
   std::memcpy(&request, request_bytes, sizeof(request));
-  DicomAnswer answer{};
+  gdcm::Trace::WarningOff();
+  gdcm::Trace::ErrorOff();
+  DicomAnswer answer;
+  bool is_answered = false;
   try {
-    if (request.question != DicomQuestion::kSlice) {
-      if (Answer(request, &answer, shared)) {
-        std::memcpy(answer_bytes, &answer, sizeof(answer));
-      }
-      return;
-    }
-    const auto io = itk::GDCMImageIO::New();
-    io->SetFileName(request.path.data());
-    io->ReadImageInformation();
-    if (io->GetNumberOfDimensions() == 3) {
-      FillHeader(io, &answer);
-      const std::int64_t bytes = io->GetImageSizeInBytes();
-      const bool has_pixels =
-          request.slice_bytes > 0 && bytes == static_cast<std::int64_t>(request.slice_bytes);
-      if (has_pixels && request.is_counted == 0 && !HasAllPixels(request.path.data())) {
-        std::memset(answer_bytes, 0, sizeof(answer));
-        return;
-      }
-      if (has_pixels) {
-        // GDCM does not write pixels that the file lacks. Those of the previous slice would stay
-        // there.
-        std::memset(shared, 0, static_cast<std::size_t>(bytes));
-        io->Read(shared);
-      }
-      answer.outcome = has_pixels ? DicomOutcome::kPixels : DicomOutcome::kHeader;
-    }
+    is_answered = Answer(request, &answer, shared);
   } catch (...) {
-    answer.outcome = DicomOutcome::kNotDecoded;
+    is_answered = false;
   }
+  answer = is_answered ? answer : DicomAnswer{};
   std::memcpy(answer_bytes, &answer, sizeof(answer));
 }
 

@@ -1,12 +1,9 @@
-// A request is the path of a file; the answer is its header. Pixels travel in the shared memory.
+// A request is the path of a file; the answer describes its pixels. Lists and pixels travel in the
+// shared memory.
 //
-// 1. Parent: send the path, the size of a slice, and whether DicomScan has counted the pixels.
-// 2. Child (dicom_child.h): read the header with ITK; if the size fits, decode into the memory.
-// 3. Parent (Check): accept the answer only if all its numbers are possible.
-// 4. Parent: copy the pixels.
-//
-// A file of many frames has a list of them, in the shared memory, and gives the pixels of one frame
-// at a time, as they are stored.
+// 1. Parent: send the path, the question, and what DicomScan found out about the encoding.
+// 2. Child (dicom_child.h): read the file by GDCM; write the list, or the pixels, into the memory.
+// 3. Parent: accept the answer only if all its numbers are possible, and copy the memory.
 //
 // This is the parent. Whoever wrote the file may control the child, so nothing that it says is
 // used unchecked.
@@ -27,20 +24,18 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/source/dicom_module.h"
-#include "core/source/itk_types.h"
-#include "core/source/silent_libraries.h"
 
 namespace isoscope::source {
 namespace {
 
 // GDCM holds the file and its pixels several times. It also allocates any length that an element
 // claims to have.
-DecoderProcess::Limits LimitsOf(const std::string& path, std::int64_t slice_bytes) {
+DecoderProcess::Limits LimitsOf(const std::string& path, std::int64_t frame_bytes) {
   constexpr std::int64_t kMaxBytes = std::int64_t{1} << 50;  // the sums below have room
   std::error_code error;
   const std::uintmax_t file_bytes = std::filesystem::file_size(path, error);
   const std::int64_t bytes =
-      slice_bytes +
+      frame_bytes +
       (error ? 0 : static_cast<std::int64_t>(std::min<std::uintmax_t>(file_bytes, kMaxBytes)));
   const std::int64_t seconds = 60 + bytes / base::kMiB;
   return {.cpu_seconds = seconds,
@@ -54,82 +49,80 @@ std::optional<double> NumberOf(const MaybeDicomNumber& number) {
                                                            : std::nullopt;
 }
 
-DicomFrame FrameOf(const DicomFrameRecord& record) {
-  const auto vector = [](const auto& numbers, std::size_t first,
-                         bool is_set) -> std::optional<math::Vec3d> {
-    const math::Vec3d v{numbers.at(first), numbers.at(first + 1), numbers.at(first + 2)};
-    return is_set && math::IsFinite(v) ? std::optional<math::Vec3d>(v) : std::nullopt;
-  };
-  return {.position = vector(record.position, 0, record.has_position == 1),
-          .along_row = vector(record.directions, 0, record.has_directions == 1),
-          .along_column = vector(record.directions, 3, record.has_directions == 1),
-          .spacing = vector(record.spacing, 0, record.has_spacing == 1),
-          .slope = std::isfinite(record.slope) ? record.slope : 1,
-          .intercept = std::isfinite(record.intercept) ? record.intercept : 0,
-          .temporal_position = NumberOf(record.temporal_position),
-          .echo_time = NumberOf(record.echo_time),
-          .trigger_time = NumberOf(record.trigger_time),
-          .segment = static_cast<std::int64_t>(std::min<std::uint64_t>(record.segment, 65535))};
+DicomGiven GivenOf(DicomGiven given) {
+  return given == DicomGiven::kMissing || given == DicomGiven::kGiven ? given : DicomGiven::kBroken;
 }
 
-// An attacker may control the child, so every number of the answer is checked.
-absl::StatusOr<DicomHeader> Check(const DicomAnswer& answer, const std::string& path) {
+// Numbers of the child, which are broken if one is not finite.
+template <std::size_t kCount>
+DicomNumbers<kCount> NumbersOf(const DicomNumbers<kCount>& numbers) {
+  DicomNumbers<kCount> checked{.given = GivenOf(numbers.given)};
+  if (!checked.is_given()) {
+    return checked;
+  }
+  checked.values = numbers.values;
+  if (!std::all_of(checked.values.begin(), checked.values.end(),
+                   [](double number) { return std::isfinite(number); })) {
+    return {.given = DicomGiven::kBroken};
+  }
+  return checked;
+}
+
+std::vector<std::uint32_t> TagsOf(const DicomTags& tags) {
+  return {tags.begin(), std::find(tags.begin(), tags.end(), 0U)};
+}
+
+DicomFrame FrameOf(const DicomFrameRecord& record, std::size_t dimensions) {
+  DicomFrame frame{
+      .position = NumbersOf(record.position),
+      .orientation = NumbersOf(record.orientation),
+      .pixel_spacing = NumbersOf(record.pixel_spacing),
+      .slice_spacing = NumbersOf(record.slice_spacing),
+      .slope = NumbersOf(record.slope),
+      .intercept = NumbersOf(record.intercept),
+      .offset = std::isfinite(record.offset) ? record.offset : 0,
+      .temporal_position = NumberOf(record.temporal_position),
+      .echo_time = NumberOf(record.echo_time),
+      .trigger_time = NumberOf(record.trigger_time),
+      .segment = static_cast<std::int64_t>(std::min<std::uint64_t>(record.segment, 65535))};
+  frame.indices.assign(record.indices.begin(),
+                       record.indices.begin() + static_cast<std::ptrdiff_t>(dimensions));
+  return frame;
+}
+
+// What the answer says of pixels, or DATA_LOSS if it can't be so.
+absl::StatusOr<DicomPixels> PixelsOf(const DicomAnswer& answer) {
   constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 16;  // rows and columns are 16-bit
-  constexpr std::uint64_t kMaxCount = std::uint64_t{1} << 31;
-  const auto is_finite = [](double number) { return std::isfinite(number); };
-  if ((answer.outcome != DicomOutcome::kHeader && answer.outcome != DicomOutcome::kPixels) ||
-      answer.component_type > static_cast<std::uint32_t>(itk::IOComponentEnum::LDOUBLE) ||
-      answer.components > kMaxCount || answer.dims[0] > kMaxSide || answer.dims[1] > kMaxSide ||
-      answer.dims[2] > kMaxCount ||
-      !std::all_of(answer.origin.begin(), answer.origin.end(), is_finite) ||
-      !std::all_of(answer.spacing.begin(), answer.spacing.end(), is_finite) ||
-      !std::all_of(answer.direction.begin(), answer.direction.end(), is_finite)) {
+  if (answer.dims[0] > kMaxSide || answer.dims[1] > kMaxSide || answer.dims[2] < 1 ||
+      answer.dims[2] > kMaxDicomFrames || answer.components > kMaxSide ||
+      answer.bits_allocated > kMaxSide || answer.bits_stored > kMaxSide ||
+      answer.high_bit > kMaxSide) {
     return absl::DataLossError("");
   }
-  DicomHeader header;
-  header.width = static_cast<std::int64_t>(answer.dims[0]);
-  header.height = static_cast<std::int64_t>(answer.dims[1]);
-  header.frames = static_cast<std::int64_t>(answer.dims[2]);
-  header.components = static_cast<std::int64_t>(answer.components);
-  header.type = ScalarTypeOf(static_cast<itk::IOComponentEnum>(answer.component_type), path);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    header.origin[static_cast<int>(axis)] = answer.origin[axis];
-    header.spacing[static_cast<int>(axis)] = answer.spacing[axis];
-    const double* column = answer.direction.data() + 3 * axis;
-    header.direction.columns[axis] = {column[0], column[1], column[2]};
-  }
-  header.series.assign(answer.series.begin(),
-                       std::find(answer.series.begin(), answer.series.end(), '\0'));
-  return header;
+  return DicomPixels{.width = static_cast<std::int64_t>(answer.dims[0]),
+                     .height = static_cast<std::int64_t>(answer.dims[1]),
+                     .components = answer.components,
+                     .bits_allocated = answer.bits_allocated,
+                     .bits_stored = answer.bits_stored,
+                     .high_bit = answer.high_bit,
+                     .is_signed = answer.is_signed == 1};
 }
 
 }  // namespace
 
-DicomDecoder::DicomDecoder(std::int64_t slice_bytes)
-    : slice_bytes_(slice_bytes),
+DicomDecoder::DicomDecoder(std::int64_t frame_bytes)
+    : frame_bytes_(frame_bytes),
       handler_(LoadDicomModule()),
       process_({.handler = handler_.ok() ? *handler_ : nullptr,
                 .request_bytes = sizeof(DicomRequest),
                 .answer_bytes = sizeof(DicomAnswer),
                 // Memory only as far as it is used.
-                .shared_bytes = std::max({static_cast<std::size_t>(slice_bytes), kDicomFramesBytes,
-                                          kDicomSegmentsBytes})}) {
-  SilenceImageLibraries();  // first, so that its lock is free when the process forks
+                .shared_bytes = std::max(static_cast<std::size_t>(frame_bytes), kDicomListBytes)}) {
 }
 
 absl::Status DicomDecoder::Start() {
   ISOSCOPE_RETURN_IF_ERROR(handler_.status());
   return process_.Start();
-}
-
-absl::StatusOr<DicomHeader> DicomDecoder::ReadHeader(const std::string& path) {
-  return Read(path, false, nullptr);
-}
-
-absl::StatusOr<DicomHeader> DicomDecoder::ReadSlice(const std::string& path, bool is_counted,
-                                                    char* out) {
-  ISOSCOPE_CHECK(slice_bytes_ > 0);
-  return Read(path, is_counted, out);
 }
 
 absl::StatusOr<DicomAnswer> DicomDecoder::Ask(const std::string& path, DicomRequest request,
@@ -139,7 +132,7 @@ absl::StatusOr<DicomAnswer> DicomDecoder::Ask(const std::string& path, DicomRequ
     return absl::DataLossError("its path is too long");
   }
   path.copy(request.path.data(), path.size());
-  DicomAnswer answer{};
+  DicomAnswer answer;
   const absl::Status asked = process_.Ask(request, LimitsOf(path, bytes), &answer);
   if (!asked.ok()) {
     return absl::IsUnavailable(asked) ? absl::DataLossError(asked.message()) : asked;
@@ -147,17 +140,13 @@ absl::StatusOr<DicomAnswer> DicomDecoder::Ask(const std::string& path, DicomRequ
   return answer;
 }
 
-absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path) {
-  return ReadFrames(path, DicomQuestion::kFrames);
-}
-
-absl::StatusOr<DicomFrames> DicomDecoder::ReadSegmentFrames(const std::string& path) {
-  return ReadFrames(path, DicomQuestion::kSegmentFrames);
-}
-
-absl::StatusOr<DicomSegments> DicomDecoder::ReadSegments(const std::string& path) {
+absl::StatusOr<DicomSegments> DicomDecoder::ReadSegments(const std::string& path,
+                                                         bool is_high_throughput) {
   ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
-                            Ask(path, {.question = DicomQuestion::kSegments}, kDicomSegmentsBytes));
+                            Ask(path,
+                                {.question = DicomQuestion::kSegments,
+                                 .is_high_throughput = is_high_throughput ? 1U : 0U},
+                                kDicomListBytes));
   if (answer.outcome != DicomOutcome::kHeader || answer.dims[0] > kMaxDicomSegments ||
       answer.segment_kind > DicomSegmentKind::kLabelMap) {
     return absl::DataLossError("");
@@ -180,26 +169,31 @@ absl::StatusOr<DicomSegments> DicomDecoder::ReadSegments(const std::string& path
 }
 
 absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path,
-                                                     DicomQuestion question) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
-                            Ask(path, {.question = question}, kDicomSegmentsBytes));
-  constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 16;
-  if (answer.outcome != DicomOutcome::kHeader || answer.dims[0] > kMaxSide ||
-      answer.dims[1] > kMaxSide || answer.dims[2] > kMaxDicomFrames ||
-      answer.components > kMaxSide || answer.bits_allocated > kMaxSide ||
+                                                     bool is_high_throughput) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const DicomAnswer answer,
+      Ask(path,
+          {.question = DicomQuestion::kFrames, .is_high_throughput = is_high_throughput ? 1U : 0U},
+          kDicomListBytes));
+  if (answer.outcome != DicomOutcome::kHeader ||
       answer.segment_kind > DicomSegmentKind::kLabelMap ||
-      answer.stored_type > static_cast<std::uint32_t>(volume::ScalarType::kFloat64) + 1) {
+      answer.photometric > DicomPhotometric::kOther) {
     return absl::DataLossError("");
   }
-  DicomFrames result{.width = static_cast<std::int64_t>(answer.dims[0]),
-                     .height = static_cast<std::int64_t>(answer.dims[1]),
-                     .components = static_cast<std::int64_t>(answer.components),
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomPixels pixels, PixelsOf(answer));
+  DicomFrames result{.pixels = pixels,
+                     .photometric = answer.photometric,
+                     .has_lut = answer.has_lut == 1,
+                     .group_items = static_cast<std::int64_t>(
+                         std::min<std::uint64_t>(answer.group_items, kMaxDicomFrames + 1)),
+                     .imager_spacing = NumbersOf(answer.imager_spacing),
+                     .scanned_spacing = NumbersOf(answer.scanned_spacing),
+                     .dose_scaling = NumbersOf(answer.dose_scaling),
+                     .offsets = GivenOf(answer.offsets),
+                     .increments = TagsOf(answer.increments),
+                     .dimensions = TagsOf(answer.dimensions),
                      .segment_kind = answer.segment_kind,
-                     .bits_allocated = answer.bits_allocated,
                      .padding = NumberOf(answer.padding)};
-  if (answer.stored_type > 0) {
-    result.stored_type = static_cast<volume::ScalarType>(answer.stored_type - 1);
-  }
   result.series.assign(answer.series.begin(),
                        std::find_if(answer.series.begin(), answer.series.end(), [](char c) {
                          return absl::string_view("0123456789.").find(c) == absl::string_view::npos;
@@ -207,40 +201,31 @@ absl::StatusOr<DicomFrames> DicomDecoder::ReadFrames(const std::string& path,
   for (std::uint64_t i = 0; i < answer.dims[2]; ++i) {
     DicomFrameRecord record;
     std::memcpy(&record, process_.shared() + i * sizeof(record), sizeof(record));
-    result.frames.push_back(FrameOf(record));
+    result.frames.push_back(FrameOf(record, result.dimensions.size()));
   }
   return result;
 }
 
-absl::Status DicomDecoder::ReadFrame(const std::string& path, std::int64_t frame, char* out) {
+absl::Status DicomDecoder::ReadFrame(const std::string& path, bool is_high_throughput,
+                                     std::int64_t frame, const DicomPixels& pixels, char* out) {
+  const std::int64_t bytes = pixels.frame_bytes();
+  ISOSCOPE_CHECK(bytes > 0 && bytes <= frame_bytes_);
   ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
                             Ask(path,
                                 {.question = DicomQuestion::kFrame,
+                                 .is_high_throughput = is_high_throughput ? 1U : 0U,
                                  .frame = static_cast<std::uint64_t>(frame),
-                                 .slice_bytes = static_cast<std::uint64_t>(slice_bytes_)},
-                                slice_bytes_));
+                                 .frame_bytes = static_cast<std::uint64_t>(bytes)},
+                                bytes));
   if (answer.outcome != DicomOutcome::kPixels) {
     return absl::DataLossError("");
   }
-  std::copy_n(process_.shared(), slice_bytes_, out);
-  return absl::OkStatus();
-}
-
-absl::StatusOr<DicomHeader> DicomDecoder::Read(const std::string& path, bool is_counted,
-                                               char* out) {
-  const std::int64_t pixel_bytes = out != nullptr ? slice_bytes_ : 0;
-  ISOSCOPE_ASSIGN_OR_RETURN(const DicomAnswer answer,
-                            Ask(path,
-                                {.question = DicomQuestion::kSlice,
-                                 .slice_bytes = static_cast<std::uint64_t>(pixel_bytes),
-                                 .is_counted = is_counted ? 1U : 0U},
-                                pixel_bytes));
-  ISOSCOPE_ASSIGN_OR_RETURN(DicomHeader header, Check(answer, path));
-  header.has_pixels = out != nullptr && answer.outcome == DicomOutcome::kPixels;
-  if (header.has_pixels) {
-    std::copy_n(process_.shared(), slice_bytes_, out);
+  const absl::StatusOr<DicomPixels> decoded = PixelsOf(answer);
+  if (!decoded.ok() || !(*decoded == pixels)) {
+    return absl::DataLossError("its pixels are stored otherwise than its header says");
   }
-  return header;
+  std::copy_n(process_.shared(), bytes, out);
+  return absl::OkStatus();
 }
 
 }  // namespace isoscope::source

@@ -16,12 +16,11 @@
 namespace isoscope::source {
 
 absl::StatusOr<std::vector<volume::Label>> ReadDicomLabels(const std::string& path) {
-  const std::vector<std::string> files =
-      io::IsDirectory(path) ? DicomCandidatesIn(path) : std::vector<std::string>{path};
+  std::vector<std::string> files{path};
+  if (io::IsDirectory(path)) {
+    files = DicomFilesOf(path).value_or(std::vector<std::string>());
+  }
   for (const std::string& file : files) {
-    if (!IsDicomFile(file)) {
-      continue;
-    }
     const absl::StatusOr<DicomScan> scan = ScanDicomFile(file);
     if (!scan.ok() || scan->content == DicomContent::kNoImage) {
       continue;

@@ -2,13 +2,7 @@
 // it can't be read. So this scan checks every file before GDCM reads it, and the user gets a
 // precise message.
 //
-// A file is 128 bytes, "DICM", the group 0002 (always explicit, little-endian), and elements:
-//
-//   explicit  group:16 element:16 kind:2 letters  length:16              value
-//             group:16 element:16 kind:2 letters  0:16         length:32 value   (kLong)
-//   implicit  group:16 element:16                 length:32              value
-//
-//   (0008,0016) UI 26 "1.2.840.10008.5.1.4.1.1.2\0"  explicit: 08 00 16 00 55 49 1a 00 31 2e 32 ...
+// dicom_element.cc has the layout of elements.
 //
 // A sequence or an item may have the length 0xffffffff: then it holds elements up to its delimiter.
 // The walk skips values with a length, and enters those without one. It counts its depth, because
@@ -25,7 +19,7 @@
 //
 // A file without pixels is no image. But if its class is one of images, or it has a number of rows,
 // it counts as cut. Big-endian files are not scanned, nor are the elements of deflated ones.
-// Source: DICOM PS3.5, sections 6.2.2 and 7, annex A.4; PS3.10, section 7.
+// Source: DICOM PS3.5, sections 6.2.2 and 7, annex A.4.
 
 #include "core/source/dicom_scan.h"
 
@@ -48,16 +42,16 @@
 #include "core/base/printable.h"
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
-#include "core/io/file.h"
+#include "core/source/dicom_element.h"
 #include "core/source/dicom_storage.h"
 
 namespace isoscope::source {
 namespace {
 
-constexpr std::uint32_t kUndefined = 0xffffffff;
 constexpr std::uint32_t kMetaLength = 0x00020000;
 constexpr std::uint32_t kStorageClass = 0x00020002;
 constexpr std::uint32_t kTransferSyntax = 0x00020010;
+constexpr std::uint32_t kObjectClass = 0x00080016;
 constexpr std::uint32_t kSeries = 0x0020000e;
 constexpr std::uint32_t kSamplesOfPixel = 0x00280002;
 constexpr std::uint32_t kRows = 0x00280010;
@@ -76,6 +70,7 @@ constexpr char kDeflated[] = "1.2.840.10008.1.2.1.99";
 constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
 
 // Texts that are kept.
+constexpr std::uint32_t kImageType = 0x00080008;
 constexpr std::uint32_t kAcquisitionTime = 0x00080032;
 constexpr std::uint32_t kContentTime = 0x00080033;
 constexpr std::uint32_t kDescription = 0x0008103e;
@@ -87,20 +82,11 @@ constexpr std::uint32_t kInstanceNumber = 0x00200013;
 constexpr std::uint32_t kTemporalPosition = 0x00200100;
 constexpr std::uint32_t kTemporalResolution = 0x00200110;
 constexpr std::uint32_t kFrames = 0x00280008;
-constexpr std::array<std::uint32_t, 11> kTexts{
-    kAcquisitionTime, kContentTime,       kDescription,    kEchoTime,         kTriggerTime,
-    kSeriesNumber,    kAcquisitionNumber, kInstanceNumber, kTemporalPosition, kTemporalResolution,
-    kFrames};
-
-constexpr std::int64_t kWindowBytes = 4096;
-
-struct Element {
-  std::uint32_t tag = 0;
-  std::uint32_t length = 0;
-  bool is_unknown = false;   // of kind UN
-  bool is_no_short = false;  // not of kind US
-  bool has_kind = false;     // the kind exists
-};
+constexpr std::uint32_t kImagesInGrid = 0x00651050;  // of United Imaging
+constexpr std::array<std::uint32_t, 13> kTexts{
+    kImageType,          kAcquisitionTime, kContentTime,       kDescription,    kEchoTime,
+    kTriggerTime,        kSeriesNumber,    kAcquisitionNumber, kInstanceNumber, kTemporalPosition,
+    kTemporalResolution, kFrames,          kImagesInGrid};
 
 // Elements of kind US, two bytes: samples a pixel, planar configuration, rows, columns, bits
 // allocated, bits stored, high bit, pixel representation.
@@ -109,7 +95,7 @@ constexpr std::array<std::uint32_t, 8> kNumbers{kSamplesOfPixel, 0x00280006,    
                                                 0x00280102,      0x00280103};
 
 // Whether the element is one of kNumbers, but does not hold a number of kind US.
-bool IsBrokenNumber(const Element& element) {
+bool IsBrokenNumber(const DicomElement& element) {
   return std::find(kNumbers.begin(), kNumbers.end(), element.tag) != kNumbers.end() &&
          (element.is_no_short || (element.length != 2 && element.length != 0));
 }
@@ -129,7 +115,7 @@ std::optional<double> SecondsOf(const std::string& text) {
 
 class Scanner {
  public:
-  explicit Scanner(const io::RandomAccessFile* file) : file_(*file) {}
+  explicit Scanner(const io::RandomAccessFile* file) : file_(*file), reader_(file) {}
 
   absl::StatusOr<DicomScan> Scan() {
     ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, ScanElements());
@@ -152,6 +138,11 @@ class Scanner {
     scan.description = base::Printable(texts_[kDescription]);
     scan.width = columns_;
     scan.height = rows_;
+    scan.bits_allocated = bits_;
+    // A value of the type, of which there may be more behind it.
+    const std::string types = absl::StrCat("\\", texts_[kImageType], "\\");
+    scan.is_mosaic = absl::StrContains(types, "\\MOSAIC\\") ||
+                     (absl::StrContains(types, "\\VFRAME\\") && number(kImagesInGrid) > 1);
     scan.moment = {.temporal_position = number(kTemporalPosition),
                    .echo_time = number(kEchoTime),
                    .trigger_time = number(kTriggerTime),
@@ -165,144 +156,98 @@ class Scanner {
 
  private:
   absl::StatusOr<DicomScan> ScanElements() {
-    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_meta, ReadMeta());
-    if (!has_meta) {
-      return scan_;
+    bool is_explicit = true;
+    ISOSCOPE_ASSIGN_OR_RETURN(const DicomStart start, FindDicomStart(file_, &is_explicit));
+    scan_.is_dicom = start != DicomStart::kNone;
+    if (start == DicomStart::kDataSet) {
+      reader_.set_is_explicit(is_explicit);
+      scan_.transfer_syntax = is_explicit ? kExplicit : kImplicit;
+    } else {
+      reader_.set_position(start == DicomStart::kMark ? 132 : 0);
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_meta, ReadMeta());
+      if (!scan_.is_dicom || !has_meta) {
+        return scan_;
+      }
     }
-    const DicomStorage storage = DicomStorageOf(scan_.storage_class);
-    if (storage == DicomStorage::kOther) {
-      scan_.content = DicomContent::kNoImage;
-    } else if (scan_.transfer_syntax == kBigEndian || scan_.transfer_syntax == kDeflated) {
-      scan_.content = Has(8) ? DicomContent::kImage : DicomContent::kCut;
+    const bool is_unread =
+        scan_.transfer_syntax == kBigEndian || scan_.transfer_syntax == kDeflated;
+    if (is_unread && DicomStorageOf(scan_.storage_class) != DicomStorage::kOther) {
+      scan_.content = reader_.Has(8) ? DicomContent::kImage : DicomContent::kCut;
       return scan_;
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const End end, Walk());
-    if (scan_.content != DicomContent::kNoImage) {
-      const bool must_have_pixels = storage == DicomStorage::kImage || has_rows_;
-      scan_.content = end == End::kOfPixels                      ? DicomContent::kImage
-                      : end == End::kOfFile && !must_have_pixels ? DicomContent::kNoImage
-                                                                 : DicomContent::kCut;
-    }
+    const DicomStorage storage = DicomStorageOf(scan_.storage_class);
+    const bool must_have_pixels = storage == DicomStorage::kImage || has_rows_;
+    scan_.content = storage == DicomStorage::kOther            ? DicomContent::kNoImage
+                    : end == End::kOfPixels                    ? DicomContent::kImage
+                    : end == End::kOfFile && !must_have_pixels ? DicomContent::kNoImage
+                                                               : DicomContent::kCut;
     return scan_;
   }
 
   enum class End { kOfPixels, kOfFile, kWithinElement };
 
-  [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
-
-  // Reads through a window of the file: elements are small, most headers fit one window, and the
-  // position only grows.
-  absl::Status ReadAtPosition(std::size_t size, char* out) {
-    if (position_ + static_cast<std::int64_t>(size) > window_begin_ + window_bytes_) {
-      window_begin_ = position_;
-      window_bytes_ = std::min(kWindowBytes, file_.size_bytes() - position_);
-      if (static_cast<std::int64_t>(size) > window_bytes_) {
-        return file_.ReadAt(position_, size, out);
-      }
-      ISOSCOPE_RETURN_IF_ERROR(
-          file_.ReadAt(position_, static_cast<std::size_t>(window_bytes_), window_.data()));
-    }
-    std::copy_n(window_.data() + (position_ - window_begin_), size, out);
-    return absl::OkStatus();
-  }
-
-  // Reads the group 0002, whose length counts from behind its first element. False if it is not
-  // there.
+  // Reads the group 0002. Its length counts from behind its first element, which a file without a
+  // mark may lack. False if the group is not there or damaged.
   absl::StatusOr<bool> ReadMeta() {
-    std::array<char, 4> mark;
-    position_ = 128;
-    if (!Has(mark.size())) {
+    const std::int64_t begin = reader_.position();
+    DicomElement element;
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_element, reader_.ReadHead(&element));
+    const bool has_length = has_element && element.tag == kMetaLength && element.length == 4;
+    if (!has_length && (begin > 0 || !has_element)) {
       return false;
     }
-    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(mark.size(), mark.data()));
-    scan_.has_mark = std::memcmp(mark.data(), "DICM", 4) == 0;
-    position_ += 4;
-    Element element;
-    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_element, ReadHead(&element));
-    if (!scan_.has_mark || !has_element || element.tag != kMetaLength || element.length != 4 ||
-        !Has(4)) {
+    std::int64_t end = -1;  // not known
+    if (!has_length) {
+      reader_.set_position(begin);
+    } else if (reader_.Has(4)) {
+      std::array<char, 4> length;
+      ISOSCOPE_RETURN_IF_ERROR(reader_.Read(length.size(), length.data()));
+      reader_.Skip(4);
+      end = reader_.position() + base::LoadLittleEndian<std::uint32_t>(length.data());
+    } else {
       return false;
     }
-    std::array<char, 4> length;
-    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(length.size(), length.data()));
-    position_ += 4;
-    const std::int64_t end = position_ + base::LoadLittleEndian<std::uint32_t>(length.data());
-    while (position_ < end) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_next, ReadHead(&element));
-      if (!has_next || !element.has_kind || !Has(element.length)) {
+    while (end < 0 || reader_.position() < end) {
+      const std::int64_t at = reader_.position();
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_next, reader_.ReadHead(&element));
+      if (end < 0 && has_next && element.tag >> 16 != 2) {
+        reader_.set_position(end = at);
+        break;
+      }
+      if (!has_next || !element.has_kind || !reader_.Has(element.length)) {
         return false;
       }
       if (element.tag == kStorageClass) {
-        ISOSCOPE_ASSIGN_OR_RETURN(scan_.storage_class, ReadUid(element.length));
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.storage_class, reader_.ReadUid(element.length));
       } else if (element.tag == kTransferSyntax) {
-        ISOSCOPE_ASSIGN_OR_RETURN(scan_.transfer_syntax, ReadUid(element.length));
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.transfer_syntax, reader_.ReadUid(element.length));
       }
-      position_ += element.length;
+      reader_.Skip(element.length);
     }
-    is_explicit_ = absl::StartsWith(scan_.transfer_syntax, kExplicitSyntaxes);
-    return position_ == end;
-  }
-
-  // Reads tag and length. False if the file ends before.
-  absl::StatusOr<bool> ReadHead(Element* element) {
-    if (!Has(8)) {
-      return false;
-    }
-    std::array<char, 12> head{};
-    const std::int64_t size = std::min<std::int64_t>(head.size(), file_.size_bytes() - position_);
-    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(static_cast<std::size_t>(size), head.data()));
-    const std::uint32_t group = base::LoadLittleEndian<std::uint16_t>(head.data());
-    element->tag = group << 16 | base::LoadLittleEndian<std::uint16_t>(head.data() + 2);
-    element->length = base::LoadLittleEndian<std::uint32_t>(head.data() + 4);
-    element->is_unknown = false;
-    element->is_no_short = false;
-    element->has_kind = false;
-    position_ += 8;
-    constexpr std::uint32_t kItemGroup = 0xfffe;
-    if (group == kItemGroup || !is_explicit_) {
-      return true;
-    }
-    constexpr absl::string_view kLong = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
-    const absl::string_view kind(head.data() + 4, 2);
-    element->is_unknown = kind == "UN";
-    element->is_no_short = kind != "US";
-    constexpr absl::string_view kKinds =
-        "AE AS AT CS DA DS DT FD FL IS LO LT OB OD OF OL OV OW PN SH SL SQ SS ST SV TM UC UI UL UN "
-        "UR US UT UV";
-    element->has_kind = kind[1] != ' ' && kKinds.find(kind) != absl::string_view::npos;
-    if (kLong.find(kind) == absl::string_view::npos) {
-      element->length = base::LoadLittleEndian<std::uint16_t>(head.data() + 6);
-      return true;
-    }
-    element->length = base::LoadLittleEndian<std::uint32_t>(head.data() + 8);
-    position_ += 4;
-    return Has(0);
-  }
-
-  // Returns the leading digits and dots of a value.
-  absl::StatusOr<std::string> ReadUid(std::uint32_t length) {
-    constexpr std::uint32_t kMaxSeriesUidBytes = 64;
-    std::string uid(std::min(length, kMaxSeriesUidBytes), '\0');
-    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(uid.size(), uid.data()));
-    return uid.substr(0, uid.find_first_not_of("0123456789."));
+    reader_.set_is_explicit(absl::StartsWith(scan_.transfer_syntax, kExplicitSyntaxes));
+    return reader_.position() == end;
   }
 
   // Keeps the value of one of kTexts, without the spaces and zeros at its ends. Of several texts
-  // the first.
-  absl::Status KeepText(const Element& element) {
-    constexpr std::uint32_t kMaxTextBytes = 64;
+  // the first, but of the type of the image all.
+  absl::Status KeepText(const DicomElement& element) {
+    constexpr std::uint32_t kMaxTextBytes = 128;
     if (std::find(kTexts.begin(), kTexts.end(), element.tag) == kTexts.end()) {
       return absl::OkStatus();
     }
     std::string text(std::min(element.length, kMaxTextBytes), '\0');
-    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(text.size(), text.data()));
-    text = text.substr(0, std::min(text.find('\0'), text.find('\\')));
+    ISOSCOPE_RETURN_IF_ERROR(reader_.Read(text.size(), text.data()));
+    text = text.substr(0, text.find('\0'));
+    if (element.tag != kImageType) {
+      text = text.substr(0, text.find('\\'));
+    }
     texts_[element.tag] = std::string(absl::StripAsciiWhitespace(text));
     return absl::OkStatus();
   }
 
   // Keeps the value of an element that counts the pixels.
-  absl::Status KeepNumber(const Element& element) {
+  absl::Status KeepNumber(const DicomElement& element) {
     std::uint16_t* const number = element.tag == kRows             ? &rows_
                                   : element.tag == kColumns        ? &columns_
                                   : element.tag == kBitsAllocated  ? &bits_
@@ -312,7 +257,7 @@ class Scanner {
       return absl::OkStatus();
     }
     std::array<char, sizeof(*number)> bytes;
-    ISOSCOPE_RETURN_IF_ERROR(ReadAtPosition(bytes.size(), bytes.data()));
+    ISOSCOPE_RETURN_IF_ERROR(reader_.Read(bytes.size(), bytes.data()));
     // GDCM takes one of two equal elements, so this keeps the larger number.
     *number = std::max(*number, base::LoadLittleEndian<std::uint16_t>(bytes.data()));
     return absl::OkStatus();
@@ -337,9 +282,9 @@ class Scanner {
     std::int64_t depth = 0;            // of sequences and items without a length
     std::int64_t implicit_depth = -1;  // elements below it are implicit, in an explicit file
     bool is_in_pixels = false;
-    Element element;
-    while (Has(8)) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_head, ReadHead(&element));
+    DicomElement element;
+    while (reader_.Has(8)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_head, reader_.ReadHead(&element));
       if (!has_head) {
         return End::kWithinElement;
       }
@@ -349,28 +294,28 @@ class Scanner {
         }
         depth = std::max<std::int64_t>(depth - 1, 0);
         if (depth == implicit_depth) {
-          is_explicit_ = true;
+          reader_.set_is_explicit(true);
           implicit_depth = -1;
         }
         continue;
       }
-      if (element.length == kUndefined) {
+      if (element.length == DicomElement::kUndefined) {
         if (is_in_pixels) {
           return End::kWithinElement;  // fragments of pixels have lengths
         }
         is_in_pixels = depth == 0 && element.tag == kPixels;
         if (element.is_unknown && !is_in_pixels) {
           implicit_depth = depth;
-          is_explicit_ = false;
+          reader_.set_is_explicit(false);
         }
         depth += is_in_pixels ? 0 : 1;
         continue;
       }
-      if (!Has(element.length)) {
+      if (!reader_.Has(element.length)) {
         return End::kWithinElement;
       }
       if (depth == 0 && element.tag == kPixels) {
-        scan_.pixels_offset = position_;
+        scan_.pixels_offset = reader_.position();
         return CountPixels(element.length) ? End::kOfPixels : End::kWithinElement;
       }
       if (depth == 0 && (element.tag == kFloatPixels || element.tag == kDoublePixels)) {
@@ -384,21 +329,20 @@ class Scanner {
         ISOSCOPE_RETURN_IF_ERROR(KeepNumber(element));
         ISOSCOPE_RETURN_IF_ERROR(KeepText(element));
       }
+      if (depth == 0 && element.tag == kObjectClass && scan_.storage_class.empty()) {
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.storage_class, reader_.ReadUid(element.length));
+      }
       if (depth == 0 && element.tag == kSeries) {
-        ISOSCOPE_ASSIGN_OR_RETURN(scan_.series, ReadUid(element.length));
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.series, reader_.ReadUid(element.length));
       }
       has_rows_ = has_rows_ || (depth == 0 && element.tag == kRows);
-      position_ += element.length;
+      reader_.Skip(element.length);
     }
-    return depth == 0 && !is_in_pixels && !Has(1) ? End::kOfFile : End::kWithinElement;
+    return depth == 0 && !is_in_pixels && !reader_.Has(1) ? End::kOfFile : End::kWithinElement;
   }
 
   const io::RandomAccessFile& file_;
-  std::int64_t position_ = 0;
-  std::array<char, kWindowBytes> window_;
-  std::int64_t window_begin_ = 0;
-  std::int64_t window_bytes_ = 0;
-  bool is_explicit_ = true;
+  DicomElementReader reader_;
   bool has_rows_ = false;
   std::uint16_t rows_ = 0;
   std::uint16_t columns_ = 0;
@@ -409,6 +353,18 @@ class Scanner {
 };
 
 }  // namespace
+
+bool DicomScan::is_high_throughput() const {
+  constexpr absl::string_view kSyntaxes = "1.2.840.10008.1.2.4.20";  // and 1, 2 or 3
+  return transfer_syntax.size() == kSyntaxes.size() + 1 &&
+         absl::StartsWith(transfer_syntax, kSyntaxes);
+}
+
+bool HasDicomStart(const io::RandomAccessFile& file) {
+  bool is_explicit = false;
+  const absl::StatusOr<DicomStart> start = FindDicomStart(file, &is_explicit);
+  return start.ok() && *start != DicomStart::kNone;
+}
 
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path) {
   ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a folder with many files

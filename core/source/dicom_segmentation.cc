@@ -33,6 +33,7 @@
 #include "core/io/file.h"
 #include "core/math/vec.h"
 #include "core/source/dicom_decoder.h"
+#include "core/source/dicom_geometry.h"
 #include "core/source/dicom_module.h"
 #include "core/source/dicom_stack.h"
 #include "core/source/dicom_steps.h"
@@ -53,7 +54,7 @@ struct Segmentation {
   DicomFrames frames;
 
   [[nodiscard]] bool is_binary() const { return frames.segment_kind == DicomSegmentKind::kBinary; }
-  [[nodiscard]] std::int64_t pixels() const { return frames.width * frames.height; }
+  [[nodiscard]] std::int64_t pixels() const { return frames.pixels.width * frames.pixels.height; }
   [[nodiscard]] const DicomFrame& frame(std::size_t i) const { return frames.frames[i]; }
 };
 
@@ -142,7 +143,8 @@ class SegmentPlanes final : public SliceReader {
       return file_->ReadAt(segmentation_->pixels_offset + number * bytes_,
                            static_cast<std::size_t>(bytes_), out);
     }
-    const absl::Status decoded = decoder_.ReadFrame(segmentation_->path, number, out);
+    const absl::Status decoded =
+        decoder_.ReadFrame(segmentation_->path, false, number, segmentation_->frames.pixels, out);
     if (!decoded.ok() && !absl::IsDataLoss(decoded)) {
       return absl::Status(decoded.code(),
                           absl::StrCat(segmentation_->path, ": ", decoded.message()));
@@ -203,14 +205,15 @@ class SegmentationSeries final : public VolumeSeries {
 
 absl::Status CheckPixels(const Segmentation& segmentation) {
   const DicomFrames& frames = segmentation.frames;
-  const std::int64_t bits = frames.bits_allocated;
-  if (frames.segment_kind == DicomSegmentKind::kUnknown || frames.components != 1 ||
+  const std::int64_t bits = frames.pixels.bits_allocated;
+  if (frames.segment_kind == DicomSegmentKind::kUnknown || frames.pixels.components != 1 ||
       segmentation.pixels() == 0 ||
       (segmentation.is_binary() ? bits != 1 : bits != 8 && bits != 16)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: a segmentation of %d x %d pixels of %d bits, %d samples a pixel, of %s type; expected "
         "BINARY of 1 bit, or FRACTIONAL or LABELMAP of 8 or 16 bits",
-        segmentation.path, frames.width, frames.height, bits, frames.components,
+        segmentation.path, frames.pixels.width, frames.pixels.height, bits,
+        frames.pixels.components,
         frames.segment_kind == DicomSegmentKind::kUnknown      ? "an unknown"
         : segmentation.is_binary()                             ? "BINARY"
         : frames.segment_kind == DicomSegmentKind::kFractional ? "FRACTIONAL"
@@ -225,43 +228,47 @@ absl::Status CheckPixels(const Segmentation& segmentation) {
   return absl::OkStatus();
 }
 
-// Checks that each frame has all that a volume needs, and its segment.
-absl::Status CheckFrames(const Segmentation& segmentation) {
-  if (segmentation.frames.frames.empty()) {  // the child may answer anything
-    return absl::InvalidArgumentError(
-        absl::StrCat(segmentation.path, ": a segmentation without frames; expected at least two"));
-  }
+// The frames as slices; each has all that a volume needs, and its segment.
+absl::StatusOr<std::vector<DicomSlice>> SlicesOf(const Segmentation& segmentation) {
   const bool has_segments = segmentation.frames.segment_kind != DicomSegmentKind::kLabelMap;
+  std::vector<DicomSlice> slices;
   for (std::size_t i = 0; i < segmentation.frames.frames.size(); ++i) {
     const DicomFrame& frame = segmentation.frame(i);
-    const char* const missing = !frame.position                           ? "position"
-                                : !frame.along_row || !frame.along_column ? "orientation"
-                                : !frame.spacing                          ? "pixel spacing"
-                                : has_segments && frame.segment == 0      ? "number of a segment"
-                                                                          : nullptr;
-    if (missing != nullptr) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: frame %d of %d of the segmentation has no %s%s", segmentation.path, i,
-          segmentation.frames.frames.size(), missing,
-          frame.position ? "" : ": no volume (those of slides are tiles of a plane)"));
+    const std::string name =
+        absl::StrFormat("%s: frame %d of %d of the segmentation", segmentation.path, i,
+                        segmentation.frames.frames.size());
+    if (frame.position.is_missing()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          name, " has no position (0020,0032): no volume (those of slides are tiles of a plane)"));
     }
+    if (has_segments && frame.segment == 0) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(name, " has no number of a segment (0062,000b)"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const DicomPlane plane, PlaneOfDicomFrame(frame, name));
+    DicomSlice& slice = slices.emplace_back();
+    slice.path = segmentation.path;
+    slice.frame = static_cast<std::int64_t>(i);
+    slice.width = segmentation.frames.pixels.width;
+    slice.height = segmentation.frames.pixels.height;
+    slice.origin = plane.origin;
+    slice.spacing = plane.spacing;
+    slice.direction = plane.direction;
+    slice.position = plane.position;
   }
-  return absl::OkStatus();
+  return slices;
 }
 
-DicomSlice SliceOf(const Segmentation& segmentation, std::size_t i) {
-  const DicomFrame& frame = segmentation.frame(i);
-  DicomSlice slice;
-  slice.path = segmentation.path;
-  slice.frame = static_cast<std::int64_t>(i);
-  slice.width = segmentation.frames.width;
-  slice.height = segmentation.frames.height;
-  slice.origin = *frame.position;
-  slice.spacing = {frame.spacing->x, frame.spacing->y, 1};
-  slice.direction.columns = {*frame.along_row, *frame.along_column,
-                             math::Cross(*frame.along_row, *frame.along_column)};
-  slice.position = math::Dot(slice.origin, slice.direction.columns[2]);
-  return slice;
+// The distance of planes that the file names; 0: none. Without a meaning if it is negative.
+absl::StatusOr<double> NamedDistance(const Segmentation& segmentation) {
+  const DicomNumbers<1>& spacing = segmentation.frame(0).slice_spacing;
+  if (spacing.given == DicomGiven::kBroken || spacing.value() < 0) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: its spacing between slices (0018,0088) is %s; expected a number above 0",
+        segmentation.path,
+        spacing.is_given() ? absl::StrCat(spacing.value()) : "there, but is no number"));
+  }
+  return spacing.value();
 }
 
 // Finds the segments that overlap, by their indices.
@@ -353,7 +360,7 @@ absl::StatusOr<std::vector<SourceField>> FieldsOfShares(
 
 absl::StatusOr<Segmentation> ReadSegmentation(const std::string& path, const DicomScan& scan) {
   DicomDecoder decoder;
-  absl::StatusOr<DicomFrames> frames = decoder.ReadSegmentFrames(path);
+  absl::StatusOr<DicomFrames> frames = decoder.ReadFrames(path);
   if (!frames.ok()) {
     return absl::IsDataLoss(frames.status())
                ? absl::InvalidArgumentError(absl::StrFormat(
@@ -371,12 +378,13 @@ absl::StatusOr<Segmentation> ReadSegmentation(const std::string& path, const Dic
                             .frames = *std::move(frames)};
   // The file has the pixels that the scan counted, and memory for no more is taken.
   if (segmentation.pixels_offset >= 0 &&
-      (segmentation.frames.width != scan.width || segmentation.frames.height != scan.height ||
+      (segmentation.frames.pixels.width != scan.width ||
+       segmentation.frames.pixels.height != scan.height ||
+       segmentation.frames.pixels.bits_allocated != scan.bits_allocated ||
        static_cast<std::int64_t>(segmentation.frames.frames.size()) != scan.frames)) {
     return DicomCutError(path);
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckPixels(segmentation));
-  ISOSCOPE_RETURN_IF_ERROR(CheckFrames(segmentation));
   return segmentation;
 }
 
@@ -407,13 +415,11 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSegmentation(const std::s
                                                                     const std::string& field) {
   ISOSCOPE_ASSIGN_OR_RETURN(Segmentation read, ReadSegmentation(path, scan));
   const auto segmentation = std::make_shared<const Segmentation>(std::move(read));
-  std::vector<DicomSlice> frames;
-  for (std::size_t i = 0; i < segmentation->frames.frames.size(); ++i) {
-    frames.push_back(SliceOf(*segmentation, i));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> frames, SlicesOf(*segmentation));
+  ISOSCOPE_ASSIGN_OR_RETURN(const double distance, NamedDistance(*segmentation));
   ISOSCOPE_ASSIGN_OR_RETURN(const SegmentPlaces places, PlacesOfFrames(std::move(frames)));
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices,
-                            WithEmptyPlaces(places.slices, segmentation->frame(0).spacing->z));
+                            WithEmptyPlaces(places.slices, distance));
   ISOSCOPE_ASSIGN_OR_RETURN(const SliceStack stack, StackSlices(&slices, path, {}));
   const absl::Status valid = volume::Validate(stack.geometry);
   if (!valid.ok()) {
@@ -437,7 +443,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSegmentation(const std::s
     }
   }
   const bool is_wide = segmentation->is_binary() ? index_of.rbegin()->first > 255
-                                                 : segmentation->frames.bits_allocated == 16;
+                                                 : segmentation->frames.pixels.bits_allocated == 16;
   std::vector<SourceField> fields = FieldsOfLayers(layer_count, field);
   if (segmentation->frames.segment_kind == DicomSegmentKind::kFractional && layer_count > 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(fields, FieldsOfShares(path, index_of));

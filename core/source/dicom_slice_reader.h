@@ -19,21 +19,27 @@
 namespace isoscope::source {
 
 // The slices of a file that was scanned, without their pixels: one, or one for each frame, in the
-// order of the file. INVALID_ARGUMENT: a header that can't be decoded; colour; a whole-slide image;
-// pixels that are floats; frames without a position, orientation or spacing. RESOURCE_EXHAUSTED:
-// the system gives no process.
+// order of the file. `has_spacing`: as GridRules. Their `type` is not set (SetDicomSampleTypes).
+// INVALID_ARGUMENT: a header that can't be decoded; colour; a whole-slide image or a mosaic; pixels
+// that are floats; samples that a table changes, or whose slope is 0 or no number; all that
+// PlanesOfDicomFrames refuses. RESOURCE_EXHAUSTED: the system gives no process.
 absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
                                                         const DicomScan& scan,
-                                                        DicomDecoder* decoder);
+                                                        DicomDecoder* decoder,
+                                                        bool has_spacing = false);
+
+// Gives all slices of a series the type that holds the samples of each (dicom_values.h).
+void SetDicomSampleTypes(std::vector<DicomSlice>* slices);
 
 // Thread-compatible.
 class DicomSliceReader final : public SliceReader {
  public:
-  // `slices` are alike, and there is one.
+  // `slices` have one type, and there is one.
   explicit DicomSliceReader(std::vector<DicomSlice> slices);
 
-  // Starts the process that decodes (dicom_decoder.h). RESOURCE_EXHAUSTED: there can be none.
-  absl::Status Start() { return decoder_.Start(); }
+  // Starts the process that decodes (dicom_decoder.h), if a slice needs it. RESOURCE_EXHAUSTED:
+  // there can be none.
+  absl::Status Start();
 
   // Decodes the pixels of slices[z] as [y][x], rescaled. INVALID_ARGUMENT: the file is cut.
   // DATA_LOSS: pixels that can't be decoded, or the file is another than before.
@@ -41,8 +47,6 @@ class DicomSliceReader final : public SliceReader {
   [[nodiscard]] std::int64_t memory_bytes() const override { return kDicomModuleBytes; }
 
  private:
-  absl::Status ReadFrame(const DicomSlice& slice, const DicomScan& scan, char* out);
-
   const std::vector<DicomSlice> slices_;
   DicomDecoder decoder_;
 };

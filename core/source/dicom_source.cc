@@ -31,6 +31,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <iterator>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -39,7 +40,6 @@
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
-#include "core/io/file.h"
 #include "core/source/dicom_decoder.h"
 #include "core/source/dicom_folder.h"
 #include "core/source/dicom_scan.h"
@@ -76,10 +76,13 @@ class DicomSeries final : public VolumeSeries {
       return absl::Status(valid.code(), absl::StrCat(path_, ": ", valid.message()));
     }
     const volume::ScalarType type = slices.front().type;
+    const auto patient = slices.front().is_on_patient
+                             ? std::optional<volume::PatientFrame>(volume::PatientFrame())
+                             : std::nullopt;
     auto reader = std::make_unique<DicomSliceReader>(std::move(slices));
     ISOSCOPE_RETURN_IF_ERROR(reader->Start());  // while this process is small
     std::unique_ptr<VolumeSource> source =
-        MakeSliceSource(stack.geometry, type, path_, std::move(reader), volume::PatientFrame());
+        MakeSliceSource(stack.geometry, type, path_, std::move(reader), patient);
     return ResampleSource(std::move(source), {{{}, {}, stack.distances}}, rules_.fill);
   }
 
@@ -93,14 +96,14 @@ class DicomSeries final : public VolumeSeries {
 
 // The slices of a series, in no order.
 absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const DicomSeriesFiles& found,
-                                                   DicomDecoder* decoder) {
+                                                   const GridRules& rules, DicomDecoder* decoder) {
   std::vector<DicomSlice> slices;
   for (const DicomSeriesFiles::File& image : found.images) {
     if (image.scan.content == DicomContent::kCut) {
       return DicomCutError(image.path);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> read,
-                              ReadDicomSlices(image.path, image.scan, decoder));
+                              ReadDicomSlices(image.path, image.scan, decoder, rules.has_spacing));
     std::move(read.begin(), read.end(), std::back_inserter(slices));
   }
   if (!found.left_out.empty()) {
@@ -115,14 +118,13 @@ absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const DicomSeriesFiles& found
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSegmentation(const DicomSeriesFiles& found,
                                                                const std::string& path,
                                                                const std::string& field) {
-  const bool is_folder = io::IsDirectory(path);
-  if (is_folder && found.images.size() > 1) {
+  if (!found.is_of_file && found.images.size() > 1) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: a series of %d segmentations, each of which is a volume; give one of them: %s, ...",
         path, found.images.size(), found.images.front().path));
   }
   // The file may have another name in its folder.
-  const std::string& file = is_folder ? found.images.front().path : path;
+  const std::string& file = found.is_of_file ? path : found.images.front().path;
   ISOSCOPE_ASSIGN_OR_RETURN(const DicomScan scan, ScanDicomFile(file));
   if (scan.content == DicomContent::kCut) {
     return DicomCutError(file);
@@ -136,11 +138,14 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& 
                                                              const std::string& field,
                                                              const GridRules& rules) {
   DicomDecoder decoder;
-  ISOSCOPE_ASSIGN_OR_RETURN(const DicomSeriesFiles found, FindDicomSeries(path, &decoder));
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomSeriesFiles found,
+                            FindDicomSeries(path, rules.dicom_series, &decoder));
   if (IsSegmentationStorage(found.images.front().scan.storage_class)) {
     return OpenSegmentation(found, path, field);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices, ReadSeries(found, &decoder));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices, ReadSeries(found, rules, &decoder));
+  SetDicomSampleTypes(&slices);
+  ISOSCOPE_RETURN_IF_ERROR(CheckParallel(slices, path));
   ISOSCOPE_ASSIGN_OR_RETURN(DicomSteps steps, SplitDicomSteps(std::move(slices), path));
   ISOSCOPE_RETURN_IF_ERROR(StackSlices(&steps.steps.front(), path, rules).status());
   return std::make_unique<DicomSeries>(path, field, std::move(steps), rules);

@@ -24,10 +24,11 @@ struct MomentKey {
   std::optional<double> DicomMoment::*member;
   KeyTimes times;
 };
-constexpr std::array<MomentKey, 7> kMomentKeys{
+constexpr std::array<MomentKey, 8> kMomentKeys{
     {{&DicomMoment::temporal_position, KeyTimes::kStepNumbers},
      {&DicomMoment::echo_time, KeyTimes::kMilliseconds},
      {&DicomMoment::trigger_time, KeyTimes::kMilliseconds},
+     {&DicomMoment::dimension_rank, KeyTimes::kStepNumbers},
      {&DicomMoment::acquisition_number, KeyTimes::kStepNumbers},
      {&DicomMoment::acquisition_time, KeyTimes::kSecondsFromFirst},
      {&DicomMoment::content_time, KeyTimes::kSecondsFromFirst},

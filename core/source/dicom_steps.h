@@ -12,7 +12,7 @@
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/source/dicom_scan.h"
-#include "core/source/rescale.h"
+#include "core/source/dicom_values.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -27,10 +27,9 @@ struct DicomSlice {
   math::Vec3d spacing;
   math::Mat3d direction;
   double position = 0;  // along the normal
-  // One frame has:
-  volume::ScalarType stored_type = volume::ScalarType::kUint8;
-  bool is_rescaled = false;  // then `type` is that of the rescaled samples
-  Rescaling rescaling;
+  DicomValues values;
+  bool is_on_patient = true;  // world axes are those of the patient
+  bool is_decoded = false;    // its pixels are compressed, or not where DicomScan finds them
   DicomMoment moment;
 };
 
@@ -41,11 +40,12 @@ struct DicomSteps {
 };
 
 // Divides slices by what tells those of one place apart: the temporal position, the echo time, the
-// trigger time, the number or time of the acquisition, the time of the content or the number of the
-// instance, the first that does so at every place. Echoes and triggers give times in ms,
-// acquisitions in s from the first one on; all else gives numbers, in ms by the temporal resolution
-// if there is one. Places with different numbers of images, or one image each, make one step.
-// INVALID_ARGUMENT: nothing tells them apart, or some steps lack a few images (says how many).
+// trigger time, the rank in the dimensions of a file, the number or time of the acquisition, the
+// time of the content or the number of the instance, the first that does so at every place. Echoes
+// and triggers give times in ms, acquisitions in s from the first one on; all else gives numbers,
+// in ms by the temporal resolution if there is one. Places with different numbers of images, or one
+// image each, make one step. INVALID_ARGUMENT: nothing tells them apart, or some steps lack a few
+// images (says how many).
 absl::StatusOr<DicomSteps> SplitDicomSteps(std::vector<DicomSlice> slices, const std::string& name);
 
 }  // namespace isoscope::source

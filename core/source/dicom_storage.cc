@@ -38,6 +38,13 @@ constexpr auto kWithoutPixels = std::to_array<absl::string_view>({
 constexpr auto kRadiotherapyImages =
     std::to_array<absl::string_view>({"481.1", "481.2", "481.23", "481.24"});
 
+// What stands behind kStorage; "" if the class is none of the standard's.
+absl::string_view SuffixOf(absl::string_view uid) {
+  return absl::ConsumePrefix(&uid, kStandard) && absl::ConsumePrefix(&uid, kStorage)
+             ? uid
+             : absl::string_view();
+}
+
 bool HasPixels(absl::string_view suffix) {
   return absl::c_linear_search(kRadiotherapyImages, suffix) ||
          absl::c_none_of(kWithoutPixels, [suffix](absl::string_view other) {
@@ -61,14 +68,26 @@ DicomStorage DicomStorageOf(absl::string_view uid) {
                                                                : DicomStorage::kOther;
 }
 
-bool IsSegmentationStorage(absl::string_view uid) {
-  return absl::ConsumePrefix(&uid, kStandard) && absl::ConsumePrefix(&uid, kStorage) &&
-         (uid == "66.4" || uid == "66.7");
+bool IsNuclearStorage(absl::string_view uid) { return SuffixOf(uid) == "20"; }
+
+bool IsDoseStorage(absl::string_view uid) { return SuffixOf(uid) == "481.2"; }
+
+bool IsUltrasoundVolumeStorage(absl::string_view uid) { return SuffixOf(uid) == "6.2"; }
+
+bool IsSecondaryCaptureStorage(absl::string_view uid) {
+  const absl::string_view suffix = SuffixOf(uid);
+  return suffix == "7" || absl::StartsWith(suffix, "7.");
 }
 
-bool IsWholeSlideStorage(absl::string_view uid) {
-  return absl::ConsumePrefix(&uid, kStandard) && absl::ConsumePrefix(&uid, kStorage) &&
-         uid == "77.1.6";
+bool IsDirectoryStorage(absl::string_view uid) {
+  return absl::ConsumePrefix(&uid, kStandard) && uid == "1.3.10";
 }
+
+bool IsSegmentationStorage(absl::string_view uid) {
+  const absl::string_view suffix = SuffixOf(uid);
+  return suffix == "66.4" || suffix == "66.7";
+}
+
+bool IsWholeSlideStorage(absl::string_view uid) { return SuffixOf(uid) == "77.1.6"; }
 
 }  // namespace isoscope::source

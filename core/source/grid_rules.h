@@ -1,9 +1,11 @@
-// Leave to take a grid that readers refuse: the flags --ignore-shear, --resample and --spacing.
+// What the flags of a user say to readers: --ignore-shear, --resample and --spacing, which are
+// leave to take a grid that readers refuse, and --series.
 
 #ifndef ISOSCOPE_CORE_SOURCE_GRID_RULES_H_
 #define ISOSCOPE_CORE_SOURCE_GRID_RULES_H_
 
 #include <optional>
+#include <string>
 
 namespace isoscope::source {
 
@@ -18,6 +20,8 @@ struct GridRules {
   // The distances of samples are given: a reader takes 1 where those of the file are missing or
   // make no sense.
   bool has_spacing = false;
+  // The number or UID of the DICOM series among those that a path names; empty: the only one.
+  std::string dicom_series{};
 
   [[nodiscard]] bool is_default() const { return !ignores_shear && !resamples && !has_spacing; }
 };

@@ -2,7 +2,8 @@
 //
 //   a pattern ("slice*.tif")      TIFF stack
 //   file.h5:/dataset, data*.h5    HDF5
-//   a folder                      TIFF files if it has some, else a DICOM series
+//   a folder                      TIFF files if it has some, else a DICOM series, else slices, else
+//                                 DICOM series in folders below
 //   file.vti, file.vti:array      VTK ImageData, as are .pvti
 //   .mrc, .tif and the like       the formats of series_format.h
 //   .dcm, or the DICOM mark       the series of that file
@@ -99,6 +100,9 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   }
   if (const auto why = WhyRefused(path); why.has_value()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
+  }
+  if (HasDicomFileBelow(path)) {
+    return FoundVolume{.kind = SourceKind::kDicom};
   }
   return absl::InvalidArgumentError(absl::StrCat(
       path, ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices (",
@@ -306,7 +310,7 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
     return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);
   }
   if (found.kind == SourceKind::kDicom) {
-    return DicomFilesIn(DicomFolder(path));
+    return DicomFilesOf(path);
   }
   if (found.kind == SourceKind::kSeriesFile && found.series.format->find_files != nullptr) {
     return found.series.format->find_files(found.series.file);

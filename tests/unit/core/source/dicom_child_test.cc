@@ -2,7 +2,6 @@
 
 #include "core/source/dicom_child.h"
 
-#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -33,14 +32,12 @@ constexpr std::size_t kSliceBytes = 12 * 9 * 2;
 
 class DicomChildTest : public ::testing::Test {
  protected:
-  DicomAnswer Ask(DicomQuestion question, std::uint64_t slice_bytes = 0, std::uint64_t frame = 0,
-                  std::uint64_t is_counted = 1) {
+  DicomAnswer Ask(DicomQuestion question, std::uint64_t frame_bytes = 0, std::uint64_t frame = 0) {
     DicomRequest request{};
     path_.copy(request.path.data(), path_.size());
     request.question = question;
-    request.slice_bytes = slice_bytes;
+    request.frame_bytes = frame_bytes;
     request.frame = frame;
-    request.is_counted = is_counted;
     DicomAnswer answer{};
     DecodeDicomInChild(&request, &answer, shared_.data());
     return answer;
@@ -54,36 +51,32 @@ class DicomChildTest : public ::testing::Test {
   testing::TempDir dir_;
   const std::string path_ = dir_.Sub("a.dcm");
   const std::string pixels_ = Noise({12, 9, 2}, ScalarType::kInt16);
-  std::string shared_ = std::string(kDicomSegmentsBytes, '?');
+  std::string shared_ = std::string(kDicomListBytes, '?');
 };
 
-TEST_F(DicomChildTest, SliceIsItsHeaderAndPixelsOnlyOfTheSizeThatIsAskedFor) {
-  const std::string pixels = pixels_.substr(0, kSliceBytes);
-  WriteFile(path_, DicomBytes({}, pixels));
-  for (const std::uint64_t bytes : {std::uint64_t{0}, std::uint64_t{kSliceBytes - 2}}) {
-    const DicomAnswer header = Ask(DicomQuestion::kSlice, bytes);
-    EXPECT_EQ(header.outcome, DicomOutcome::kHeader);
-    EXPECT_EQ(header.components, 1U);
-    EXPECT_THAT(header.dims, ElementsAre(12, 9, 1));
-    EXPECT_THAT(header.origin, ElementsAre(10, 20, 30));
-    EXPECT_EQ(header.spacing[0], 0.5);
-    EXPECT_EQ(header.spacing[1], 2);
-    EXPECT_THAT(header.direction, ElementsAre(1, 0, 0, 0, 1, 0, 0, 0, 1));
-    EXPECT_EQ(std::string(header.series.data(), 6), std::string("1.2.3\0", 6));
-    EXPECT_EQ(shared_[0], '?');
-  }
-  EXPECT_EQ(Ask(DicomQuestion::kSlice, kSliceBytes).outcome, DicomOutcome::kPixels);
-  EXPECT_TRUE(shared_.substr(0, kSliceBytes) == pixels);
-  EXPECT_EQ(shared_[kSliceBytes], '?');
-}
-
-TEST_F(DicomChildTest, PixelsThatNobodyCountedAreCounted) {
-  WriteFile(path_, DicomBytes({}, pixels_.substr(0, 100)));
-  EXPECT_EQ(Ask(DicomQuestion::kSlice, kSliceBytes, 0, 0).outcome, DicomOutcome::kNotDecoded);
-  EXPECT_EQ(shared_[0], '?');
-  EXPECT_EQ(Ask(DicomQuestion::kSlice, kSliceBytes, 0, 1).outcome, DicomOutcome::kPixels);
-  EXPECT_TRUE(shared_.substr(0, kSliceBytes) ==
-              pixels_.substr(0, 100) + std::string(kSliceBytes - 100, '\0'));
+TEST_F(DicomChildTest, ImageIsAListOfOneFrame) {
+  WriteFile(path_, DicomBytes({.intercept = "-5", .slope = "0.5"}, pixels_.substr(0, kSliceBytes)));
+  const DicomAnswer answer = Ask(DicomQuestion::kFrames);
+  EXPECT_EQ(answer.outcome, DicomOutcome::kHeader);
+  EXPECT_EQ(answer.components, 1U);
+  EXPECT_THAT(answer.dims, ElementsAre(12, 9, 1));
+  EXPECT_EQ(answer.bits_allocated, 16U);
+  EXPECT_EQ(answer.bits_stored, 16U);
+  EXPECT_EQ(answer.high_bit, 15U);
+  EXPECT_EQ(answer.is_signed, 1U);
+  EXPECT_EQ(answer.photometric, DicomPhotometric::kMonochrome);
+  EXPECT_EQ(answer.has_lut, 0U);
+  EXPECT_EQ(answer.group_items, 0U);
+  EXPECT_EQ(answer.dimensions[0], 0U);
+  EXPECT_EQ(std::string(answer.series.data(), 6), std::string("1.2.3\0", 6));
+  const DicomFrameRecord frame = Frame(0);
+  EXPECT_TRUE(frame.position.is_given());
+  EXPECT_THAT(frame.position.values, ElementsAre(10, 20, 30));
+  EXPECT_THAT(frame.orientation.values, ElementsAre(1, 0, 0, 0, 1, 0));
+  EXPECT_THAT(frame.pixel_spacing.values, ElementsAre(2, 0.5));
+  EXPECT_TRUE(frame.slice_spacing.is_missing());
+  EXPECT_EQ(frame.slope.value(), 0.5);
+  EXPECT_EQ(frame.intercept.value(), -5);
 }
 
 TEST_F(DicomChildTest, FramesAreListedAndDecodedOneByOne) {
@@ -95,34 +88,50 @@ TEST_F(DicomChildTest, FramesAreListedAndDecodedOneByOne) {
     frames += DicomItem(DicomElement(0x20, 0x9113, "SQ", DicomItem(position)) +
                         (z == 30 ? DicomElement(0x28, 0x9145, "SQ", DicomItem(values)) : ""));
   }
-  WriteFile(path_, DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.4.1",
-                               .more = DicomElement(0x5200, 0x9230, "SQ", frames),
-                               .frames = 2},
-                              pixels_));
+  testing::DicomSlice slice{.storage_class = "1.2.840.10008.5.1.4.1.1.4.1",
+                            .more = DicomElement(0x5200, 0x9230, "SQ", frames),
+                            .frames = 2,
+                            .transfer_syntax = testing::kDicomRle};
+  WriteFile(path_, DicomBytes(slice, pixels_));
   const DicomAnswer answer = Ask(DicomQuestion::kFrames);
   EXPECT_EQ(answer.outcome, DicomOutcome::kHeader);
   EXPECT_THAT(answer.dims, ElementsAre(12, 9, 2));
-  EXPECT_EQ(answer.components, 1U);
-  EXPECT_EQ(answer.stored_type, static_cast<std::uint32_t>(ScalarType::kInt16) + 1);
-  EXPECT_THAT(Frame(0).position, ElementsAre(10, 20, 34));
-  EXPECT_THAT(Frame(1).position, ElementsAre(10, 20, 30));
+  EXPECT_EQ(answer.group_items, 2U);
+  EXPECT_THAT(Frame(0).position.values, ElementsAre(10, 20, 34));
+  EXPECT_THAT(Frame(1).position.values, ElementsAre(10, 20, 30));
   for (const std::size_t i : {0U, 1U}) {
-    EXPECT_EQ(Frame(i).has_position, 1U);
-    EXPECT_EQ(Frame(i).has_directions, 1U);
-    EXPECT_EQ(Frame(i).has_spacing, 1U);
-    EXPECT_THAT(Frame(i).directions, ElementsAre(1, 0, 0, 0, 1, 0));
-    EXPECT_THAT(Frame(i).spacing, ElementsAre(0.5, 2, 0));
+    EXPECT_THAT(Frame(i).orientation.values, ElementsAre(1, 0, 0, 0, 1, 0));
+    EXPECT_THAT(Frame(i).pixel_spacing.values, ElementsAre(2, 0.5));
     EXPECT_EQ(Frame(i).echo_time.is_set, 0U);
   }
-  EXPECT_EQ(Frame(0).slope, 1);
-  EXPECT_EQ(Frame(0).intercept, 0);
-  EXPECT_EQ(Frame(1).slope, 0.5);
-  EXPECT_EQ(Frame(1).intercept, -5);
+  EXPECT_TRUE(Frame(0).slope.is_missing());
+  EXPECT_EQ(Frame(1).slope.value(), 0.5);
+  EXPECT_EQ(Frame(1).intercept.value(), -5);
   for (const std::uint64_t i : {std::uint64_t{1}, std::uint64_t{0}}) {
-    EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes, i).outcome, DicomOutcome::kPixels);
+    const DicomAnswer decoded = Ask(DicomQuestion::kFrame, kSliceBytes, i);
+    EXPECT_EQ(decoded.outcome, DicomOutcome::kPixels);
+    EXPECT_EQ(decoded.bits_stored, 16U);
+    EXPECT_EQ(decoded.is_signed, 1U);
     EXPECT_TRUE(shared_.substr(0, kSliceBytes) == pixels_.substr(i * kSliceBytes, kSliceBytes));
   }
   EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes - 2, 0).outcome, DicomOutcome::kNotDecoded);
+}
+
+TEST_F(DicomChildTest, OneCompressedImageIsDecoded) {
+  WriteFile(path_,
+            DicomBytes({.transfer_syntax = testing::kDicomRle}, pixels_.substr(0, kSliceBytes)));
+  EXPECT_EQ(Ask(DicomQuestion::kFrames).outcome, DicomOutcome::kHeader);
+  shared_.assign(shared_.size(), '?');
+  EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes).outcome, DicomOutcome::kPixels);
+  EXPECT_TRUE(shared_.substr(0, kSliceBytes) == pixels_.substr(0, kSliceBytes));
+  EXPECT_EQ(shared_[kSliceBytes], '?');
+  EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes - 2).outcome, DicomOutcome::kNotDecoded);
+  EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes, 1).outcome, DicomOutcome::kNotDecoded);
+}
+
+TEST_F(DicomChildTest, TooFewPixelsAreNotDecoded) {
+  WriteFile(path_, DicomBytes({}, pixels_.substr(0, 100)));
+  EXPECT_EQ(Ask(DicomQuestion::kFrame, kSliceBytes).outcome, DicomOutcome::kNotDecoded);
 }
 
 TEST_F(DicomChildTest, SegmentationsAreListedWithoutTheirPixels) {
@@ -131,7 +140,7 @@ TEST_F(DicomChildTest, SegmentationsAreListedWithoutTheirPixels) {
                         .segments = {{3, "liver", {{0, 65535, 0x8080}}}, {300, "two"}},
                         .distance = "4",
                         .padding = 9}));
-  const DicomAnswer answer = Ask(DicomQuestion::kSegmentFrames);
+  const DicomAnswer answer = Ask(DicomQuestion::kFrames);
   EXPECT_EQ(answer.outcome, DicomOutcome::kHeader);
   EXPECT_THAT(answer.dims, ElementsAre(5, 3, 2));
   EXPECT_EQ(answer.components, 1U);
@@ -139,8 +148,8 @@ TEST_F(DicomChildTest, SegmentationsAreListedWithoutTheirPixels) {
   EXPECT_EQ(answer.segment_kind, DicomSegmentKind::kBinary);
   EXPECT_EQ(answer.padding.value, 9);
   EXPECT_EQ(std::string(answer.series.data(), 5), "1.2.3");
-  EXPECT_THAT(Frame(0).position, ElementsAre(10, 20, 34));
-  EXPECT_THAT(Frame(1).spacing, ElementsAre(0.5, 2, 4));
+  EXPECT_THAT(Frame(0).position.values, ElementsAre(10, 20, 34));
+  EXPECT_EQ(Frame(1).slice_spacing.value(), 4);
   EXPECT_EQ(Frame(0).segment, 3U);
   EXPECT_EQ(Frame(1).segment, 300U);
   const DicomAnswer segments = Ask(DicomQuestion::kSegments);
@@ -163,8 +172,7 @@ TEST_F(DicomChildTest, SegmentationsAreListedWithoutTheirPixels) {
 TEST_F(DicomChildTest, BytesThatAreNoDicomFileAreNotDecoded) {
   WriteFile(path_, "Doe^Jane");
   for (const DicomQuestion question :
-       {DicomQuestion::kSlice, DicomQuestion::kFrames, DicomQuestion::kFrame,
-        DicomQuestion::kSegmentFrames, DicomQuestion::kSegments}) {
+       {DicomQuestion::kFrames, DicomQuestion::kFrame, DicomQuestion::kSegments}) {
     const DicomAnswer answer = Ask(question, kSliceBytes);
     EXPECT_EQ(answer.outcome, DicomOutcome::kNotDecoded);
     EXPECT_EQ(answer.series[0], '\0');

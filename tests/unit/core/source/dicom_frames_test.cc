@@ -15,6 +15,7 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/source/htj2k_bytes.h"
 #include "tests/unit/core/source/vti_bytes.h"
 
 namespace isoscope::source {
@@ -57,7 +58,7 @@ class DicomFramesTest : public ::testing::Test {
   }
   // A file whose frame i is image i, at z of `places[i]`, with those elements of functional groups.
   void WriteFrames(const std::string& name, const std::vector<double>& places,
-                   const std::vector<std::string>& groups) {
+                   const std::vector<std::string>& groups, const std::string& more = "") {
     std::string pixels;
     std::string frames;
     for (std::size_t i = 0; i < places.size(); ++i) {
@@ -68,7 +69,7 @@ class DicomFramesTest : public ::testing::Test {
     }
     Write(name,
           {.storage_class = "1.2.840.10008.5.1.4.1.1.4.1",
-           .more = DicomElement(0x5200, 0x9230, "SQ", frames),
+           .more = more + DicomElement(0x5200, 0x9230, "SQ", frames),
            .frames = static_cast<int>(places.size())},
           pixels);
   }
@@ -175,24 +176,145 @@ TEST_F(DicomFramesTest, DoseGridsAreScaledAndLieAtTheirOffsets) {
             (math::Vec3d{11.5, 24, 36}));
 }
 
-// As a file says it of its pixels; the pixels themselves do not matter.
-TEST_F(DicomFramesTest, HighThroughputJpeg2000IsNamed) {
+TEST_F(DicomFramesTest, HighThroughputJpeg2000IsDecoded) {
+  const std::string codestream = testing::Htj2kBytes();
+  const std::vector<std::uint16_t> samples = testing::Htj2kSamples();
   for (const char* last : {"1", "2", "3"}) {
-    std::string bytes = DicomBytes({.width = kWidth, .height = kHeight}, Pixels(0));
-    const std::string raw = "1.2.840.10008.1.2.1";
     const std::string syntax = absl::StrCat("1.2.840.10008.1.2.4.20", last);
-    const std::string raw_element = DicomElement(2, 0x10, "UI", raw);
-    const std::string element = DicomElement(2, 0x10, "UI", syntax);
-    bytes.replace(bytes.find(raw_element), raw_element.size(), element);
-    // The length of the group grows with it.
-    const std::size_t length = bytes.find(DicomElement(2, 0, "UL", "").substr(0, 6)) + 8;
-    const auto growth = static_cast<int>(element.size()) - static_cast<int>(raw_element.size());
-    bytes[length] = static_cast<char>(bytes[length] + growth);
-    testing::WriteFile(dir_.Sub("h.dcm"), bytes);
-    EXPECT_THAT(OpenVolumeSeries(dir_.Sub("h.dcm")),
-                StatusIs(kInvalid, AllOf(HasSubstr("High-Throughput"), HasSubstr(syntax),
-                                         HasSubstr("pydicom"))))
-        << last;
+    for (const int z : {0, 1}) {
+      testing::WriteFile(dir_.Sub(absl::StrCat("h", z)),
+                         DicomBytes({.width = 8,
+                                     .height = 8,
+                                     .position = absl::StrCat("0\\0\\", z),
+                                     .is_signed = false,
+                                     .intercept = z == 0 ? "0" : "-1024",
+                                     .slope = "1",
+                                     .transfer_syntax = syntax,
+                                     .fragments = {codestream}},
+                                    ""));
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("h0")));
+    ASSERT_EQ(volume->scalar_type(), volume::ScalarType::kInt16) << "12 bits from -1024 on";
+    const auto values = ValuesOf<std::int16_t>(ReadAll(*volume, 2).value());
+    for (std::size_t i = 0; i < 64; ++i) {
+      ASSERT_EQ(values[i], samples[i]);
+      ASSERT_EQ(values[64 + i], samples[i] - 1024);
+    }
+  }
+}
+
+// A frame may be cut into several fragments.
+TEST_F(DicomFramesTest, HighThroughputFramesBeginWithTheirCodestreams) {
+  const std::string codestream = testing::Htj2kBytes();
+  std::string groups;
+  for (const int z : {0, 1}) {
+    const std::string position = DicomElement(0x20, 0x32, "DS", absl::StrCat("0\\0\\", z));
+    groups += DicomItem(DicomElement(0x20, 0x9113, "SQ", DicomItem(position)));
+  }
+  const DicomSlice slice{
+      .width = 8,
+      .height = 8,
+      .is_signed = false,
+      .more = DicomElement(0x5200, 0x9230, "SQ", groups),
+      .frames = 2,
+      .transfer_syntax = "1.2.840.10008.1.2.4.201",
+      .fragments = {codestream.substr(0, 100), codestream.substr(100), codestream}};
+  testing::WriteFile(dir_.Sub("h"), DicomBytes(slice, ""));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("h")));
+  const std::string samples = BytesOf(testing::Htj2kSamples());
+  EXPECT_EQ(ReadAll(*volume, 2).value(), samples + samples);
+}
+
+// A mirrored volume was the consequence of each of these.
+TEST_F(DicomFramesTest, NuclearMedicineIsStackedAgainstTheNormalByANegativeDistance) {
+  const auto write = [this](const char* distance) {
+    const std::string detector = DicomItem(DicomElement(0x20, 0x32, "DS", "1\\2\\3") +
+                                           DicomElement(0x20, 0x37, "DS", "0\\1\\0\\0\\0\\1"));
+    Write("n.dcm",
+          {.position = "",
+           .orientation = "",
+           .storage_class = "1.2.840.10008.5.1.4.1.1.20",
+           .more = DicomElement(0x18, 0x88, "DS", distance) +
+                   DicomElement(0x54, 0x22, "SQ", detector) +
+                   DicomElement(0x54, 0x80, "US",
+                                DicomNumber(std::uint16_t{1}) + DicomNumber(std::uint16_t{2})),
+           .frames = 2},
+          Pixels(0) + Pixels(1));
+    return OpenVolumeFile(dir_.Sub("n.dcm"));
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto along, write("4"));
+  EXPECT_EQ(math::TransformPoint(along->geometry().world_from_index(), {0, 0, 1}),
+            (math::Vec3d{5, 2, 3}));
+  EXPECT_EQ(ReadAll(*along, 2).value(), Pixels(0) + Pixels(1));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto against, write("-4"));
+  EXPECT_EQ(against->geometry().origin, (math::Vec3d{-3, 2, 3}));
+  EXPECT_EQ(ReadAll(*against, 2).value(), Pixels(1) + Pixels(0));
+}
+
+TEST_F(DicomFramesTest, FramesAtOnePlaceAreInTheOrderOfTheirDimensions) {
+  // In no order in the file; the last index is that of steps.
+  const auto index = [](std::uint32_t place, std::uint32_t step) {
+    return DicomElement(
+        0x20, 0x9111, "SQ",
+        DicomItem(DicomElement(0x20, 0x9157, "UL", DicomNumber(place) + DicomNumber(step))));
+  };
+  const auto dimension = [](std::uint16_t group, std::uint16_t element) {
+    return DicomItem(DicomElement(0x20, 0x9165, "AT", DicomNumber(group) + DicomNumber(element)));
+  };
+  const std::string dimensions =
+      DicomElement(0x20, 0x9222, "SQ", dimension(0x20, 0x9057) + dimension(0x18, 0x9087));
+  WriteFrames("a.dcm", {32, 30, 30, 32}, {index(2, 1), index(1, 2), index(1, 1), index(2, 2)},
+              dimensions);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a.dcm")));
+  ASSERT_EQ(series->step_count(), 2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, series->Open(0, 0, 0));
+  EXPECT_EQ(ReadAll(*first, 2).value(), Pixels(2) + Pixels(0));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, series->Open(0, 0, 1));
+  EXPECT_EQ(ReadAll(*second, 2).value(), Pixels(1) + Pixels(3));
+}
+
+TEST_F(DicomFramesTest, UltrasoundVolumesLieByTheProbe) {
+  std::string groups;
+  for (const double z : {-2.0, 1.0}) {
+    const std::string position =
+        DicomElement(0x20, 0x9301, "FD", DicomNumber(5.0) + DicomNumber(6.0) + DicomNumber(z));
+    std::string directions;
+    for (const double d : {1.0, 0.0, 0.0, 0.0, 1.0, 0.0}) {
+      directions += DicomNumber(d);
+    }
+    groups += DicomItem(
+        DicomElement(0x20, 0x930e, "SQ", DicomItem(position)) +
+        DicomElement(0x20, 0x930f, "SQ", DicomItem(DicomElement(0x20, 0x9302, "FD", directions))));
+  }
+  Write("u.dcm",
+        {.position = "",
+         .orientation = "",
+         .storage_class = "1.2.840.10008.5.1.4.1.1.6.2",
+         .more = DicomElement(0x5200, 0x9230, "SQ", groups),
+         .frames = 2},
+        Pixels(0) + Pixels(1));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("u.dcm")));
+  EXPECT_EQ(volume->geometry().origin, (math::Vec3d{5, 6, -2}));
+  EXPECT_EQ(volume->geometry().spacing.z, 3);
+  EXPECT_FALSE(volume->patient_frame().has_value());
+}
+
+TEST_F(DicomFramesTest, FilesOfFramesAreStepsInTheOrderOfTheirNumbers) {
+  std::string groups;
+  for (const int z : {30, 32}) {
+    const std::string position = DicomElement(0x20, 0x32, "DS", absl::StrCat("10\\20\\", z));
+    groups += DicomItem(DicomElement(0x20, 0x9113, "SQ", DicomItem(position)));
+  }
+  for (const int file : {1, 0}) {
+    Write(absl::StrCat("f", 1 - file),
+          {.number = file + 1, .more = DicomElement(0x5200, 0x9230, "SQ", groups), .frames = 2},
+          Pixels(2 * file) + Pixels(2 * file + 1));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.path()));
+  ASSERT_EQ(series->step_count(), 2);
+  for (int step = 0; step < 2; ++step) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, step));
+    EXPECT_EQ(ReadAll(*volume, 2).value(), Pixels(2 * step) + Pixels(2 * step + 1));
   }
 }
 
@@ -219,11 +341,11 @@ TEST_F(DicomFramesTest, ParametricMapsOfFloatsAreRefusedByName) {
 TEST_F(DicomFramesTest, UnevenAndUnplacedFramesAreRefused) {
   WriteFrames("a.dcm", {30, 32, 37}, {"", "", ""});
   EXPECT_THAT(OpenVolumeFile(dir_.Sub("a.dcm")),
-              StatusIs(kInvalid, AllOf(HasSubstr("2 behind"), HasSubstr("3.5"),
+              StatusIs(kInvalid, AllOf(HasSubstr("5 behind"), HasSubstr("frame 1, where 2 is"),
                                        HasSubstr("at one distance"))));
   Write("b.dcm", {.series = "1.2.8", .frames = 3}, Pixels(0) + Pixels(1) + Pixels(2));
   EXPECT_THAT(OpenVolumeFile(dir_.Sub("b.dcm")),
-              StatusIs(kInvalid, HasSubstr("frame 0 of 3 has no position")));
+              StatusIs(kInvalid, HasSubstr("no spacing between slices (0018,0088)")));
   Write("c.dcm", {.series = "1.2.9", .frames = 3}, Pixels(0) + Pixels(1));
   EXPECT_THAT(OpenVolumeFile(dir_.Sub("c.dcm")), StatusIs(kInvalid, HasSubstr("cut")));
 }

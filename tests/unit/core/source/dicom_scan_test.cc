@@ -210,6 +210,71 @@ TEST_F(DicomScanTest, KindThatThereIsNotInTheGroup0002MakesTheFileUnfit) {
   }
 }
 
+// A data set in the implicit encoding: tag, then a length of 32 bits.
+std::string Implicit(std::uint16_t group, std::uint16_t element, std::string value) {
+  value.resize(value.size() + value.size() % 2, '\0');
+  return DicomNumber(group) + DicomNumber(element) +
+         DicomNumber(static_cast<std::uint32_t>(value.size())) + value;
+}
+
+TEST_F(DicomScanTest, FilesWithoutAMarkAreKnownByTheirFirstElements) {
+  const std::string whole = DicomBytes({}, pixels_);
+  const std::string meta = whole.substr(132);
+  const std::string data = whole.substr(whole.find(std::string("\x08\0\x16\0", 4)));
+  const std::string length = DicomElement(2, 0, "UL", std::string(4, '\0'));
+  for (const std::string& bytes :
+       {meta, meta.substr(length.size()), data, DicomElement(8, 5, "CS", "ISO_IR 100") + data}) {
+    const DicomScan scan = Scan(bytes);
+    EXPECT_TRUE(scan.is_dicom);
+    EXPECT_EQ(scan.content, DicomContent::kImage);
+    EXPECT_EQ(scan.series, "1.2.3");
+    EXPECT_EQ(scan.transfer_syntax, "1.2.840.10008.1.2.1");
+    EXPECT_EQ(scan.storage_class, "1.2.840.10008.5.1.4.1.1.2");
+    EXPECT_EQ(scan.pixels_offset, static_cast<std::int64_t>(bytes.size() - pixels_.size()));
+  }
+  const std::string implicit =
+      Implicit(8, 0, std::string(4, '\0')) + Implicit(8, 0x16, "1.2.840.10008.5.1.4.1.1.4") +
+      Implicit(0x20, 0xe, "1.2.77") + Implicit(0x28, 0x10, DicomNumber(std::uint16_t{9})) +
+      Implicit(0x28, 0x11, DicomNumber(std::uint16_t{12})) +
+      Implicit(0x28, 0x100, DicomNumber(std::uint16_t{16})) + Implicit(0x7fe0, 0x10, pixels_);
+  const DicomScan scan = Scan(implicit);
+  EXPECT_EQ(scan.content, DicomContent::kImage);
+  EXPECT_EQ(scan.transfer_syntax, "1.2.840.10008.1.2");
+  EXPECT_EQ(scan.series, "1.2.77");
+  EXPECT_EQ(scan.bits_allocated, 16);
+  EXPECT_TRUE(scan.is_counted);
+}
+
+TEST_F(DicomScanTest, MosaicsAreKnownByAValueOfTheirType) {
+  EXPECT_TRUE(
+      Scan(DicomBytes({.image_type = "ORIGINAL\\PRIMARY\\M\\ND\\MOSAIC"}, pixels_)).is_mosaic);
+  EXPECT_TRUE(Scan(DicomBytes({.image_type = "DERIVED\\MOSAIC\\M"}, pixels_)).is_mosaic);
+  EXPECT_FALSE(Scan(DicomBytes({.image_type = "ORIGINAL\\NOMOSAIC"}, pixels_)).is_mosaic);
+  EXPECT_FALSE(Scan(DicomBytes({}, pixels_)).is_mosaic);
+  // Of United Imaging, with the number of slices.
+  const auto grid = [this](const char* type, const char* count) {
+    return Scan(DicomBytes({.more = DicomElement(0x65, 0x1050, "DS", count), .image_type = type},
+                           pixels_))
+        .is_mosaic;
+  };
+  EXPECT_TRUE(grid("ORIGINAL\\PRIMARY\\M\\VFRAME", "20"));
+  EXPECT_FALSE(grid("ORIGINAL\\PRIMARY\\M\\VFRAME", "1"));
+  EXPECT_FALSE(grid("ORIGINAL\\PRIMARY\\M", "20"));
+}
+
+TEST_F(DicomScanTest, HighThroughputJpeg2000IsKnownByItsTransferSyntax) {
+  DicomScan scan;
+  for (const char* last : {"1", "2", "3"}) {
+    scan.transfer_syntax = absl::StrCat("1.2.840.10008.1.2.4.20", last);
+    EXPECT_TRUE(scan.is_high_throughput());
+  }
+  for (const char* other :
+       {"1.2.840.10008.1.2.4.20", "1.2.840.10008.1.2.4.90", "1.2.840.10008.1.2.4.2011"}) {
+    scan.transfer_syntax = other;
+    EXPECT_FALSE(scan.is_high_throughput()) << other;
+  }
+}
+
 TEST_F(DicomScanTest, FlippedBitsNeverCrashAndShowNoField) {
   const std::string whole =
       DicomBytes({.more = DicomOpenElement(0x88, 0x200, "SQ", DicomItem("abcdefgh"))}, pixels_);

@@ -70,6 +70,14 @@ TEST(DicomStepsTest, KeysInTheirOrder) {
        },
        {0, 20},
        "ms"},
+      {"dimensions",
+       [](int s, int z) {
+         return DicomMoment{.trigger_time = 5.0,
+                            .dimension_rank = 7.0 - 2 * z + 3 * s,
+                            .acquisition_number = 1.0 - s};
+       },
+       {0, 1},
+       ""},
       {"acquisition",
        [](int s, int z) { return DicomMoment{.acquisition_time = 36000.0 + 2 * s + 0.1 * z}; },
        {0, 2},

@@ -39,5 +39,25 @@ TEST(DicomStorageTest, SegmentationsAndSlidesAreTold) {
   EXPECT_FALSE(IsWholeSlideStorage(absl::StrCat(kStorage, "77.1.4")));
 }
 
+TEST(DicomStorageTest, ClassesWhoseFramesLieElsewhereAreTold) {
+  struct Case {
+    bool (*is_class)(absl::string_view uid);
+    const char* suffix;
+  };
+  for (const Case& c : {Case{&IsNuclearStorage, "20"},
+                        {&IsDoseStorage, "481.2"},
+                        {&IsUltrasoundVolumeStorage, "6.2"},
+                        {&IsSecondaryCaptureStorage, "7"},
+                        {&IsSecondaryCaptureStorage, "7.3"}}) {
+    EXPECT_TRUE(c.is_class(absl::StrCat(kStorage, c.suffix))) << c.suffix;
+    EXPECT_FALSE(c.is_class(c.suffix));
+    EXPECT_FALSE(c.is_class(absl::StrCat(kStorage, "4"))) << "magnetic resonance";
+    EXPECT_FALSE(c.is_class(absl::StrCat(kStorage, "77.1.6"))) << "slides";
+  }
+  EXPECT_TRUE(IsDirectoryStorage("1.2.840.10008.1.3.10"));
+  EXPECT_FALSE(IsDirectoryStorage("1.3.10"));
+  EXPECT_FALSE(IsDirectoryStorage(absl::StrCat(kStorage, "20")));
+}
+
 }  // namespace
 }  // namespace isoscope::source
