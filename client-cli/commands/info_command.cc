@@ -165,7 +165,8 @@ std::string InputAsTyped(const InfoFlags& flags) {
 
 // The series of a folder, if it has several and none is chosen; else an empty object.
 absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
-  if (flags.source.dims || flags.source.dicom_series || !io::IsDirectory(*flags.input) ||
+  const bool is_folder = io::IsDirectory(*flags.input) || source::IsDicomIndex(*flags.input);
+  if (flags.source.dims || flags.source.dicom_series || !is_folder ||
       !source::NamesDicomSeries(*flags.input)) {
     return Json::object();
   }

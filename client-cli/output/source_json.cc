@@ -202,21 +202,40 @@ Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries) {
                               {"width", entry.width},
                               {"height", entry.height},
                               {"images", entry.images},
+                              {"folder", entry.folder},
                               {"first_file", entry.first_file}});
   }
   return json;
 }
 
 std::string DescribeDicomSeries(const Json& json, const std::string& input) {
-  Table table({"series", "description", "images", "width", "height", "UID"});
-  for (const Json& series : json.at("series")) {
-    table.AddRow({series.at("number").dump(),
-                  base::Printable(series.at("description").get<std::string>()),
-                  series.at("images").dump(), series.at("width").dump(), series.at("height").dump(),
-                  series.at("uid").get<std::string>()});
+  const Json& all = json.at("series");
+  const bool has_folders = std::any_of(all.begin(), all.end(), [](const Json& series) {
+    return !series.at("folder").get<std::string>().empty();
+  });
+  std::vector<std::string> head{"series", "description", "images", "width", "height", "UID"};
+  if (has_folders) {
+    head.push_back("folder");
   }
+  Table table(head);
+  for (const Json& series : all) {
+    std::vector<std::string> row{
+        series.at("number").dump(), base::Printable(series.at("description").get<std::string>()),
+        series.at("images").dump(), series.at("width").dump(),
+        series.at("height").dump(), series.at("uid").get<std::string>()};
+    if (has_folders) {
+      row.push_back(base::Printable(series.at("folder").get<std::string>()));
+    }
+    table.AddRow(std::move(row));
+  }
+  // The number, if no other series has it.
+  const Json& first = all.front();
+  const auto same = std::count_if(all.begin(), all.end(), [&first](const Json& series) {
+    return series.at("number") == first.at("number");
+  });
   return absl::StrCat(table.ToString(), "\nchoose one, as in: isoscope info ", input, " --series ",
-                      json.at("series").front().at("number").dump(), "\n");
+                      same == 1 ? first.at("number").dump() : first.at("uid").get<std::string>(),
+                      "\n");
 }
 
 }  // namespace isoscope::cli

@@ -171,8 +171,10 @@ absl::Status CheckUsageWithDataset(const SourceFlags& flags, const std::string& 
 }
 
 absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path) {
-  return flags.dicom_series ? source::FindDicomSeriesFile(path, *flags.dicom_series)
-                            : absl::StatusOr<std::string>(path);
+  // Rules name the series of a path that is DICOM. Else the folder may hold one beside other files.
+  return flags.dicom_series && !source::NamesDicomSeries(path)
+             ? source::FindDicomSeriesFile(path, *flags.dicom_series)
+             : absl::StatusOr<std::string>(path);
 }
 
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
@@ -230,7 +232,10 @@ absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const SourceFlags& fla
   if (flags.dims) {
     return std::vector<volume::Label>();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
+  std::string file = path;
+  if (flags.dicom_series) {
+    ISOSCOPE_ASSIGN_OR_RETURN(file, source::FindDicomSeriesFile(path, *flags.dicom_series));
+  }
   absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
   if (labels.ok()) {
     return labels;

@@ -49,7 +49,10 @@ struct SourceFlags {
         .crop = crop, .stride = stride.value_or(1), .fill = fill, .ignores_shear = ignores_shear};
   }
   [[nodiscard]] source::GridRules rules() const {
-    return {.ignores_shear = ignores_shear, .resamples = resamples, .fill = fill};
+    return {.ignores_shear = ignores_shear,
+            .resamples = resamples,
+            .fill = fill,
+            .dicom_series = dicom_series.value_or("")};
   }
 };
 
@@ -66,8 +69,8 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 // UsageError if any flag is given: the samples and names of a dataset in a folder stay as they are.
 absl::Status CheckUsageWithDataset(const SourceFlags& flags, const std::string& directory);
 
-// The path to open: that of a file of the DICOM series that --series chooses, else `path`. Errors
-// as source::FindDicomSeriesFile.
+// The path to open with the rules of the flags: `path`, or a file of the DICOM series that --series
+// chooses beside files of other kinds. Errors as source::FindDicomSeriesFile.
 absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path);
 
 // Opens the volume as a raw file if --dims is given, else by its format, with the grids that

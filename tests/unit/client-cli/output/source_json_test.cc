@@ -114,5 +114,21 @@ TEST(DicomSeriesTextTest, ListsWhatCanBeChosen) {
   EXPECT_THAT(text, Not(HasSubstr("\033")));
 }
 
+TEST(DicomSeriesTextTest, AdvisesTheUidOfSeriesThatShareTheirNumber) {
+  const std::string text = DescribeDicomSeries(
+      DicomSeriesToJson({{.uid = "1.2.3", .number = 4}, {.uid = "1.2.4", .number = 4}}), "d");
+  EXPECT_THAT(text, HasSubstr("--series 1.2.3"));
+  EXPECT_THAT(text, Not(HasSubstr("folder")));
+}
+
+TEST(DicomSeriesTextTest, SeriesInFoldersBelowAreListedWithTheirFolders) {
+  const std::string text =
+      DescribeDicomSeries(DicomSeriesToJson({{.uid = "1.2.3", .number = 4, .folder = "a/\033b"},
+                                             {.uid = "1.2.4", .number = 5}}),
+                          "d");
+  EXPECT_THAT(text, HasSubstr("folder"));
+  EXPECT_THAT(text, HasSubstr("a/?b"));
+}
+
 }  // namespace
 }  // namespace isoscope::cli
