@@ -16,6 +16,7 @@
 #include "tests/fuzz/core/source/open_volume.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/support/dicom_file.h"
+#include "tests/unit/core/source/htj2k_bytes.h"
 #include "tests/unit/core/source/segmentation_bytes.h"
 
 namespace isoscope::fuzz {
@@ -79,7 +80,31 @@ std::vector<std::string> Seeds() {
   second.height = 3;
   second.position = "10\\20\\31";
   second.temporal_position = 2;
+  testing::DicomSlice nuclear;  // two slices against the normal
+  nuclear.width = 4;
+  nuclear.height = 3;
+  nuclear.frames = 2;
+  nuclear.storage_class = "1.2.840.10008.5.1.4.1.1.20";
+  nuclear.more =
+      DicomElement(0x18, 0x88, "DS", "-3") +
+      DicomElement(0x54, 0x22, "SQ", DicomItem(DicomElement(0x20, 0x32, "DS", "1\\2\\3"))) +
+      DicomElement(0x54, 0x80, "US", std::string("\1\0\2\0", 4));
+  testing::DicomSlice compressed;
+  compressed.width = 4;
+  compressed.height = 3;
+  compressed.slope = "0.5";
+  compressed.intercept = "-1";
+  compressed.transfer_syntax = testing::kDicomRle;
+  testing::DicomSlice high_throughput;
+  high_throughput.width = 8;
+  high_throughput.height = 8;
+  high_throughput.transfer_syntax = "1.2.840.10008.1.2.4.201";
+  high_throughput.fragments = {testing::Htj2kBytes()};
   return {std::string(1, '\0') + Slice(1),
+          "\1" + Slice(1).substr(132),  // without a mark
+          std::string(1, '\0') + testing::DicomBytes(nuclear, std::string(48, 'e')),
+          "\1" + testing::DicomBytes(compressed, std::string(24, 'f')),
+          std::string(1, '\0') + testing::DicomBytes(high_throughput, ""),
           "\1" + Slice(1),
           "\1" + testing::DicomBytes(open, std::string(24, 'b')),
           std::string(1, '\0') + testing::DicomBytes(framed, std::string(48, 'c')),
