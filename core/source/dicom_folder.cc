@@ -33,6 +33,7 @@
 #include <sys/stat.h>
 
 #include "core/base/printable.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/dicom_storage.h"
@@ -96,6 +97,9 @@ bool ForFoldersBelow(const std::string& top,
   for (int depth = 1; depth <= kMaxDepth && !level.empty(); ++depth) {
     std::vector<std::string> next;
     for (const std::string& folder : level) {
+      if (base::ProcessInterrupt().is_cancelled()) {
+        return true;  // the next scan of a file says so
+      }
       if (!is_new(folder)) {
         continue;
       }
@@ -170,6 +174,9 @@ absl::StatusOr<Folder> ScanFolder(const Place& place, DicomDecoder* decoder) {
   Folder folder;
   for (const std::string& file : files) {
     absl::StatusOr<DicomScan> scanned = ScanDicomFile(file);
+    if (absl::IsCancelled(scanned.status())) {
+      return scanned.status();
+    }
     if (!scanned.ok()) {
       return absl::Status(
           scanned.status().code(),

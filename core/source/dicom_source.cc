@@ -39,6 +39,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/log.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/source/dicom_decoder.h"
 #include "core/source/dicom_folder.h"
@@ -99,6 +100,7 @@ absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const DicomSeriesFiles& found
                                                    const GridRules& rules, DicomDecoder* decoder) {
   std::vector<DicomSlice> slices;
   for (const DicomSeriesFiles::File& image : found.images) {
+    ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());
     if (image.scan.content == DicomContent::kCut) {
       return DicomCutError(image.path);
     }
