@@ -35,6 +35,7 @@
 #include "bench/sample_statistics.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/json_text.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/cli/progress_line.h"
@@ -97,10 +98,10 @@ class CancelBench {
 
   absl::StatusOr<double> RenderWholeFrame() {
     client::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
-    const absl::Time start = absl::Now();
+    const base::MonotonicTime start = base::MonotonicNow();
     ISOSCOPE_RETURN_IF_ERROR(
         client.RenderIsosurface(NextRequest(), absl::InfiniteDuration()).status());
-    return absl::ToDoubleMilliseconds(absl::Now() - start);
+    return absl::ToDoubleMilliseconds(base::MonotonicNow() - start);
   }
 
   absl::Status MeasureWholeFrames() {
@@ -133,16 +134,16 @@ class CancelBench {
     client::ServiceClient client(cluster_->Channel(), "", &cancel, "");
     const isoscope::v1::RenderIsosurfaceRequest request = NextRequest();
     absl::Status status;
-    absl::Time answered_at;
-    const absl::Time start = absl::Now();
+    base::MonotonicTime answered_at;
+    const base::MonotonicTime start = base::MonotonicNow();
     std::thread caller([&] {
       status = client.RenderIsosurface(request, absl::InfiniteDuration()).status();
-      answered_at = absl::Now();
+      answered_at = base::MonotonicNow();
     });
     absl::SleepFor(absl::Milliseconds(RandomShare() * expected_ms));
-    const absl::Time cancelled_at = absl::Now();
+    const base::MonotonicTime cancelled_at = base::MonotonicNow();
     cancel.Trigger();
-    const absl::StatusOr<absl::Time> idle_at = WaitUntilIdle(cancelled_at);
+    const absl::StatusOr<base::MonotonicTime> idle_at = WaitUntilIdle(cancelled_at);
     caller.join();
     ISOSCOPE_RETURN_IF_ERROR(idle_at.status());
     if (status.ok()) {
@@ -160,10 +161,11 @@ class CancelBench {
   }
 
   // Returns when the agents became idle for good; `since` if they were idle all the time.
-  [[nodiscard]] absl::StatusOr<absl::Time> WaitUntilIdle(absl::Time since) const {
-    absl::Time idle_at = since;
+  [[nodiscard]] absl::StatusOr<base::MonotonicTime> WaitUntilIdle(base::MonotonicTime since) const {
+    base::MonotonicTime idle_at = since;
     bool was_busy = false;
-    for (absl::Time now = absl::Now(); now - idle_at < kQuiet || was_busy; now = absl::Now()) {
+    for (base::MonotonicTime now = base::MonotonicNow(); now - idle_at < kQuiet || was_busy;
+         now = base::MonotonicNow()) {
       const bool is_busy = cluster_->frames_in_work() > 0;
       if (was_busy && !is_busy) {
         idle_at = now;

@@ -23,6 +23,7 @@
 #include "clients/cpp/connection/retries.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/json_text.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/rpc/channel.h"
@@ -89,8 +90,8 @@ class ClientsBench {
       log.client = Connect();
     }
     const client::RetryCounts before = client::CountRetries();
-    const absl::Time begin = absl::Now() + plan_.warm_up;
-    const absl::Time end = begin + plan_.duration;
+    const base::MonotonicTime begin = base::MonotonicNow() + plan_.warm_up;
+    const base::MonotonicTime end = begin + plan_.duration;
     std::vector<std::thread> threads;
     threads.reserve(logs.size());
     for (ClientLog& log : logs) {
@@ -106,15 +107,15 @@ class ClientsBench {
     return round;
   }
 
-  void Ask(absl::Time begin, absl::Time end, ClientLog* log) {
+  void Ask(base::MonotonicTime begin, base::MonotonicTime end, ClientLog* log) {
     while (!context_.interrupt->cancellation().is_cancelled()) {
-      const absl::Time start = absl::Now();
+      const base::MonotonicTime start = base::MonotonicNow();
       if (start >= end) {
         return;
       }
       const absl::StatusOr<v1::RenderIsosurfaceResponse> response =
           log->client->RenderIsosurface(request_, kMaxClientsWait);
-      const absl::Time done = absl::Now();
+      const base::MonotonicTime done = base::MonotonicNow();
       if (!response.ok()) {
         if (log->failed_count++ == 0) {
           log->first_error = response.status().ToString();

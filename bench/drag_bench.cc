@@ -24,6 +24,7 @@
 #include "bench/sample_statistics.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/json_text.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
@@ -70,28 +71,28 @@ class DragBench {
   }
 
   absl::Status Drag() ABSL_LOCKS_EXCLUDED(mutex_) {
-    const absl::Time start = absl::Now();
-    const absl::Time end = start + kWarmUp + plan_.duration;
+    const base::MonotonicTime start = base::MonotonicNow();
+    const base::MonotonicTime end = start + kWarmUp + plan_.duration;
     const absl::Duration step = absl::Seconds(1 / plan_.states_per_second);
     std::int64_t state = 0;
-    for (absl::Time next = start; next < end; next += step) {
-      absl::SleepFor(next - absl::Now());
+    for (base::MonotonicTime next = start; next < end; next += step) {
+      absl::SleepFor(next - base::MonotonicNow());
       ISOSCOPE_RETURN_IF_ERROR(context_.interrupt->cancellation().Check());
       ISOSCOPE_RETURN_IF_ERROR(SendState(++state));
-      if (absl::Now() - start >= kWarmUp) {
+      if (base::MonotonicNow() - start >= kWarmUp) {
         StartCounting();
       }
     }
     {
       const base::MutexLock lock(&mutex_);
       is_counting_ = false;
-      result_.drag_seconds = absl::ToDoubleSeconds(absl::Now() - counting_since_);
+      result_.drag_seconds = absl::ToDoubleSeconds(base::MonotonicNow() - counting_since_);
       last_state_ = state;
       last_sent_ = sent_[state];
     }
     const base::MutexLock lock(&mutex_);
     const bool came = exact_came_.AwaitUntil(
-        &mutex_, absl::Now() + kMaxDragWait,
+        &mutex_, base::MonotonicNow() + kMaxDragWait,
         [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return exact_.has_value() || is_over_; });
     return came && exact_.has_value()
                ? absl::OkStatus()
@@ -102,7 +103,7 @@ class DragBench {
     const base::MutexLock lock(&mutex_);
     if (!is_counting_) {
       is_counting_ = true;
-      counting_since_ = absl::Now();
+      counting_since_ = base::MonotonicNow();
     }
   }
 
@@ -114,7 +115,7 @@ class DragBench {
     view.set_target_frames_per_second(plan_.target_frames_per_second);
     {
       const base::MutexLock lock(&mutex_);
-      sent_[state] = absl::Now();
+      sent_[state] = base::MonotonicNow();
     }
     return stream_->Write(request) ? absl::OkStatus()
                                    : absl::UnavailableError("the stream has ended");
@@ -137,7 +138,7 @@ class DragBench {
 
   void Note(const v1::InteractResponse& response) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
-    const absl::Time now = absl::Now();
+    const base::MonotonicTime now = base::MonotonicNow();
     if (response.is_exact() && response.sequence_number() == last_state_) {
       exact_ = response.frame();
       result_.exact_ms = absl::ToDoubleMilliseconds(now - last_sent_);
@@ -168,11 +169,11 @@ class DragBench {
 
   base::Mutex mutex_;
   base::CondVar exact_came_;
-  std::map<std::int64_t, absl::Time> sent_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::int64_t, base::MonotonicTime> sent_ ABSL_GUARDED_BY(mutex_);
   bool is_counting_ ABSL_GUARDED_BY(mutex_) = false;
-  absl::Time counting_since_ ABSL_GUARDED_BY(mutex_);
+  base::MonotonicTime counting_since_ ABSL_GUARDED_BY(mutex_);
   std::int64_t last_state_ ABSL_GUARDED_BY(mutex_) = 0;  // 0: still dragging
-  absl::Time last_sent_ ABSL_GUARDED_BY(mutex_);
+  base::MonotonicTime last_sent_ ABSL_GUARDED_BY(mutex_);
   std::optional<v1::RenderIsosurfaceResponse> exact_ ABSL_GUARDED_BY(mutex_);
   bool is_over_ ABSL_GUARDED_BY(mutex_) = false;
   DragBenchResult result_;  // the reader's while it runs, but for drag_seconds

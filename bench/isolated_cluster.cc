@@ -18,10 +18,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/store/shard_reader.h"
@@ -278,11 +278,11 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
     link->Begin(shards_[i], renderer_, &arena_, &cancellation);
     return link;
   };
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   // Runs inside the arena, so that no step finds a second thread.
   server::FrameOutcome outcome =
       base::RunIn(&arena_, [&] { return server::RunFrame(setup, begin, cancellation); });
-  const absl::Duration wall = absl::Now() - start;
+  const absl::Duration wall = base::MonotonicNow() - start;
   ISOSCOPE_RETURN_IF_ERROR(outcome.status);
   IsolatedFrame frame = FrameOf(std::move(outcome.result), std::move(ray_hits), orders, wall);
   caches.clear();

@@ -18,7 +18,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "absl/time/clock.h"
 
 #include "bench/machine.h"
 #include "bench/paper_bench.h"
@@ -29,6 +28,7 @@
 #include "client-cli/session/source_flags.h"
 #include "clients/cpp/request/camera_flags.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
@@ -264,7 +264,7 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
                          .renderer = renderer->description(),
                          .run_count = plan.run_count,
                          .side_px = plan.side_px};
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   Datasets datasets(flags, folder, context);
   PaperBenchResult result;
   {
@@ -286,7 +286,7 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
                  << "; the tables are complete without" << std::endl;
   }
   *context.out << output << "/report.md: figures 1, 6, 7, 8 and 9 over " << result.isovalues.size()
-               << " isovalues, in " << cli::FormatElapsed(absl::Now() - start) << "\n";
+               << " isovalues, in " << cli::FormatElapsed(base::MonotonicNow() - start) << "\n";
   return absl::OkStatus();
 }
 

@@ -16,6 +16,7 @@
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/json_text.h"
 #include "core/base/memory_info.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/interrupt.h"
@@ -71,10 +72,10 @@ class SliderBench {
     request.set_isovalue(first + (plan_.last_isovalue - first) * step / (plan_.step_count - 1));
     const auto resident = static_cast<double>(base::ResidentBytes());
     const absl::Duration kernel = KernelTime();
-    const absl::Time start = absl::Now();
+    const base::MonotonicTime start = base::MonotonicNow();
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
                               stage_.session->client().RenderIsosurface(request, kMaxSliderWait));
-    const absl::Time end = absl::Now();
+    const base::MonotonicTime end = base::MonotonicNow();
     pngs->push_back(std::move(*response.mutable_png()));
     return SliderFrame{
         .isovalue = request.isovalue(),

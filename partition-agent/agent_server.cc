@@ -12,16 +12,17 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/time/clock.h"
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/grpc_time.h"
 #include "core/store/directory_files.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
@@ -263,7 +264,7 @@ class AgentServerImpl final : public AgentServer {
       is_stopping_ = true;
       SetServing();
     }
-    server_->Shutdown(absl::ToChronoTime(absl::Now() + grace));
+    server_->Shutdown(base::MonotonicNow() + grace);
   }
 
  private:

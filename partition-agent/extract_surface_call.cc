@@ -9,10 +9,10 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
@@ -91,12 +91,12 @@ class ExtractSurfaceCall final : public SurfaceReactor {
             [this](const v1::ExtractSurfaceResponse* message) { StartWrite(message); },
             [this](const absl::Status& status) {
               agent_.metrics.CountRequest(AgentMethod::kExtractSurface, status,
-                                          absl::Now() - arrival_);
+                                          base::MonotonicNow() - arrival_);
               Finish(rpc::ToGrpcStatus(status));
             }) {}
 
   void Run() {
-    const absl::Time start = absl::Now();
+    const base::MonotonicTime start = base::MonotonicNow();
     const absl::Status status =
         agent_.damages.ForCaller(base::OrNoMemory("the surface", [this] { return Extract(); }));
     outgoing_.Finish(status);
@@ -108,7 +108,7 @@ class ExtractSurfaceCall final : public SurfaceReactor {
               {{"request", identity_.request_id()},
                {"dataset_id", request_.dataset_id()},
                {"surface", rule_.Text()},
-               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
+               {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start)},
                {"triangles", triangle_count_},
                {"status", status}});
   }
@@ -157,7 +157,7 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   const v1::ExtractSurfaceRequest request_;
   volume::InsideRule rule_;  // set by Extract
   const base::TraceContext identity_;
-  const absl::Time arrival_ = absl::Now();
+  const base::MonotonicTime arrival_ = base::MonotonicNow();
   base::Cancellation cancellation_;
   rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
   std::int64_t triangle_count_ = 0;

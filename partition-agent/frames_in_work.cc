@@ -1,6 +1,6 @@
 #include "partition-agent/frames_in_work.h"
 
-#include "absl/time/clock.h"
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::agent {
 
@@ -16,7 +16,7 @@ void FramesInWork::Begin() {
 void FramesInWork::End() {
   const base::MutexLock lock(&mutex_);
   if (--frame_count_ == 0) {
-    idle_since_ = absl::Now();
+    idle_since_ = base::MonotonicNow();
     changed_.SignalAll();
   }
 }
@@ -51,8 +51,9 @@ absl::Status FramesInWork::AwaitIdle(const base::Cancellation& cancellation,
   });
   const base::MutexLock lock(&mutex_);
   while (!cancellation.is_cancelled()) {
-    const absl::Time end = frame_count_ > 0 ? absl::InfiniteFuture() : idle_since_ + duration;
-    if (end <= absl::Now()) {
+    const base::MonotonicTime end =
+        frame_count_ > 0 ? base::MonotonicTime::InfiniteFuture() : idle_since_ + duration;
+    if (end <= base::MonotonicNow()) {
       return absl::OkStatus();
     }
     changed_.WaitUntil(&mutex_, end);

@@ -12,6 +12,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::agent {
@@ -75,7 +76,7 @@ class FramesInWork {
   base::CondVar changed_;
   int frame_count_ ABSL_GUARDED_BY(mutex_) = 0;
   int disk_wait_count_ ABSL_GUARDED_BY(mutex_) = 0;
-  absl::Time idle_since_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
+  base::MonotonicTime idle_since_ ABSL_GUARDED_BY(mutex_) = base::MonotonicTime::InfinitePast();
   std::vector<base::Cancellation*> interrupted_ ABSL_GUARDED_BY(mutex_);
 };
 

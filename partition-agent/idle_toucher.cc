@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "absl/time/clock.h"
-
+#include "core/base/monotonic_time.h"
 #include "partition-agent/low_priority.h"
 
 namespace isoscope::agent {
@@ -23,7 +22,7 @@ IdleToucher::~IdleToucher() {
 
 void IdleToucher::NoteWork() {
   const base::MutexLock lock(&mutex_);
-  last_work_ = absl::Now();
+  last_work_ = base::MonotonicNow();
   if (!std::exchange(has_worked_, true)) {
     changed_.SignalAll();
   }
@@ -38,7 +37,7 @@ void IdleToucher::Run() {
         return has_worked_ || is_stopping_;
       });
       // New work delays it.
-      while (!is_stopping_ && absl::Now() < last_work_ + options_.idle_after) {
+      while (!is_stopping_ && base::MonotonicNow() < last_work_ + options_.idle_after) {
         changed_.AwaitUntil(&mutex_, last_work_ + options_.idle_after,
                             [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_stopping_; });
       }

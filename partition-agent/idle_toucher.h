@@ -10,6 +10,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::agent {
@@ -42,7 +43,7 @@ class IdleToucher {
   const Options options_;
   base::Mutex mutex_;
   base::CondVar changed_;
-  absl::Time last_work_ ABSL_GUARDED_BY(mutex_);
+  base::MonotonicTime last_work_ ABSL_GUARDED_BY(mutex_);
   bool has_worked_ ABSL_GUARDED_BY(mutex_) = false;  // since the thread last found nothing to do
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::thread thread_;  // last: it uses all of the above

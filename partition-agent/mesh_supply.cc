@@ -23,12 +23,12 @@
 #include <tuple>
 #include <utility>
 
-#include "absl/time/clock.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
 
 #include "core/base/first_error.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -75,7 +75,7 @@ absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& 
   OpenTables();
   SupplyCost cost;
   cost.surfaces.resize(blocks_.rules().size());
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   std::vector<char> is_missing(chosen.size(), 0);
   ISOSCOPE_RETURN_IF_ERROR(AddCached(chosen, &is_missing, sink));
   std::vector<std::size_t> missing;
@@ -87,7 +87,7 @@ absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& 
   CountLookups(static_cast<std::int64_t>(missing.size()));
   ISOSCOPE_RETURN_IF_ERROR(AddRead(chosen, std::move(missing), sink, &cost.read_bytes));
   ISOSCOPE_RETURN_IF_ERROR(AddRest(sink));
-  AddUpWorkers(absl::Now() - start, &cost);
+  AddUpWorkers(base::MonotonicNow() - start, &cost);
   return cost;
 }
 
@@ -173,11 +173,11 @@ absl::Status MeshSupply::FindAndAdd(std::span<const ChosenMesh> chosen, std::spa
                                     MeshSink* sink) {
   MeshWorker& worker = workers_.local();
   const base::TraceScope trace(resources_.trace, "extract");
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   for (std::size_t i = 0; i < chosen.size() && !cancellation_.is_cancelled(); ++i) {
     is_missing[i] = Find(chosen[i], &worker) ? 0 : 1;
   }
-  worker.extract_time += absl::Now() - start;
+  worker.extract_time += base::MonotonicNow() - start;
   return worker.AddTo(sink, cancellation_, resources_.trace);
 }
 

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "core/base/memory_info.h"
+#include "core/base/monotonic_time.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/unary_checksum.h"
@@ -33,7 +34,7 @@ std::vector<base::MetricFamily> PartitionAgentServiceImpl::CollectMetrics(
 isoscope::v1::AgentLoad PartitionAgentServiceImpl::Load() const {
   const AgentMetrics& metrics = agent_.metrics;
   isoscope::v1::AgentLoad load;
-  *load.mutable_up_duration() = rpc::ToProto(absl::Now() - start_);
+  *load.mutable_up_duration() = rpc::ToProto(base::MonotonicNow() - start_);
   load.set_working_frame_count(frames_in_work());
   load.set_done_frame_count(metrics.done_frames.value());
   load.set_failed_frame_count(metrics.failed_frames.value() + metrics.cancelled_frames.value());

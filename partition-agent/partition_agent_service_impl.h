@@ -7,10 +7,8 @@
 #include <atomic>
 #include <vector>
 
-#include "absl/time/clock.h"
-#include "absl/time/time.h"
-
 #include "core/base/metrics.h"
+#include "core/base/monotonic_time.h"
 #include "core/rpc/certificate_watch.h"
 #include "core/rpc/unary_call.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
@@ -85,7 +83,7 @@ class PartitionAgentServiceImpl final
                                         const google::protobuf::Message* response,
                                         grpc::CallbackServerContext* context);
 
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime start_ = base::MonotonicNow();
   std::atomic<bool> is_draining_{false};
   AgentContext agent_;
   // Without shards until agent_.shards.is_filled(), and set before.

@@ -6,11 +6,11 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/first_error.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -81,13 +81,13 @@ absl::Status ForEachArrival(
   while (true) {
     if (paused.empty()) {  // the queue waits for room, which paused arrivals may take
       base::TraceScope wait(watch.trace, "wait for reads");
-      const absl::Time wait_start = absl::Now();
+      const base::MonotonicTime wait_start = base::MonotonicNow();
       std::optional<FramesInWork::DiskWait> disk_wait(std::in_place, watch.frames);
       ISOSCOPE_ASSIGN_OR_RETURN(const bool has_more, queue->WaitForMore(cancellation));
       disk_wait.reset();
       wait.End();
       if (watch.wait != nullptr) {
-        watch.wait->Add(std::max(absl::Now() - wait_start, absl::ZeroDuration()));
+        watch.wait->Add(std::max(base::MonotonicNow() - wait_start, absl::ZeroDuration()));
       }
       if (!has_more) {
         return absl::OkStatus();

@@ -10,9 +10,9 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
@@ -103,7 +103,8 @@ class RenderFrameCall final : public FrameReactor {
             kMaxQueuedBytes,
             [this](const v1::RenderFrameResponse* message) { StartWrite(message); },
             [this](const absl::Status& status) {
-              agent_.metrics.CountRequest(AgentMethod::kRenderFrame, status, absl::Now() - start_);
+              agent_.metrics.CountRequest(AgentMethod::kRenderFrame, status,
+                                          base::MonotonicNow() - start_);
               Finish(rpc::ToGrpcStatus(status));
             }),
         steps_(agent, &cancellation_, &trace_,
@@ -136,12 +137,12 @@ class RenderFrameCall final : public FrameReactor {
 
   // The executor always has room for one step of each admitted frame.
   absl::Status Schedule(v1::RenderFrameRequest message) {
-    const absl::Time scheduled = absl::Now();
+    const base::MonotonicTime scheduled = base::MonotonicNow();
     const base::TraceTime trace_scheduled =
         trace_.recorder() == nullptr ? base::TraceTime() : base::TraceClock::now();
     const bool is_scheduled = agent_.frame_executor.TrySchedule(
         [call = self_, scheduled, trace_scheduled, message = std::move(message)] {
-          call->agent_.metrics.queue_wait.Observe(absl::Now() - scheduled);
+          call->agent_.metrics.queue_wait.Observe(base::MonotonicNow() - scheduled);
           if (base::TraceRecorder* const recorder = call->trace_.recorder(); recorder != nullptr) {
             recorder->NameThisThread("frame");
             recorder->AddTo("queue", "queue", trace_scheduled, base::TraceClock::now());
@@ -186,13 +187,14 @@ class RenderFrameCall final : public FrameReactor {
     agent_.metrics.triangles.Add(statistics.triangle_count);
     agent_.metrics.drawn_blocks.Add(statistics.visible_block_count);
     agent_.metrics.CountFrame(absl::OkStatus(), statistics.busy_duration);
-    base::LogDebug("frame_done", {{"request", identity_.request_id()},
-                                  {"frame", frame_number_},
-                                  {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
-                                  {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
-                                  {"active_blocks", statistics.active_block_count},
-                                  {"visible_blocks", statistics.visible_block_count},
-                                  {"triangles", statistics.triangle_count}});
+    base::LogDebug("frame_done",
+                   {{"request", identity_.request_id()},
+                    {"frame", frame_number_},
+                    {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start_)},
+                    {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
+                    {"active_blocks", statistics.active_block_count},
+                    {"visible_blocks", statistics.visible_block_count},
+                    {"triangles", statistics.triangle_count}});
     steps_.Release();  // frees memory for the next frame before this call ends
     return absl::OkStatus();
   }
@@ -247,14 +249,14 @@ class RenderFrameCall final : public FrameReactor {
               is_cancelled ? "frame_cancelled" : "frame_failed",
               {{"request", identity_.request_id()},
                {"frame", frame_number},
-               {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
+               {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start_)},
                {"status", status}});
   }
 
   AgentContext& agent_;
   grpc::CallbackServerContext* const context_;
   const base::TraceContext identity_;
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime start_ = base::MonotonicNow();
   base::Cancellation cancellation_;
   rpc::WriteQueue<v1::RenderFrameResponse> outgoing_;
   v1::RenderFrameRequest incoming_;

@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 
 #include "core/base/memory_info.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
 #include "server/answer_at_once.h"
@@ -99,7 +100,7 @@ isoscope::v1::FrameInWork::Step ToProto(FrameStep step) {
   return Proto::STEP_UNSPECIFIED;
 }
 
-isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, absl::Time now) {
+isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, base::MonotonicTime now) {
   isoscope::v1::FrameInWork proto;
   proto.set_request_id(frame.note.request_id);
   proto.set_client(frame.note.client);
@@ -162,7 +163,7 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
       }
     }
     response->set_next_page_token(page.next_token());
-    const absl::Time now = absl::Now();
+    const base::MonotonicTime now = base::MonotonicNow();
     *response->mutable_load() = LoadOf(runner_, now - start_);
     for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
       if (caller.MaySee(frame.note.dataset)) {

@@ -7,9 +7,8 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/clock.h"
-#include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "server/access/access_control.h"
@@ -43,7 +42,7 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
   const AgentRegistry* const registry_;
   AccessControl* const access_;
   FrameRunner* const runner_;
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime start_ = base::MonotonicNow();
   base::Mutex mutex_;
   isoscope::v1::GetCapabilitiesResponse capabilities_ ABSL_GUARDED_BY(mutex_);
 };

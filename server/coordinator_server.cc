@@ -13,17 +13,18 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
 #include "core/rpc/certificate_watch.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/grpc_time.h"
 #include "core/view/camera.h"
 #include "server/access/access_control.h"
 #include "server/access/audit_log.h"
@@ -164,7 +165,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     return server_->InProcessChannel(rpc::MakeChannelArguments());
   }
 
-  absl::Status WaitUntilReady(absl::Time deadline) override {
+  absl::Status WaitUntilReady(base::MonotonicTime deadline) override {
     return registry_->WaitUntilReady(deadline);
   }
 
@@ -199,7 +200,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     }
     health_->SetServer(nullptr);
     interact_service_.EndStreams();  // they would outlast any grace
-    server_->Shutdown(absl::ToChronoTime(absl::Now() + grace));
+    server_->Shutdown(base::MonotonicNow() + grace);
   }
 
  private:

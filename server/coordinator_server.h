@@ -17,6 +17,7 @@
 #include <grpcpp/channel.h>
 
 #include "core/base/metrics.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/task_arena.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/pixel_mailboxes.h"
@@ -81,7 +82,7 @@ class CoordinatorServer {
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
   // Blocks until every agent has answered at least once and at least one dataset is complete, or
   // until `deadline`. FAILED_PRECONDITION names the missing part.
-  virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
+  virtual absl::Status WaitUntilReady(base::MonotonicTime deadline) = 0;
   // Sets the address of a web gateway that starts later, for GetCapabilities. Thread-safe.
   virtual void SetGatewayAddress(const std::string& address) = 0;
   // Returns the metrics for monitoring (coordinator_metrics).

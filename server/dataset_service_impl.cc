@@ -5,9 +5,9 @@
 #include <utility>
 #include <vector>
 
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
@@ -86,13 +86,13 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
 
   void End(const absl::Status& status) {
     service_->runner_->EndRequest(RequestMethod::kGetHistogram, record_, identity_, status,
-                                  absl::Now() - start_);
+                                  base::MonotonicNow() - start_);
     Finish(rpc::ToGrpcStatus(status));
   }
 
   DatasetServiceImpl* const service_;
   const base::TraceContext identity_;
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime start_ = base::MonotonicNow();
   CallTurn turn_;
   AuditRecord record_;
   Caller caller_;                        // set before Run

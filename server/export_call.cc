@@ -16,10 +16,10 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -165,7 +165,7 @@ class IsosurfaceServiceImpl::ExportCall final
 
   // `turn`: the reason if the turn of the export did not come.
   void Run(const absl::Status& turn) ABSL_LOCKS_EXCLUDED(end_mutex_) {
-    const absl::Time start = absl::Now();
+    const base::MonotonicTime start = base::MonotonicNow();
     if (turn.ok()) {
       pace_.Start(options_.export_limits, [self = shared_from_this()] { self->JudgePace(); });
     } else if (absl::IsResourceExhausted(turn)) {
@@ -191,7 +191,7 @@ class IsosurfaceServiceImpl::ExportCall final
               {{"request", identity_.request_id()},
                {"dataset", request_.dataset()},
                {"surfaces", frame::TextOf(spec_.rules)},
-               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
+               {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start)},
                {"bytes", sent_bytes_.load()},
                {"caller", caller_.name()},
                {"peer", audit_.Get().peer},
@@ -295,7 +295,7 @@ class IsosurfaceServiceImpl::ExportCall final
   void End(const absl::Status& status) {
     slot_.reset();  // before the client receives the end, and may start another export
     options_.runner->EndRequest(RequestMethod::kExportIsosurface, audit_.Get(), identity_, status,
-                                absl::Now() - arrival_);
+                                base::MonotonicNow() - arrival_);
     Finish(rpc::ToGrpcStatus(status));
   }
 
@@ -337,7 +337,7 @@ class IsosurfaceServiceImpl::ExportCall final
   const IsosurfaceServiceOptions& options_;
   const v1::ExportIsosurfaceRequest request_;
   const base::TraceContext identity_;
-  const absl::Time arrival_ = absl::Now();
+  const base::MonotonicTime arrival_ = base::MonotonicNow();
   Caller caller_;  // set before Run
   std::optional<CallerSlot> slot_;
   std::optional<WithdrawalWatch> watch_;

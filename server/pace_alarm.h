@@ -10,10 +10,11 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/clock.h"
 #include <grpcpp/alarm.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
+#include "core/rpc/grpc_time.h"
 #include "server/export/export_pace.h"
 
 namespace isoscope::server {
@@ -27,7 +28,7 @@ class PaceAlarm {
     const base::MutexLock lock(&mutex_);
     if (!is_stopped_) {
       ring_ = std::move(ring);
-      pace_.emplace(limits, absl::Now());
+      pace_.emplace(limits, base::MonotonicNow());
       SetAlarm();
     }
   }
@@ -35,13 +36,13 @@ class PaceAlarm {
     const base::MutexLock lock(&mutex_);
     in_flight_bytes_ = bytes;
     if (pace_.has_value()) {
-      pace_->OnWriteBegun(absl::Now());
+      pace_->OnWriteBegun(base::MonotonicNow());
     }
   }
   void OnWriteDone() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     if (pace_.has_value()) {
-      pace_->OnWriteDone(in_flight_bytes_, absl::Now());
+      pace_->OnWriteDone(in_flight_bytes_, base::MonotonicNow());
     }
   }
   // Sets the next alarm if the export goes on, as it does after Stop.
@@ -50,7 +51,7 @@ class PaceAlarm {
     if (is_stopped_) {
       return ExportPace::Verdict::kGoesOn;
     }
-    const ExportPace::Verdict verdict = pace_->Judge(absl::Now());
+    const ExportPace::Verdict verdict = pace_->Judge(base::MonotonicNow());
     if (verdict == ExportPace::Verdict::kGoesOn) {
       SetAlarm();
     }
@@ -70,7 +71,7 @@ class PaceAlarm {
  private:
   void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(absl::ToChronoTime(pace_->NextJudgement(absl::Now())), [ring = ring_](bool rang) {
+    alarm_->Set(pace_->NextJudgement(base::MonotonicNow()), [ring = ring_](bool rang) {
       if (rang) {
         ring();
       }

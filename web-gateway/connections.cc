@@ -3,6 +3,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::gateway {
 
 std::shared_ptr<Connections::Lease> Connections::TryAdd() {
@@ -50,7 +52,7 @@ bool Connections::is_closing() {
   return is_closing_;
 }
 
-bool Connections::AwaitNone(absl::Time deadline) {
+bool Connections::AwaitNone(base::MonotonicTime deadline) {
   base::MutexLock lock(&mutex_);
   while (!closers_.empty()) {
     if (!removed_.WaitUntil(&mutex_, deadline)) {

@@ -9,8 +9,8 @@
 #include <memory>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::gateway {
@@ -46,7 +46,7 @@ class Connections {
   // Returns true from Close on.
   [[nodiscard]] bool is_closing();
   // Waits until there are no connections; false if `deadline` passes before.
-  bool AwaitNone(absl::Time deadline);
+  bool AwaitNone(base::MonotonicTime deadline);
   [[nodiscard]] int count();
 
  private:

@@ -13,10 +13,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <grpcpp/support/client_callback.h>
 
 #include "clients/cpp/connection/coordinator_channel.h"
+#include "core/base/monotonic_time.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
 
@@ -36,7 +36,7 @@ class CallBase {
       : client_(client),
         scope_(std::move(call.scope)),
         context_(client->channel(), {.token = std::move(call.token),
-                                     .deadline = absl::Now() + duration,
+                                     .deadline = base::MonotonicNow() + duration,
                                      .identity = scope_ == nullptr ? nullptr : &scope_->identity(),
                                      .cancellation = scope_.get()}) {
     client_->calls()->Add();

@@ -12,9 +12,9 @@
 #include "absl/status/status.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/certificate_watch.h"
 #include "core/rpc/host_port.h"
@@ -94,9 +94,9 @@ class GatewayServerImpl final : public GatewayServer {
   void Shutdown(absl::Duration grace) override {
     listener_->Close();
     connections_.Close(/*at_once=*/false);
-    if (!connections_.AwaitNone(absl::Now() + grace)) {
+    if (!connections_.AwaitNone(base::MonotonicNow() + grace)) {
       connections_.Close(/*at_once=*/true);
-      connections_.AwaitNone(absl::Now() + kCloseGrace);
+      connections_.AwaitNone(base::MonotonicNow() + kCloseGrace);
     }
   }
 

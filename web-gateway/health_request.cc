@@ -7,7 +7,6 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
-#include "absl/time/clock.h"
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -17,6 +16,7 @@
 #include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/string_body.hpp>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "web-gateway/http_reader.h"
 #include "web-gateway/transport.h"
@@ -45,7 +45,7 @@ class Questioner {
       : request_(request),
         host_(std::move(host)),
         port_(std::move(port)),
-        end_(absl::ToChronoTime(absl::Now() + request.timeout)),
+        end_((base::MonotonicNow() + request.timeout).ToChrono()),
         context_(asio::ssl::context::tls_client),
         transport_(io_) {}
 
@@ -131,7 +131,7 @@ class Questioner {
   const HealthRequest& request_;
   const std::string host_;
   const std::string port_;
-  const std::chrono::system_clock::time_point end_;
+  const std::chrono::steady_clock::time_point end_;
   asio::io_context io_;
   asio::ssl::context context_;
   Transport transport_;

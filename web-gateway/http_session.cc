@@ -16,9 +16,9 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "core/base/version.h"
@@ -164,7 +164,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   void OnRequest() {
-    started_ = absl::Now();
+    started_ = base::MonotonicNow();
     origin_ = Field("Origin");
     IdentifyRequest();
     is_head_ = request().method == "HEAD";
@@ -262,12 +262,12 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   void WriteResponse(HttpResponse response) {
-    parts_->metrics->CountRequest(response.status, absl::Now() - started_);
+    parts_->metrics->CountRequest(response.status, base::MonotonicNow() - started_);
     base::LogDebug("http_request",
                    {{"request", identity_.request_id()},
                     {"method", request().method},
                     {"status", response.status},
-                    {"duration_ms", base::LogMilliseconds(absl::Now() - started_)}});
+                    {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - started_)}});
     PeerAnswer answer{.status = response.status};
     if (!response.file_path.empty()) {
       absl::StatusOr<AnswerFile> file = AnswerFile::Open(response.file_path);
@@ -324,7 +324,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   std::string origin_;
   std::string user_token_;                                      // of the request in work
   base::TraceContext identity_ = base::TraceContext::Random();  // of the request in work
-  absl::Time started_ = absl::Now();
+  base::MonotonicTime started_ = base::MonotonicNow();
   bool is_head_ = false;
   bool is_allowed_page_ = false;  // the request comes from a page of an allowed origin
   bool is_reading_ = false;

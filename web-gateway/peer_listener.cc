@@ -7,7 +7,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
-#include "absl/time/clock.h"
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -16,6 +15,7 @@
 #include <boost/asio/strand.hpp>
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "web-gateway/transport.h"
 
 namespace isoscope::gateway {
@@ -108,7 +108,7 @@ class PeerListenerImpl final : public PeerListener {
       error_code ignored;
       accepted_->set_option(tcp::no_delay(true), ignored);
       serve_(PeerStream::Make(std::make_unique<Transport>(std::move(*accepted_)),
-                              tls_ == nullptr ? nullptr : tls_->Get(absl::Now())));
+                              tls_ == nullptr ? nullptr : tls_->Get(base::MonotonicNow())));
       Accept();
     }));
   }

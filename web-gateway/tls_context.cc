@@ -1,11 +1,11 @@
 #include "web-gateway/tls_context.h"
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <boost/asio/ssl/context.hpp>
 #include <sys/stat.h>
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 
@@ -18,7 +18,7 @@ absl::StatusOr<std::unique_ptr<TlsContext>> TlsContext::Make(const std::string& 
                                                              const std::string& key_file) {
   std::unique_ptr<TlsContext> made(new TlsContext(certificate_file, key_file));
   made->state_ = made->StateOfFiles();
-  made->looked_ = absl::Now();
+  made->looked_ = base::MonotonicNow();
   ISOSCOPE_RETURN_IF_ERROR(made->Load());
   return made;
 }
@@ -63,7 +63,7 @@ absl::Status TlsContext::Load() {
   return absl::OkStatus();
 }
 
-std::shared_ptr<ssl::context> TlsContext::Get(absl::Time now) {
+std::shared_ptr<ssl::context> TlsContext::Get(base::MonotonicTime now) {
   if (now - looked_ >= kReloadInterval) {
     looked_ = now;
     std::string state = StateOfFiles();

@@ -12,6 +12,8 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace boost::asio::ssl {
 class context;
 }  // namespace boost::asio::ssl
@@ -29,7 +31,7 @@ class TlsContext {
 
   // Returns the context for the next connection. Unusable files are logged, and the last good ones
   // stay.
-  std::shared_ptr<boost::asio::ssl::context> Get(absl::Time now);
+  std::shared_ptr<boost::asio::ssl::context> Get(base::MonotonicTime now);
 
  private:
   TlsContext(std::string certificate_file, std::string key_file)
@@ -42,7 +44,7 @@ class TlsContext {
   const std::string key_file_;
   std::shared_ptr<boost::asio::ssl::context> context_;
   std::string state_;
-  absl::Time looked_;
+  base::MonotonicTime looked_;
 };
 
 }  // namespace isoscope::gateway

@@ -17,7 +17,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
 #include "client-cli/output/no_surface.h"
@@ -35,6 +34,7 @@
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/selection_flags.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
@@ -274,7 +274,7 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   WarnIfNoLabel(of_field, flags.label, context);
   isoscope::v1::ExportIsosurfaceRequest request = MakeRequest(flags, dataset.name());
   file_options.field = client::PinSelection(dataset, &request);
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,
                             client::MeshWriter::Create(file_options));
   if (flags.has_filter()) {
@@ -290,7 +290,7 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   *context.out << *flags.output << ": " << FormatCount(writer->vertex_count()) << " vertices, "
                << FormatCount(writer->triangle_count()) << " triangles, "
                << FormatMebibytes(writer->size_bytes()) << ", in "
-               << FormatElapsed(absl::Now() - start) << "\n";
+               << FormatElapsed(base::MonotonicNow() - start) << "\n";
   return absl::OkStatus();
 }
 

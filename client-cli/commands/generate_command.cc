@@ -19,11 +19,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/cli/flags.h"
@@ -273,7 +273,7 @@ absl::StatusOr<std::string> GenerateFlow(const GenerateFlags& flags, const Progr
 
 absl::Status Run(const GenerateFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const base::Cancellation& cancellation = context.interrupt->cancellation();
   absl::StatusOr<std::string> written;
   {
@@ -292,7 +292,7 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
     return absl::CancelledError("interrupted while generating; nothing was left behind");
   }
   ISOSCOPE_RETURN_IF_ERROR(written.status());
-  *context.out << *written << ", in " << FormatElapsed(absl::Now() - start) << "\n";
+  *context.out << *written << ", in " << FormatElapsed(base::MonotonicNow() - start) << "\n";
   return absl::OkStatus();
 }
 

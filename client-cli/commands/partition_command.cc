@@ -8,13 +8,13 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
 #include "client-cli/session/partition_volume.h"
 #include "client-cli/session/series_flags.h"
 #include "client-cli/session/source_flags.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -144,7 +144,7 @@ partition::PartitionOptions OptionsOf(const PartitionFlags& flags) {
 absl::Status Run(const PartitionFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   partition::PartitionOptions options = OptionsOf(flags);
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
                             OpenSourceSeries(flags.source, flags.series, *flags.input));
   if (!flags.append) {
@@ -157,7 +157,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     PrintNote(*volume, context);
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
                               PartitionVolume(*volume, options, context));
-    *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
+    *context.out << Summarize(manifest, options.output_directory, base::MonotonicNow() - start);
     return absl::OkStatus();
   }
   if (options.distribution == store::Distribution::kGreedy) {
@@ -174,7 +174,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
       const store::SeriesManifest series,
       PartitionSeries(flags.append ? SeriesAction::kAppend : SeriesAction::kMake, *source,
                       {.volume = options, .resumes = flags.resumes}, context));
-  *context.out << Summarize(series, flags, options.output_directory, absl::Now() - start);
+  *context.out << Summarize(series, flags, options.output_directory, base::MonotonicNow() - start);
   return absl::OkStatus();
 }
 

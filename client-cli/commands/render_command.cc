@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
 #include "client-cli/commands/render_flags.h"
@@ -33,6 +32,7 @@
 #include "clients/cpp/picture_file/poster.h"
 #include "clients/cpp/request/camera_file.h"
 #include "clients/cpp/request/dataset_fields.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -102,16 +102,16 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
     Session* session, std::vector<FrameRecord>* frames, bool says_waiting, const Context& context) {
   v1::RenderIsosurfaceRequest request = plain_request;
   request.set_with_trace(trace_path.has_value());
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const WaitingLine waiting(context.err, says_waiting && context.err_is_terminal, "rendering");
   ISOSCOPE_ASSIGN_OR_RETURN(
       v1::RenderIsosurfaceResponse response,
       client::RenderFrame(request, session->frame_timeout(), &session->client()));
-  frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
+  frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - start),
                      .statistics = response.statistics()});
   if (trace_path) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        io::WriteFileAtomically(*trace_path, TraceToJson(response.trace(), absl::Now() - start)));
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
+        *trace_path, TraceToJson(response.trace(), base::MonotonicNow() - start)));
   }
   return response;
 }
@@ -190,7 +190,7 @@ absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& 
 // Renders a picture that is too large for one frame, region by region.
 absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceRequest& whole,
                        const PictureDisplay& display, Session* session, const Context& context) {
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const view::Viewport viewport = flags.request.viewport();
   std::vector<FrameRecord> regions;
   v1::RenderIsosurfaceRequest of_region = whole;
@@ -201,14 +201,14 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
   }
   const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
     *of_region.mutable_region() = rpc::ToProto(region);
-    const absl::Time region_start = absl::Now();
+    const base::MonotonicTime region_start = base::MonotonicNow();
     ISOSCOPE_ASSIGN_OR_RETURN(
         v1::RenderIsosurfaceResponse response,
         session->client().RenderIsosurface(of_region, session->frame_timeout()));
     // The server resolves the camera once: the other regions use the camera of the first.
     *of_region.mutable_camera() = response.camera();
     of_region.clear_camera_fit();
-    regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - region_start),
+    regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - region_start),
                        .statistics = std::move(*response.mutable_statistics())});
     absl::StatusOr<image::RgbaImage> image = ImageOfRaw(response);
     if (image.ok() && shown) {
@@ -233,7 +233,7 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
   TextOut(flags, context) << path << ": " << viewport.width_px << " x " << viewport.height_px
                           << " pixels in " << FormatCount(static_cast<std::int64_t>(regions.size()))
                           << " regions, " << FormatMebibytes(size_bytes) << ", in "
-                          << FormatElapsed(absl::Now() - start) << "\n";
+                          << FormatElapsed(base::MonotonicNow() - start) << "\n";
   return absl::OkStatus();
 }
 

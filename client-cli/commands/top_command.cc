@@ -34,6 +34,7 @@
 #include "client-cli/terminal/top_screen.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -110,7 +111,7 @@ class Top {
     ISOSCOPE_ASSIGN_OR_RETURN(
         isoscope::v1::GetClusterStatusResponse status,
         session_->client().GetClusterStatus(flags_.timeout.value_or(kDefaultTimeout)));
-    samples_.push_back({absl::Now(), std::move(status)});
+    samples_.push_back({base::MonotonicNow(), absl::Now(), std::move(status)});
     while (samples_.size() > 2 && samples_.back().time - samples_[1].time >= kRateWindow) {
       samples_.pop_front();
     }
@@ -152,8 +153,9 @@ class Top {
   // Waits until the next sample is due. False if the program shall end: after an interrupt, or the
   // key q.
   absl::StatusOr<bool> Wait() {
-    const absl::Time end = absl::Now() + flags_.interval.value_or(kDefaultInterval);
-    for (absl::Time now = absl::Now(); now < end; now = absl::Now()) {
+    const base::MonotonicTime end =
+        base::MonotonicNow() + flags_.interval.value_or(kDefaultInterval);
+    for (base::MonotonicTime now = base::MonotonicNow(); now < end; now = base::MonotonicNow()) {
       pollfd waited[2] = {{.fd = TerminalSignals::wake_fd(), .events = POLLIN, .revents = 0},
                           {.fd = has_keys_ ? STDIN_FILENO : -1, .events = POLLIN, .revents = 0}};
       // Rounded up: a wait of 0 ms would return at once.

@@ -8,10 +8,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 
 #include "client-cli/commands/program.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -55,7 +55,7 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
   if (!flags.directory) {
     return UsageError("DIR is missing: the dataset folder or the shard folder to verify");
   }
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   std::int64_t lines_left = flags.max_lines.value_or(kDefaultMaxLines);
   absl::StatusOr<partition::VerifyReport> report;
   {
@@ -78,7 +78,7 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
     return absl::CancelledError("interrupted while verifying");
   }
   ISOSCOPE_RETURN_IF_ERROR(report.status());
-  *context.out << Summarize(*report, *flags.directory, absl::Now() - start);
+  *context.out << Summarize(*report, *flags.directory, base::MonotonicNow() - start);
   if (report->damage_count > 0) {
     return absl::DataLossError(absl::StrCat(*flags.directory, ": ",
                                             Counted(report->damage_count, "damage", "damages"),

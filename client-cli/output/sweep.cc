@@ -10,11 +10,11 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
-#include "absl/time/clock.h"
 
 #include "client-cli/output/frame_name.h"
 #include "clients/cpp/picture_file/animation_writer.h"
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
@@ -298,11 +298,11 @@ std::string FormatFrameProgress(int done_count, int frame_count, absl::Duration 
 FrameProgress::FrameProgress(int frame_count, std::ostream* err, bool is_terminal)
     : frame_count_(frame_count),
       is_terminal_(is_terminal),
-      start_(absl::Now()),
+      start_(base::MonotonicNow()),
       line_(err, is_terminal) {}
 
 void FrameProgress::Update(int done_count) {
-  const absl::Duration elapsed = absl::Now() - start_;
+  const absl::Duration elapsed = base::MonotonicNow() - start_;
   if (is_terminal_ && frame_count_ > 1 && elapsed > absl::Seconds(1)) {
     line_.Update(FormatFrameProgress(done_count, frame_count_, elapsed));
   }

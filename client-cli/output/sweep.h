@@ -16,6 +16,7 @@
 #include "absl/time/time.h"
 
 #include "clients/cpp/request/render_request.h"
+#include "core/base/monotonic_time.h"
 #include "core/cli/flag_set.h"
 #include "core/cli/progress_line.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -115,7 +116,7 @@ class FrameProgress {
  private:
   const int frame_count_;
   const bool is_terminal_;
-  const absl::Time start_;
+  const base::MonotonicTime start_;
   ProgressLine line_;
 };
 

@@ -9,10 +9,10 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/time/clock.h"
 
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/executor.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/units.h"
@@ -144,7 +144,8 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   }
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,
                             server::CoordinatorServer::Start(coordinator_options));
-  ISOSCOPE_RETURN_IF_ERROR(cluster->coordinator_->WaitUntilReady(absl::Now() + kReadyTimeout));
+  ISOSCOPE_RETURN_IF_ERROR(
+      cluster->coordinator_->WaitUntilReady(base::MonotonicNow() + kReadyTimeout));
   return cluster;
 }
 

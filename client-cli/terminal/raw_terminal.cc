@@ -24,10 +24,10 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <sys/eventfd.h>
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::cli {
@@ -192,10 +192,10 @@ absl::Status WriteToTerminal(int fd, absl::string_view bytes) {
 }
 
 absl::StatusOr<std::string> ReadFromTerminal(int fd, absl::Duration timeout) {
-  const absl::Time deadline = absl::Now() + timeout;
+  const base::MonotonicTime deadline = base::MonotonicNow() + timeout;
   while (true) {
     const std::int64_t left_ms =
-        std::max<std::int64_t>(0, absl::ToInt64Milliseconds(deadline - absl::Now()));
+        std::max<std::int64_t>(0, absl::ToInt64Milliseconds(deadline - base::MonotonicNow()));
     pollfd waiting{.fd = fd, .events = POLLIN, .revents = 0};
     const int ready =
         poll(&waiting, 1, static_cast<int>(std::min<std::int64_t>(left_ms, 1'000'000)));

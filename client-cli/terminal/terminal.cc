@@ -19,10 +19,10 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
-#include "absl/time/clock.h"
 #include <sys/ioctl.h>
 
 #include "client-cli/terminal/raw_terminal.h"
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::cli {
 namespace {
@@ -175,11 +175,11 @@ TerminalAnswer AskTerminal(int fd, absl::Duration timeout) {
   if (!raw.ok()) {
     return {};
   }
-  const absl::Time deadline = absl::Now() + timeout;
+  const base::MonotonicTime deadline = base::MonotonicNow() + timeout;
   std::string bytes;
   TerminalAnswer answer;
   while (!answer.is_whole && bytes.size() < kMaxAnswerBytes) {
-    const absl::StatusOr<std::string> more = ReadFromTerminal(fd, deadline - absl::Now());
+    const absl::StatusOr<std::string> more = ReadFromTerminal(fd, deadline - base::MonotonicNow());
     if (!more.ok() || more->empty()) {
       break;
     }

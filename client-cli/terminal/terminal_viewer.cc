@@ -26,7 +26,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
-#include "absl/time/clock.h"
 #include <nlohmann/json.hpp>
 
 #include "client-cli/terminal/raw_terminal.h"
@@ -36,6 +35,7 @@
 #include "client-cli/terminal/viewer_layout.h"
 #include "clients/cpp/connection/service_client.h"
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
@@ -213,7 +213,7 @@ absl::Status Viewer::SendView(bool is_at_rest) {
   *state.mutable_frame() = Frame();
   state.set_target_frames_per_second(kFramesPerSecond);
   state.set_is_at_rest(is_at_rest);
-  sent_.Add(sequence_number_, absl::Now());
+  sent_.Add(sequence_number_, base::MonotonicNow());
   stream_->Write(request);  // if the stream has ended, the reader reports it
   return absl::OkStatus();
 }
@@ -264,7 +264,7 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
   if (!newest) {
     return absl::OkStatus();
   }
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const std::int64_t frame_number = newest->frame_number();
   message_ = newest->has_error() ? newest->error().message() : "";
   if (newest->has_frame()) {
@@ -272,7 +272,7 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
     last_ = std::move(newest);
   }
   const absl::Status drawn = shows_help_ ? absl::OkStatus() : DrawLast();
-  feed->Acknowledge(frame_number, absl::Now() - start);
+  feed->Acknowledge(frame_number, base::MonotonicNow() - start);
   return drawn;
 }
 
@@ -364,7 +364,7 @@ absl::Status Viewer::Run(const base::Cancellation& cancellation) {
 
 }  // namespace
 
-void SentStates::Add(std::int64_t sequence_number, absl::Time sent) {
+void SentStates::Add(std::int64_t sequence_number, base::MonotonicTime sent) {
   sent_[sequence_number] = sent;
   if (sent_.size() > kMaxStates) {
     sent_.erase(sent_.begin());
@@ -372,7 +372,7 @@ void SentStates::Add(std::int64_t sequence_number, absl::Time sent) {
 }
 
 std::optional<absl::Duration> SentStates::TakeLatency(std::int64_t sequence_number,
-                                                      absl::Time now) {
+                                                      base::MonotonicTime now) {
   sent_.erase(sent_.begin(), sent_.lower_bound(sequence_number));
   const auto found = sent_.find(sequence_number);
   return found == sent_.end() ? std::nullopt : std::optional(now - found->second);

@@ -13,6 +13,7 @@
 
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
+#include "core/base/monotonic_time.h"
 #include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -26,13 +27,13 @@ std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame);
 // older state than the newest. Thread-compatible.
 class SentStates {
  public:
-  void Add(std::int64_t sequence_number, absl::Time sent);
+  void Add(std::int64_t sequence_number, base::MonotonicTime sent);
   // Returns the time from the state that a frame answers until `now`; nullopt if that state is not
   // known. Erases earlier states, which no later frame answers.
-  std::optional<absl::Duration> TakeLatency(std::int64_t sequence_number, absl::Time now);
+  std::optional<absl::Duration> TakeLatency(std::int64_t sequence_number, base::MonotonicTime now);
 
  private:
-  std::map<std::int64_t, absl::Time> sent_;  // at most kMaxStates
+  std::map<std::int64_t, base::MonotonicTime> sent_;  // at most kMaxStates
 };
 
 // Shows the dataset on the terminal of this process until q or Ctrl-C, and restores the terminal.

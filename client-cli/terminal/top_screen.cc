@@ -174,7 +174,7 @@ void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& be
   const v1::CoordinatorLoad& old = has_before ? before->status.load() : empty;
   const Rates rates(load, has_before ? &old : nullptr);
   lines->push_back(absl::StrCat("isoscope top: ", base::PrintableAscii(options.server), ", ",
-                                absl::FormatTime("%H:%M:%S", now.time, absl::UTCTimeZone()),
+                                absl::FormatTime("%H:%M:%S", now.date, absl::UTCTimeZone()),
                                 " UTC"));
   if (!now.status.has_load()) {
     lines->push_back("the coordinator is older than this program: it does not tell its load");

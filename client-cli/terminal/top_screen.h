@@ -14,12 +14,14 @@
 
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "isoscope/v1/cluster_service.pb.h"
 
 namespace isoscope::cli {
 
 struct ClusterSample {
-  absl::Time time;
+  base::MonotonicTime time = {};
+  absl::Time date = {};  // of the same moment, as the screen shows it
   isoscope::v1::GetClusterStatusResponse status;
 };
 

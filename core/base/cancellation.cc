@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "absl/time/clock.h"
-
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::base {
@@ -31,7 +30,7 @@ absl::Status Cancellation::Check() const {
   if (is_cancelled()) {
     return absl::CancelledError("the frame was cancelled");
   }
-  if (deadline_ != absl::InfiniteFuture() && absl::Now() > deadline_) {
+  if (deadline_ != MonotonicTime::InfiniteFuture() && MonotonicNow() > deadline_) {
     return absl::DeadlineExceededError("the frame's deadline has passed");
   }
   return absl::OkStatus();

@@ -25,8 +25,8 @@
 #include "absl/functional/any_invocable.h"
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
-#include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::base {
@@ -37,8 +37,8 @@ class Cancellation {
   class Callback;
 
   // Makes one that never expires by itself.
-  Cancellation() : Cancellation(absl::InfiniteFuture()) {}
-  explicit Cancellation(absl::Time deadline) : deadline_(deadline) {}
+  Cancellation() : Cancellation(MonotonicTime::InfiniteFuture()) {}
+  explicit Cancellation(MonotonicTime deadline) : deadline_(deadline) {}
 
   Cancellation(const Cancellation&) = delete;
   Cancellation& operator=(const Cancellation&) = delete;
@@ -48,7 +48,7 @@ class Cancellation {
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
 
   // No callback runs when it passes: a thread that waits must stop by itself.
-  [[nodiscard]] absl::Time deadline() const { return deadline_; }
+  [[nodiscard]] MonotonicTime deadline() const { return deadline_; }
   [[nodiscard]] bool is_cancelled() const { return cancelled_.load(std::memory_order_acquire); }
 
   // Returns CANCELLED once Cancel() was called, DEADLINE_EXCEEDED once the deadline has passed,
@@ -56,7 +56,7 @@ class Cancellation {
   [[nodiscard]] absl::Status Check() const;
 
  private:
-  const absl::Time deadline_;
+  const MonotonicTime deadline_;
   std::atomic<bool> cancelled_{false};
 
   mutable Mutex mutex_;

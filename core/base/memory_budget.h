@@ -18,6 +18,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::base {
@@ -26,12 +27,12 @@ namespace isoscope::base {
 class MemoryBudget {
  public:
   // Returns the time. Called with the budget's mutex held.
-  using Clock = std::function<absl::Time()>;
+  using Clock = std::function<MonotonicTime()>;
 
   // Long enough to use free memory, since most steps end sooner; short enough for users.
   static constexpr absl::Duration kMaxOvertakenDuration = absl::Milliseconds(100);
 
-  explicit MemoryBudget(std::size_t capacity_bytes, Clock now = absl::Now)
+  explicit MemoryBudget(std::size_t capacity_bytes, Clock now = MonotonicNow)
       : capacity_bytes_(capacity_bytes), now_(std::move(now)), free_bytes_(capacity_bytes) {}
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
@@ -86,7 +87,7 @@ class MemoryBudget {
   // A call of Reserve, on its stack.
   struct Waiter {
     std::size_t bytes = 0;
-    absl::Time since;
+    MonotonicTime since;
     bool is_served = false;  // it has the bytes, and has left the queue
     CondVar served;
   };

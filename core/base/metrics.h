@@ -22,9 +22,9 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::base {
@@ -67,20 +67,20 @@ class ScopedObservation {
  public:
   // `histogram` may be null, and outlives the scope.
   explicit ScopedObservation(DurationHistogram* histogram)
-      : histogram_(histogram), start_(absl::Now()) {}
+      : histogram_(histogram), start_(MonotonicNow()) {}
   ~ScopedObservation() { End(); }
   ScopedObservation(const ScopedObservation&) = delete;
   ScopedObservation& operator=(const ScopedObservation&) = delete;
 
   void End() {
     if (histogram_ != nullptr) {
-      std::exchange(histogram_, nullptr)->Observe(absl::Now() - start_);
+      std::exchange(histogram_, nullptr)->Observe(MonotonicNow() - start_);
     }
   }
 
  private:
   DurationHistogram* histogram_;
-  const absl::Time start_;
+  const MonotonicTime start_;
 };
 
 // Goes up and down. Thread-safe.

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 
-#include "absl/time/clock.h"
+#include "absl/time/time.h"
+
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::base {
 namespace {
@@ -20,20 +22,19 @@ void CondVar::Wait(Mutex* mutex) ABSL_NO_THREAD_SAFETY_ANALYSIS {
   lock.release();
 }
 
-bool CondVar::WaitUntil(Mutex* mutex, absl::Time deadline) ABSL_NO_THREAD_SAFETY_ANALYSIS {
-  if (deadline == absl::InfiniteFuture()) {
+bool CondVar::WaitUntil(Mutex* mutex, MonotonicTime deadline) ABSL_NO_THREAD_SAFETY_ANALYSIS {
+  if (deadline == MonotonicTime::InfiniteFuture()) {
     Wait(mutex);
     return true;
   }
-  const absl::Time now = absl::Now();
+  const MonotonicTime now = MonotonicNow();
   if (now >= deadline) {
     return false;
   }
   std::unique_lock<std::mutex> lock(mutex->mutex_, std::adopt_lock);
-  // The system's clock counts, as for absl::Time.
-  condition_.wait_until(lock, absl::ToChronoTime(std::min(deadline, now + kMaxWait)));
+  condition_.wait_until(lock, std::min(deadline, now + kMaxWait).ToChrono());
   lock.release();
-  return absl::Now() < deadline;
+  return MonotonicNow() < deadline;
 }
 
 }  // namespace isoscope::base

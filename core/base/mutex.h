@@ -29,7 +29,8 @@
 #include <shared_mutex>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/time.h"
+
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::base {
 
@@ -142,9 +143,9 @@ class CondVar {
 
   // Releases the mutex, waits for a signal, and takes it again. May return without a signal.
   void Wait(Mutex* mutex) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex);
-  // Does the same, but not after `deadline`, which may be absl::InfiniteFuture(). Returns false
-  // once `deadline` has passed. May return true without a signal.
-  bool WaitUntil(Mutex* mutex, absl::Time deadline) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex);
+  // Does the same, but not after `deadline`, which may be MonotonicTime::InfiniteFuture(). Returns
+  // false once `deadline` has passed. May return true without a signal.
+  bool WaitUntil(Mutex* mutex, MonotonicTime deadline) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex);
 
   // The analysis can't know that the predicate's lock is `mutex`.
   template <typename Predicate>
@@ -156,7 +157,7 @@ class CondVar {
   }
   // Returns the last result of the predicate, which is called at least once for any `deadline`.
   template <typename Predicate>
-  bool AwaitUntil(Mutex* mutex, absl::Time deadline, Predicate predicate)
+  bool AwaitUntil(Mutex* mutex, MonotonicTime deadline, Predicate predicate)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     while (!predicate()) {
       if (!WaitUntil(mutex, deadline)) {

@@ -6,8 +6,8 @@
 namespace isoscope::base {
 
 // Sets what libraries decide once for the whole process: the count of malloc's arenas, whether
-// abseil looks for deadlocks, and that OpenSSL stays until the process is gone. Call it first in
-// main(), before threads start.
+// abseil looks for deadlocks, the clock of its waits (absl_waits.h), and that OpenSSL stays until
+// the process is gone. Call it first in main(), before threads start.
 void SetUpProcess();
 
 }  // namespace isoscope::base

@@ -33,11 +33,11 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/task_scheduler_observer.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::base {
@@ -86,7 +86,7 @@ class ThreadPermits {
   void TakeOne() ABSL_LOCKS_EXCLUDED(mutex_) {
     MutexLock lock(&mutex_);
     if (free_count_ > 0 &&
-        (first_ == nullptr || absl::Now() - first_->start < kMaxOvertakingDuration)) {
+        (first_ == nullptr || MonotonicNow() - first_->start < kMaxOvertakingDuration)) {
       --free_count_;
       return;
     }
@@ -119,7 +119,7 @@ class ThreadPermits {
  private:
   // On the stack of the thread that waits.
   struct Waiter {
-    const absl::Time start = absl::Now();
+    const MonotonicTime start = MonotonicNow();
     CondVar wake;
     Waiter* next = nullptr;
   };
@@ -162,7 +162,7 @@ class Observer final : public tbb::task_scheduler_observer {
   ~Observer() override {
     {
       MutexLock lock(&mutex_);
-      emptied_.AwaitUntil(&mutex_, absl::Now() + kMaxLeaveDuration,
+      emptied_.AwaitUntil(&mutex_, MonotonicNow() + kMaxLeaveDuration,
                           [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return inside_ == 0; });
     }
     observe(false);

@@ -7,8 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/cli/format.h"
 
@@ -39,7 +39,7 @@ std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
 }
 
 ProgressLine::ProgressLine(std::ostream* err, bool is_terminal)
-    : err_(err), is_terminal_(is_terminal), start_(absl::Now()), last_draw_(start_) {}
+    : err_(err), is_terminal_(is_terminal), start_(base::MonotonicNow()), last_draw_(start_) {}
 
 ProgressLine::~ProgressLine() {
   if (is_drawn_ && is_terminal_) {
@@ -48,7 +48,7 @@ ProgressLine::~ProgressLine() {
 }
 
 bool ProgressLine::IsDue() {
-  const absl::Time now = absl::Now();
+  const base::MonotonicTime now = base::MonotonicNow();
   const absl::Duration interval = is_terminal_ ? absl::Milliseconds(100) : absl::Seconds(10);
   if (now - last_draw_ < interval) {
     return false;
@@ -72,7 +72,7 @@ void ProgressLine::Update(absl::string_view phase, std::int64_t done_bytes,
   if (!IsDue()) {
     return;
   }
-  std::string text = FormatProgress(phase, done_bytes, total_bytes, absl::Now() - start_);
+  std::string text = FormatProgress(phase, done_bytes, total_bytes, base::MonotonicNow() - start_);
   if (is_terminal_) {
     const auto filled = static_cast<std::size_t>(
         std::clamp(static_cast<double>(done_bytes) / static_cast<double>(total_bytes) * kBarWidth,

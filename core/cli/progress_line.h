@@ -10,6 +10,8 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::cli {
 
 // "reading ranges   42 %  1,024.0 of 2,437.5 MiB  310.2 MiB/s  4 s left".
@@ -40,8 +42,8 @@ class ProgressLine {
 
   std::ostream* const err_;
   const bool is_terminal_;
-  const absl::Time start_;
-  absl::Time last_draw_;
+  const base::MonotonicTime start_;
+  base::MonotonicTime last_draw_;
   bool is_drawn_ = false;
 };
 

@@ -3,8 +3,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
 
@@ -30,14 +30,14 @@ WaitingLine::~WaitingLine() {
 }
 
 void WaitingLine::Run(std::ostream* err) {
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   ProgressLine line(err, /*is_terminal=*/true);
   const base::MutexLock lock(&mutex_);
-  absl::Time next = start + delay_;
+  base::MonotonicTime next = start + delay_;
   while (!ended_.AwaitUntil(&mutex_, next,
                             [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return has_ended_; })) {
-    line.UpdateNow(absl::StrCat(text_, "   ", FormatElapsed(absl::Now() - start)));
-    next = absl::Now() + absl::Seconds(1);
+    line.UpdateNow(absl::StrCat(text_, "   ", FormatElapsed(base::MonotonicNow() - start)));
+    next = base::MonotonicNow() + absl::Seconds(1);
   }
 }
 

@@ -1,6 +1,5 @@
 #include "core/rpc/channel.h"
 
-#include <chrono>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -15,6 +14,8 @@
 #include <grpcpp/impl/server_builder_plugin.h>
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/security/server_credentials.h>
+
+#include "core/rpc/grpc_time.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -167,12 +168,8 @@ absl::StatusOr<RunningServer> StartServer(
   return running;
 }
 
-absl::Time DeadlineOf(const grpc::ServerContextBase& context) {
-  const std::chrono::system_clock::time_point deadline = context.deadline();
-  if (deadline == std::chrono::system_clock::time_point::max()) {
-    return absl::InfiniteFuture();
-  }
-  return absl::FromChrono(deadline);
+base::MonotonicTime DeadlineOf(const grpc::ServerContextBase& context) {
+  return FromGrpcTime(context.raw_deadline());
 }
 
 }  // namespace isoscope::rpc

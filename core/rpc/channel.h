@@ -12,13 +12,13 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/channel_arguments.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/units.h"
 #include "core/rpc/transport.h"
 
@@ -67,7 +67,7 @@ absl::StatusOr<RunningServer> StartServer(
     const std::shared_ptr<grpc::ServerCredentials>& credentials = nullptr);
 
 // Returns the deadline of a call; InfiniteFuture if it has none.
-absl::Time DeadlineOf(const grpc::ServerContextBase& context);
+base::MonotonicTime DeadlineOf(const grpc::ServerContextBase& context);
 
 }  // namespace isoscope::rpc
 

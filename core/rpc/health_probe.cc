@@ -6,15 +6,16 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "absl/synchronization/notification.h"
-#include "absl/time/clock.h"
 #include "google/protobuf/io/coded_stream.h"
 #include <grpcpp/client_context.h>
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/support/byte_buffer.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -41,7 +42,7 @@ absl::Status ProbeHealth(const std::string& address, const Dialing& dialing, abs
                          Probe probe) {
   grpc::GenericStub stub(MakeFreshChannel(address, dialing));
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+  context.set_deadline(base::MonotonicNow() + timeout);
   const grpc::ByteBuffer request(nullptr, 0);  // a HealthCheckRequest for the server as a whole
   grpc::ByteBuffer response;
   grpc::Status status;

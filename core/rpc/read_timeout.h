@@ -7,12 +7,13 @@
 #include <memory>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <grpcpp/alarm.h>
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
+#include "core/rpc/grpc_time.h"
 
 namespace isoscope::rpc {
 
@@ -30,7 +31,7 @@ class ReadTimeout {
   // Cancels the call unless Stop is called within `timeout`.
   ReadTimeout(grpc::ClientContext* context, absl::Duration timeout)
       : state_(std::make_shared<State>(context)) {
-    alarm_.Set(absl::ToChronoTime(absl::Now() + timeout), [state = state_](bool rang) {
+    alarm_.Set(base::MonotonicNow() + timeout, [state = state_](bool rang) {
       const base::MutexLock lock(&state->mutex);
       if (rang && state->context != nullptr) {
         state->has_rung = true;

@@ -10,7 +10,6 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "google/protobuf/message.h"
 #include <grpcpp/server_context.h>
@@ -18,6 +17,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
 #include "core/rpc/channel.h"
@@ -37,14 +37,14 @@ inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* contex
                                              const google::protobuf::Message& request,
                                              absl::FunctionRef<absl::Status()> answer,
                                              const OnCallEnd& on_end = nullptr) {
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const base::TraceContext identity = AnswerTraceContext(context);
   absl::Status status = CheckKnownFields(request);
   if (status.ok()) {
     status = answer();
   }
   if (on_end != nullptr) {
-    on_end(status, absl::Now() - start, identity);
+    on_end(status, base::MonotonicNow() - start, identity);
   }
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   reactor->Finish(ToGrpcStatus(status));
@@ -68,8 +68,8 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
                                          base::Executor* executor, absl::Duration max_duration,
                                          Answer answer, OnCallEnd on_end = nullptr) {
     const std::shared_ptr<UnaryTask> task(new UnaryTask(
-        AnswerTraceContext(context), std::min(DeadlineOf(*context), absl::Now() + max_duration),
-        std::move(on_end)));
+        AnswerTraceContext(context),
+        std::min(DeadlineOf(*context), base::MonotonicNow() + max_duration), std::move(on_end)));
     task->self_ = task;
     const absl::Status status = CheckKnownFields(request);
     if (!status.ok()) {
@@ -92,18 +92,18 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
   void OnDone() override { const std::shared_ptr<UnaryTask> last_use = std::move(self_); }
 
  private:
-  UnaryTask(base::TraceContext identity, absl::Time deadline, OnCallEnd on_end)
+  UnaryTask(base::TraceContext identity, base::MonotonicTime deadline, OnCallEnd on_end)
       : identity_(std::move(identity)), cancellation_(deadline), on_end_(std::move(on_end)) {}
 
   void End(const absl::Status& status) {
     if (on_end_ != nullptr) {
-      on_end_(status, absl::Now() - start_, identity_);
+      on_end_(status, base::MonotonicNow() - start_, identity_);
     }
     Finish(ToGrpcStatus(status));
   }
 
   const base::TraceContext identity_;
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime start_ = base::MonotonicNow();
   base::Cancellation cancellation_;
   const OnCallEnd on_end_;
   std::shared_ptr<UnaryTask> self_;  // reset by OnDone

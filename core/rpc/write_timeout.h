@@ -9,12 +9,13 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <grpcpp/alarm.h>
 #include <grpcpp/server_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
+#include "core/rpc/grpc_time.h"
 
 namespace isoscope::rpc {
 
@@ -35,13 +36,12 @@ class WriteTimeout {
     }
     const std::int64_t number = ++state_->number;
     state_->alarm = std::make_unique<grpc::Alarm>();
-    state_->alarm->Set(absl::ToChronoTime(absl::Now() + timeout),
-                       [state = state_, number](bool rang) {
-                         const base::MutexLock alarm_lock(&state->mutex);
-                         if (rang && state->context != nullptr && state->number == number) {
-                           state->context->TryCancel();
-                         }
-                       });
+    state_->alarm->Set(base::MonotonicNow() + timeout, [state = state_, number](bool rang) {
+      const base::MutexLock alarm_lock(&state->mutex);
+      if (rang && state->context != nullptr && state->number == number) {
+        state->context->TryCancel();
+      }
+    });
   }
 
   // A write is done, and the next one has not begun.

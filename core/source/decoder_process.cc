@@ -30,7 +30,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <sys/mman.h>
 #include <sys/prctl.h>
@@ -39,6 +38,7 @@
 #include <sys/wait.h>
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 
@@ -186,13 +186,13 @@ Wait WaitForAnswer(int socket, absl::Duration limit) {
     if (base::ProcessInterrupt().is_cancelled()) {
       return Wait::kInterrupted;
     }
-    const absl::Time begin = absl::Now();
+    const base::MonotonicTime begin = base::MonotonicNow();
     pollfd entry{.fd = socket, .events = POLLIN, .revents = 0};
     const int count = poll(&entry, 1, static_cast<int>(absl::ToInt64Milliseconds(kStep)));
     if (count > 0 || (count < 0 && errno != EINTR)) {
       return Wait::kReady;
     }
-    waited += std::clamp(absl::Now() - begin, absl::ZeroDuration(), kStep);
+    waited += std::clamp(base::MonotonicNow() - begin, absl::ZeroDuration(), kStep);
   }
   return Wait::kLate;
 }

@@ -16,11 +16,11 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
-#include "absl/time/clock.h"
 #include <openssl/crypto.h>
 
 #include "core/base/error_reason.h"
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -64,7 +64,7 @@ absl::Status NothingShown() {
 
 }  // namespace
 
-AccessGrant::AccessGrant(AccessToken token, absl::Time now) : token_(std::move(token)) {
+AccessGrant::AccessGrant(AccessToken token, base::MonotonicTime now) : token_(std::move(token)) {
   if (token_.max_frames_per_second > 0) {
     frames_.emplace(token_.max_frames_per_second, std::max(2.0, token_.max_frames_per_second), now);
   }
@@ -74,7 +74,7 @@ AccessGrant::AccessGrant(AccessToken token, absl::Time now) : token_(std::move(t
   }
 }
 
-absl::Status AccessGrant::TakeFrame(int spared, absl::Time now) {
+absl::Status AccessGrant::TakeFrame(int spared, base::MonotonicTime now) {
   const base::MutexLock lock(&mutex_);
   if (!frames_.has_value()) {
     return absl::OkStatus();
@@ -122,7 +122,7 @@ void AccessGrant::EndUse(CallerUse use) {
   --uses_[static_cast<std::size_t>(use)];
 }
 
-absl::Status AccessGrant::CheckBytes(absl::Time now) {
+absl::Status AccessGrant::CheckBytes(base::MonotonicTime now) {
   const base::MutexLock lock(&mutex_);
   if (!bytes_.has_value() || bytes_->Level(now) > 0) {
     return absl::OkStatus();
@@ -138,7 +138,7 @@ absl::Status AccessGrant::CheckBytes(absl::Time now) {
       base::ErrorReason::kRateLimited);
 }
 
-void AccessGrant::CountBytes(std::size_t bytes, absl::Time now) {
+void AccessGrant::CountBytes(std::size_t bytes, base::MonotonicTime now) {
   const base::MutexLock lock(&mutex_);
   if (bytes_.has_value()) {
     bytes_->Level(now);
@@ -205,7 +205,8 @@ absl::Status Caller::CheckViewport(int width_px, int height_px) const {
 }
 
 absl::Status Caller::TakeFrame(bool is_moving) const {
-  return grant_ == nullptr ? absl::OkStatus() : grant_->TakeFrame(is_moving ? 1 : 0, absl::Now());
+  return grant_ == nullptr ? absl::OkStatus()
+                           : grant_->TakeFrame(is_moving ? 1 : 0, base::MonotonicNow());
 }
 
 void Caller::ReturnFrame() const {
@@ -223,12 +224,12 @@ absl::StatusOr<CallerSlot> Caller::Begin(CallerUse use) const {
 }
 
 absl::Status Caller::CheckBytes() const {
-  return grant_ == nullptr ? absl::OkStatus() : grant_->CheckBytes(absl::Now());
+  return grant_ == nullptr ? absl::OkStatus() : grant_->CheckBytes(base::MonotonicNow());
 }
 
 void Caller::CountBytes(std::size_t bytes) const {
   if (grant_ != nullptr) {
-    grant_->CountBytes(bytes, absl::Now());
+    grant_->CountBytes(bytes, base::MonotonicNow());
   }
 }
 
@@ -246,7 +247,7 @@ absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Make(AccessOptions
   if (!access->options_.token_file.empty()) {
     const base::MutexLock lock(&access->mutex_);
     access->file_ = io::StampOf(access->options_.token_file);
-    access->looked_ = absl::Now();
+    access->looked_ = base::MonotonicNow();
     ISOSCOPE_RETURN_IF_ERROR(access->Load());
     access->watcher_ = std::thread([watched = access.get()] { watched->Watch(); });
   }
@@ -292,7 +293,7 @@ absl::Status AccessControl::Load() {
                             ParseAccessTokens(text, options_.token_file));
   std::vector<std::shared_ptr<AccessGrant>> before = std::move(grants_);
   grants_.clear();
-  const absl::Time now = absl::Now();
+  const base::MonotonicTime now = base::MonotonicNow();
   for (AccessToken& token : tokens) {
     const auto same = std::find_if(before.begin(), before.end(),
                                    [&](const auto& grant) { return grant->token() == token; });
@@ -311,7 +312,7 @@ absl::Status AccessControl::Load() {
 }
 
 void AccessControl::ReloadIfChanged() {
-  const absl::Time now = absl::Now();
+  const base::MonotonicTime now = base::MonotonicNow();
   if (options_.token_file.empty() || now - looked_ < kReloadInterval) {
     return;
   }

@@ -33,6 +33,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/metrics.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/io/file_stamp.h"
 #include "core/rpc/peer.h"
@@ -47,18 +48,18 @@ enum class CallerUse { kFrame, kStream, kExport };
 // Rights of the holder of a token, and how much of them is used. Thread-safe.
 class AccessGrant {
  public:
-  AccessGrant(AccessToken token, absl::Time now);
+  AccessGrant(AccessToken token, base::MonotonicTime now);
 
   [[nodiscard]] const AccessToken& token() const { return token_; }
   // The errors of these three are RESOURCE_EXHAUSTED with a retry delay (retry_delay.h). `spared`:
   // frames of the rate that must be left afterwards.
-  absl::Status TakeFrame(int spared, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status TakeFrame(int spared, base::MonotonicTime now) ABSL_LOCKS_EXCLUDED(mutex_);
   absl::Status BeginUse(CallerUse use) ABSL_LOCKS_EXCLUDED(mutex_);
-  absl::Status CheckBytes(absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status CheckBytes(base::MonotonicTime now) ABSL_LOCKS_EXCLUDED(mutex_);
   // Returns a frame to the rate, because it was not drawn.
   void ReturnFrame() ABSL_LOCKS_EXCLUDED(mutex_);
   void EndUse(CallerUse use) ABSL_LOCKS_EXCLUDED(mutex_);
-  void CountBytes(std::size_t bytes, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  void CountBytes(std::size_t bytes, base::MonotonicTime now) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Marks the grant: its token was removed from the file or changed.
   void Withdraw() { is_withdrawn_.store(true); }
@@ -210,7 +211,7 @@ class AccessControl {
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::shared_ptr<AccessGrant>> withdrawn_ ABSL_GUARDED_BY(mutex_);  // not ended yet
   io::FileStamp file_ ABSL_GUARDED_BY(mutex_);
-  absl::Time looked_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
+  base::MonotonicTime looked_ ABSL_GUARDED_BY(mutex_) = base::MonotonicTime::InfinitePast();
   std::vector<std::shared_ptr<AccessGrant>> grants_ ABSL_GUARDED_BY(mutex_);
   std::thread watcher_;  // runs if there is a token file
 };

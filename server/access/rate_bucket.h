@@ -8,17 +8,19 @@
 
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
 // Begins full. Thread-compatible.
 class RateBucket {
  public:
   // rate: units a second; burst: capacity of the bucket. REQUIRES: both are above 0.
-  RateBucket(double rate, double burst, absl::Time now)
+  RateBucket(double rate, double burst, base::MonotonicTime now)
       : rate_(rate), burst_(burst), level_(burst), filled_(now) {}
 
   // Units that are available now. Negative if more was taken than was available.
-  double Level(absl::Time now) {
+  double Level(base::MonotonicTime now) {
     if (now > filled_) {
       level_ = std::min(burst_, level_ + rate_ * absl::ToDoubleSeconds(now - filled_));
       filled_ = now;
@@ -36,7 +38,7 @@ class RateBucket {
   const double rate_;
   const double burst_;
   double level_;
-  absl::Time filled_;
+  base::MonotonicTime filled_;
 };
 
 }  // namespace isoscope::server

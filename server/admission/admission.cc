@@ -4,10 +4,10 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/check.h"
 #include "core/base/error_reason.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 
 namespace isoscope::server {
@@ -74,7 +74,7 @@ std::string Admission::Describe() const {
 absl::StatusOr<Admission::Place> Admission::Admit(const std::string& client) {
   const base::MutexLock lock(&mutex_);
   ExpireFrames();
-  const AdmissionQueue::Answer answer = queue_.Admit(client, absl::Now());
+  const AdmissionQueue::Answer answer = queue_.Admit(client, base::MonotonicNow());
   if (answer.evicted.has_value()) {
     EndWith(*answer.evicted,
             base::WithRetryDelay(
@@ -94,11 +94,11 @@ absl::StatusOr<Admission::Place> Admission::Admit(const std::string& client) {
       answer.retry_delay);
 }
 
-void Admission::Schedule(Ticket ticket, absl::Time deadline, Work work) {
+void Admission::Schedule(Ticket ticket, base::MonotonicTime deadline, Work work) {
   const base::MutexLock lock(&mutex_);
   const bool is_first = deadline < queue_.next_deadline();
   queue_.Join(ticket, deadline);
-  waiting_[ticket] = {.work = std::move(work), .arrival = absl::Now()};
+  waiting_[ticket] = {.work = std::move(work), .arrival = base::MonotonicNow()};
   if (is_stopping_) {
     queue_.Leave(ticket);
     EndWith(ticket, CoordinatorStops());
@@ -121,7 +121,7 @@ void Admission::Leave(Ticket ticket) {
 void Admission::End(Ticket ticket) {
   Work unused;  // destroyed without the lock
   const base::MutexLock lock(&mutex_);
-  queue_.End(ticket, absl::Now());
+  queue_.End(ticket, base::MonotonicNow());
   const auto it = waiting_.find(ticket);
   if (it != waiting_.end()) {
     unused = std::move(it->second.work);
@@ -145,7 +145,7 @@ void Admission::EndWith(Ticket ticket, absl::Status status) {
 }
 
 void Admission::ExpireFrames() {
-  const absl::Time now = absl::Now();
+  const base::MonotonicTime now = base::MonotonicNow();
   for (const Ticket ticket : queue_.Expire(now)) {
     EndWith(ticket,
             absl::DeadlineExceededError(absl::StrCat(
@@ -162,7 +162,7 @@ void Admission::RunFrames() {
       std::optional<Ticket> ticket;
       joined_.Await(&mutex_, [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
         ExpireFrames();
-        ticket = queue_.TakeNext(absl::Now());
+        ticket = queue_.TakeNext(base::MonotonicNow());
         return ticket.has_value() || is_stopping_;
       });
       if (!ticket.has_value()) {

@@ -18,8 +18,8 @@
 #include "absl/container/flat_hash_map.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "server/admission/admission_queue.h"
 
@@ -78,7 +78,7 @@ class Admission {
   // Does not block.
   absl::StatusOr<Place> Admit(const std::string& client) ABSL_LOCKS_EXCLUDED(mutex_);
   // Lets the frame wait for its turn. REQUIRES: it has a place; at most once for each.
-  void Schedule(Ticket ticket, absl::Time deadline, Work work) ABSL_LOCKS_EXCLUDED(mutex_);
+  void Schedule(Ticket ticket, base::MonotonicTime deadline, Work work) ABSL_LOCKS_EXCLUDED(mutex_);
   // Ends a frame that waits; no effect on others. Does not block, and runs no work.
   void Leave(Ticket ticket) ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -93,7 +93,7 @@ class Admission {
  private:
   struct Waiting {
     Work work;
-    absl::Time arrival;
+    base::MonotonicTime arrival;
   };
   struct Ended {
     Work work;

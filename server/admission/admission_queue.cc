@@ -5,6 +5,7 @@
 #include "absl/hash/hash.h"
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::server {
 
@@ -33,7 +34,7 @@ std::map<std::string, AdmissionQueue::Client>::iterator AdmissionQueue::FindLose
   return has_far_more || came_later ? loser : clients_.end();
 }
 
-AdmissionQueue::Answer AdmissionQueue::Admit(const std::string& client, absl::Time now) {
+AdmissionQueue::Answer AdmissionQueue::Admit(const std::string& client, base::MonotonicTime now) {
   const auto refused = outside_.find(client);
   const bool was_refused = refused != outside_.end() && now <= refused->second.forgotten;
   const Turn turn = was_refused ? refused->second.turn : next_turn_++;
@@ -59,7 +60,8 @@ AdmissionQueue::Answer AdmissionQueue::Admit(const std::string& client, absl::Ti
   return answer;
 }
 
-absl::Duration AdmissionQueue::Refuse(const std::string& client, Turn turn, absl::Time now) {
+absl::Duration AdmissionQueue::Refuse(const std::string& client, Turn turn,
+                                      base::MonotonicTime now) {
   for (auto it = outside_.begin(); it != outside_.end();) {
     it = now > it->second.forgotten ? outside_.erase(it) : std::next(it);
   }
@@ -84,7 +86,7 @@ absl::Duration AdmissionQueue::Refuse(const std::string& client, Turn turn, absl
   return delay;
 }
 
-void AdmissionQueue::Join(Ticket ticket, absl::Time deadline) {
+void AdmissionQueue::Join(Ticket ticket, base::MonotonicTime deadline) {
   Frame& frame = frames_.at(ticket);
   ISOSCOPE_CHECK(frame.state == State::kAdmitted);
   frame.state = State::kWaiting;
@@ -99,7 +101,7 @@ void AdmissionQueue::Join(Ticket ticket, absl::Time deadline) {
   client->second.waiting.push_back(ticket);
 }
 
-std::optional<AdmissionQueue::Ticket> AdmissionQueue::TakeNext(absl::Time now) {
+std::optional<AdmissionQueue::Ticket> AdmissionQueue::TakeNext(base::MonotonicTime now) {
   if (line_.empty()) {
     return std::nullopt;
   }
@@ -141,7 +143,7 @@ bool AdmissionQueue::Leave(Ticket ticket) {
   return true;
 }
 
-std::vector<AdmissionQueue::Ticket> AdmissionQueue::Expire(absl::Time now) {
+std::vector<AdmissionQueue::Ticket> AdmissionQueue::Expire(base::MonotonicTime now) {
   std::vector<Ticket> expired;
   while (!deadlines_.empty() && deadlines_.begin()->first < now) {
     const Ticket ticket = deadlines_.begin()->second;
@@ -151,7 +153,7 @@ std::vector<AdmissionQueue::Ticket> AdmissionQueue::Expire(absl::Time now) {
   return expired;
 }
 
-void AdmissionQueue::End(Ticket ticket, absl::Time now) {
+void AdmissionQueue::End(Ticket ticket, base::MonotonicTime now) {
   const auto it = frames_.find(ticket);
   if (it == frames_.end()) {
     return;

@@ -26,6 +26,8 @@
 #include "absl/container/flat_hash_map.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
 struct AdmissionLimits {
@@ -54,22 +56,22 @@ class AdmissionQueue {
     absl::Duration retry_delay;     // for the client that is refused or evicted
   };
   // Gives a frame of `client` a place if one is free. `client` may be any text.
-  Answer Admit(const std::string& client, absl::Time now);
+  Answer Admit(const std::string& client, base::MonotonicTime now);
   // Lets a frame wait for its turn, at most until `deadline`. REQUIRES: it has a place, and does
   // not wait yet.
-  void Join(Ticket ticket, absl::Time deadline);
+  void Join(Ticket ticket, base::MonotonicTime deadline);
   // Removes the frame whose turn it is from the queue, to work on it; none if none waits.
-  std::optional<Ticket> TakeNext(absl::Time now);
+  std::optional<Ticket> TakeNext(base::MonotonicTime now);
   // Removes a waiting frame from the queue, with its place. Returns false if it does not wait.
   bool Leave(Ticket ticket);
   // Removes all waiting frames whose deadline has passed, and returns them.
-  std::vector<Ticket> Expire(absl::Time now);
+  std::vector<Ticket> Expire(base::MonotonicTime now);
   // Returns the place of a frame, if it still has one.
-  void End(Ticket ticket, absl::Time now);
+  void End(Ticket ticket, base::MonotonicTime now);
 
   // The first deadline of the waiting frames; infinite future if none waits.
-  [[nodiscard]] absl::Time next_deadline() const {
-    return deadlines_.empty() ? absl::InfiniteFuture() : deadlines_.begin()->first;
+  [[nodiscard]] base::MonotonicTime next_deadline() const {
+    return deadlines_.empty() ? base::MonotonicTime::InfiniteFuture() : deadlines_.begin()->first;
   }
   [[nodiscard]] int working_count() const { return working_count_; }
   [[nodiscard]] int waiting_count() const { return static_cast<int>(deadlines_.size()); }
@@ -86,8 +88,8 @@ class AdmissionQueue {
     std::string client;
     Turn turn = 0;  // of its client, when the frame was admitted
     State state = State::kAdmitted;
-    absl::Time deadline = {};
-    absl::Time begin = {};  // of its work
+    base::MonotonicTime deadline = {};
+    base::MonotonicTime begin = {};  // of its work
   };
   struct Client {
     Turn turn = 0;
@@ -95,7 +97,7 @@ class AdmissionQueue {
   };
   struct Refused {
     Turn turn = 0;
-    absl::Time forgotten;  // when its place in the queue expires
+    base::MonotonicTime forgotten;  // when its place in the queue expires
   };
 
   // Removes a waiting frame from its client and from the queue.
@@ -106,7 +108,7 @@ class AdmissionQueue {
   // Mean time between the starts of two frames.
   [[nodiscard]] absl::Duration Interval() const;
   // Returns the retry delay of a refused client, and keeps its place in the queue.
-  absl::Duration Refuse(const std::string& client, Turn turn, absl::Time now);
+  absl::Duration Refuse(const std::string& client, Turn turn, base::MonotonicTime now);
 
   const AdmissionLimits limits_;
   Ticket next_ticket_ = 1;
@@ -116,7 +118,7 @@ class AdmissionQueue {
   absl::flat_hash_map<Ticket, Frame> frames_;    // that have a place
   std::map<std::string, Client> clients_;
   std::map<Turn, std::string> line_;  // of the clients
-  std::set<std::pair<absl::Time, Ticket>> deadlines_;
+  std::set<std::pair<base::MonotonicTime, Ticket>> deadlines_;
   std::map<std::string, Refused> outside_;
 };
 

@@ -11,9 +11,9 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "server/admission/admission.h"
 
 namespace isoscope::server {
@@ -22,7 +22,7 @@ namespace isoscope::server {
 class CallTurn {
  public:
   // `admission` outlives the turn. The call ends at `deadline`.
-  CallTurn(Admission* admission, absl::Time deadline)
+  CallTurn(Admission* admission, base::MonotonicTime deadline)
       : admission_(*admission), cancellation_(deadline) {}
 
   // Takes a place for `client` (Admission::Admit), and keeps it until GiveBack.

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::server {
@@ -31,7 +31,7 @@ struct FrameNote {
   std::string dataset;  // as the request names it
   int width_px = 0;
   int height_px = 0;
-  absl::Time arrival;
+  base::MonotonicTime arrival;
 };
 
 // Thread-safe. Outlives its entries.

@@ -6,12 +6,13 @@
 #include <vector>
 
 #include "absl/synchronization/blocking_counter.h"
-#include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 
@@ -39,7 +40,8 @@ void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancel
   if (probes.empty()) {
     return;
   }
-  const absl::Time deadline = std::min(absl::Now() + kProbeTimeout, cancellation.deadline());
+  const base::MonotonicTime deadline =
+      std::min(base::MonotonicNow() + kProbeTimeout, cancellation.deadline());
   // This thread destroys the calls after they have ended. If a reaction dropped the last reference
   // to a channel instead, gRPC would join the reaction's own thread.
   std::vector<Call> calls(probes.size());
@@ -52,7 +54,7 @@ void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancel
       probe.export_channel = rpc::MakeExportChannel(probe.address, probe.dialing);
     }
     call.stub = internal::PartitionAgentService::NewStub(probe.channel);
-    call.context.set_deadline(absl::ToChronoTime(deadline));
+    call.context.set_deadline(deadline);
     call.stub->async()->DescribeShards(&call.context, &call.request, &call.response,
                                        [&probe, &call, &unanswered](const grpc::Status& status) {
                                          probe.answer = AnswerOf(&call, status);

@@ -20,9 +20,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "server/cluster/agent_list.h"
 
@@ -155,7 +155,7 @@ void AgentRegistry::Run() {
   while (true) {
     {
       base::MutexLock lock(&mutex_);
-      changed_.AwaitUntil(&mutex_, absl::Now() + options_.poll_interval,
+      changed_.AwaitUntil(&mutex_, base::MonotonicNow() + options_.poll_interval,
                           [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
                             return stopping_.is_cancelled() || wanted_probe_ > started_probe_;
                           });
@@ -165,7 +165,7 @@ void AgentRegistry::Run() {
       ++started_probe_;
       wanted_probe_ = std::max(wanted_probe_, started_probe_);
     }
-    Probe(absl::Now());
+    Probe(base::MonotonicNow());
     bool is_first = false;
     {
       base::MutexLock lock(&mutex_);
@@ -212,7 +212,7 @@ void AgentRegistry::AskMembers(const Suspects& suspects, AgentMembers* members) 
   }
 }
 
-void AgentRegistry::Probe(absl::Time begin) {
+void AgentRegistry::Probe(base::MonotonicTime begin) {
   std::shared_ptr<const Snapshot> before;
   Suspects suspects;
   {
@@ -231,7 +231,7 @@ void AgentRegistry::Probe(absl::Time begin) {
   AdoptMembers(std::move(members), begin);
 }
 
-void AgentRegistry::AdoptMembers(AgentMembers members, absl::Time probe_begin) {
+void AgentRegistry::AdoptMembers(AgentMembers members, base::MonotonicTime probe_begin) {
   std::vector<AgentState> states;
   states.reserve(members.size());
   for (const auto& [address, member] : members) {
@@ -261,7 +261,7 @@ std::int64_t AgentRegistry::RequestProbe() {
   return awaited;
 }
 
-void AgentRegistry::ProbeNow(absl::Time deadline, const base::Cancellation& cancellation) {
+void AgentRegistry::ProbeNow(base::MonotonicTime deadline, const base::Cancellation& cancellation) {
   const base::Cancellation::Callback wake(cancellation, [this] {
     base::MutexLock lock(&mutex_);
     changed_.SignalAll();
@@ -291,7 +291,7 @@ absl::StatusOr<std::shared_ptr<const DatasetState>> AgentRegistry::FindIn(
 }
 
 bool AgentRegistry::MayProbeForName(const Snapshot& snapshot) {
-  const absl::Time now = absl::Now();
+  const base::MonotonicTime now = base::MonotonicNow();
   base::MutexLock lock(&mutex_);
   if (!snapshot.datasets.empty() &&
       now - std::max(snapshot.probe_begin, name_probe_) < kMissingNameInterval) {
@@ -330,7 +330,7 @@ absl::StatusOr<std::shared_ptr<const DatasetState>> AgentRegistry::FindComplete(
   if (absl::IsNotFound(found.status()) && !MayProbeForName(*snapshot)) {
     return found;
   }
-  ProbeNow(std::min(cancellation.deadline(), absl::Now() + kMaxFrameWait), cancellation);
+  ProbeNow(std::min(cancellation.deadline(), base::MonotonicNow() + kMaxFrameWait), cancellation);
   if (cancellation.is_cancelled()) {
     return cancellation.Check();
   }
@@ -373,7 +373,7 @@ std::map<std::string, DatasetState> AgentRegistry::datasets(const Caller& caller
   return DatasetsFor(caller, Latest()->datasets);
 }
 
-absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {
+absl::Status AgentRegistry::WaitUntilReady(base::MonotonicTime deadline) {
   const base::Cancellation never;
   while (true) {
     {
@@ -383,7 +383,7 @@ absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {
       if (has_all && snapshot_->is_any_complete) {
         return absl::OkStatus();
       }
-      if (absl::Now() >= deadline || stopping_.is_cancelled()) {
+      if (base::MonotonicNow() >= deadline || stopping_.is_cancelled()) {
         if (!unreachable.empty() || snapshot_->datasets.empty()) {
           return absl::FailedPreconditionError(unreachable.empty() ? "the agents serve no dataset"
                                                                    : unreachable);
@@ -391,10 +391,10 @@ absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {
         return snapshot_->datasets.begin()->second.status;
       }
     }
-    ProbeNow(std::min(deadline, absl::Now() + kMaxFrameWait), never);
+    ProbeNow(std::min(deadline, base::MonotonicNow() + kMaxFrameWait), never);
     base::MutexLock lock(&mutex_);
     if (!snapshot_->is_any_complete) {
-      changed_.AwaitUntil(&mutex_, std::min(deadline, absl::Now() + kRetryInterval),
+      changed_.AwaitUntil(&mutex_, std::min(deadline, base::MonotonicNow() + kRetryInterval),
                           [this] { return stopping_.is_cancelled(); });
     }
   }

@@ -31,6 +31,7 @@
 #include "absl/types/span.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/rpc/transport.h"
 #include "server/access/access_control.h"
@@ -101,7 +102,7 @@ class AgentRegistry {
   [[nodiscard]] std::map<std::string, DatasetState> datasets(const Caller& caller = {}) const;
 
   // Does what CoordinatorServer::WaitUntilReady does.
-  absl::Status WaitUntilReady(absl::Time deadline);
+  absl::Status WaitUntilReady(base::MonotonicTime deadline);
 
  private:
   using Suspects = std::set<std::string>;  // addresses
@@ -112,15 +113,16 @@ class AgentRegistry {
     std::string unreachable;        // DescribeUnreachable of the members
     std::set<std::string> opening;  // names of datasets whose shards agents open
     bool is_any_complete = false;   // of the datasets
-    absl::Time probe_begin = absl::InfinitePast();
+    base::MonotonicTime probe_begin = base::MonotonicTime::InfinitePast();
   };
 
   explicit AgentRegistry(AgentRegistryOptions options);
   void Run();
-  void Probe(absl::Time begin);
+  void Probe(base::MonotonicTime begin);
   [[nodiscard]] rpc::Dialing DialingOf(const AgentMember& member) const;
   void AskMembers(const Suspects& suspects, AgentMembers* members) const;
-  void AdoptMembers(AgentMembers members, absl::Time probe_begin) ABSL_LOCKS_EXCLUDED(mutex_);
+  void AdoptMembers(AgentMembers members, base::MonotonicTime probe_begin)
+      ABSL_LOCKS_EXCLUDED(mutex_);
   [[nodiscard]] std::shared_ptr<const Snapshot> Latest() const ABSL_LOCKS_EXCLUDED(mutex_);
   static absl::StatusOr<std::shared_ptr<const DatasetState>> FindIn(
       const std::shared_ptr<const Snapshot>& snapshot, const std::string& name,
@@ -131,7 +133,7 @@ class AgentRegistry {
   std::int64_t RequestProbe() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Requests a probe that begins after now. Waits for its end, until `deadline`, until
   // `cancellation` fires, or until the registry stops.
-  void ProbeNow(absl::Time deadline, const base::Cancellation& cancellation)
+  void ProbeNow(base::MonotonicTime deadline, const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_);
 
   const AgentRegistryOptions options_;
@@ -140,7 +142,8 @@ class AgentRegistry {
   base::CondVar changed_;  // a probe number below has changed, or the registry stops
   std::shared_ptr<const Snapshot> snapshot_ ABSL_GUARDED_BY(mutex_);  // never null
   Suspects suspects_ ABSL_GUARDED_BY(mutex_);  // calls to them failed since they were last asked
-  absl::Time name_probe_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();  // the last for a name
+  base::MonotonicTime name_probe_ ABSL_GUARDED_BY(mutex_) =
+      base::MonotonicTime::InfinitePast();  // the last for a name
   // Probes are numbered from 1 on. A thread that needs a probe that begins after now wants the
   // number after started_probe_, and waits until finished_probe_ has reached it.
   std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;

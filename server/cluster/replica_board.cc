@@ -21,6 +21,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 
 namespace isoscope::server {
@@ -89,7 +90,7 @@ std::vector<int> MissingShards(int shard_count, const std::vector<FramePart>& pa
 }
 
 std::vector<FramePart> ReplicaBoard::Choose(const std::vector<ReplicaSet>& sets,
-                                            absl::string_view key, absl::Time now) const {
+                                            absl::string_view key, base::MonotonicTime now) const {
   const std::uint64_t hash = HashOf(key);
   std::vector<FramePart> parts;
   const base::MutexLock lock(&mutex_);
@@ -134,7 +135,8 @@ std::vector<FramePart> ReplicaBoard::Choose(const std::vector<ReplicaSet>& sets,
   return parts;
 }
 
-void ReplicaBoard::PutIdlestFirst(std::vector<ServingAgent>* replicas, absl::Time now) const {
+void ReplicaBoard::PutIdlestFirst(std::vector<ServingAgent>* replicas,
+                                  base::MonotonicTime now) const {
   int sum = 1;  // with this part
   for (const ServingAgent& agent : *replicas) {
     sum += PartCountOf(agent.address);
@@ -179,7 +181,7 @@ bool ReplicaBoard::TryHedge(const std::string& address) {
   return true;
 }
 
-void ReplicaBoard::NoteTrouble(const std::string& address, absl::Time now) {
+void ReplicaBoard::NoteTrouble(const std::string& address, base::MonotonicTime now) {
   const base::MutexLock lock(&mutex_);
   Agent& agent = agents_[address];
   agent.avoidance = agent.avoidance == absl::ZeroDuration()
@@ -189,7 +191,7 @@ void ReplicaBoard::NoteTrouble(const std::string& address, absl::Time now) {
 }
 
 void ReplicaBoard::NoteUnanswered(const std::string& address, absl::Duration waited,
-                                  absl::Time now) {
+                                  base::MonotonicTime now) {
   if (waited >= kLateAfter) {
     NoteTrouble(address, now);
   }
@@ -202,13 +204,13 @@ void ReplicaBoard::NoteSuccess(const std::string& address) {
     return;
   }
   found->second.avoidance = absl::ZeroDuration();
-  found->second.avoided_until = absl::InfinitePast();
+  found->second.avoided_until = base::MonotonicTime::InfinitePast();
   if (found->second.part_count == 0) {
     agents_.erase(found);
   }
 }
 
-bool ReplicaBoard::IsWell(const std::string& address, absl::Time now) const {
+bool ReplicaBoard::IsWell(const std::string& address, base::MonotonicTime now) const {
   const auto found = agents_.find(address);
   return found == agents_.end() || now >= found->second.avoided_until;
 }

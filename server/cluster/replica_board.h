@@ -30,6 +30,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/volume/inside_rule.h"
 #include "server/cluster/frame_part.h"
@@ -80,7 +81,7 @@ class ReplicaBoard {
   // and state of the agents. O(shards * replicas * log replicas).
   [[nodiscard]] std::vector<FramePart> Choose(const std::vector<ReplicaSet>& sets,
                                               absl::string_view key,
-                                              absl::Time now = absl::Now()) const;
+                                              base::MonotonicTime now = base::MonotonicNow()) const;
 
   // Notes that a part is under way on the agent.
   [[nodiscard]] Lease Take(const std::string& address);
@@ -88,25 +89,25 @@ class ReplicaBoard {
   [[nodiscard]] bool TryHedge(const std::string& address);
 
   // The agent failed, or was late in comparison with others.
-  void NoteTrouble(const std::string& address, absl::Time now = absl::Now());
+  void NoteTrouble(const std::string& address, base::MonotonicTime now = base::MonotonicNow());
   // The agent had not answered when it was no longer waited for. Trouble if that took kLateAfter.
   void NoteUnanswered(const std::string& address, absl::Duration waited,
-                      absl::Time now = absl::Now());
+                      base::MonotonicTime now = base::MonotonicNow());
   void NoteSuccess(const std::string& address);
 
  private:
   struct Agent {
     int part_count = 0;  // under way
     absl::Duration avoidance;
-    absl::Time avoided_until = absl::InfinitePast();
+    base::MonotonicTime avoided_until = base::MonotonicTime::InfinitePast();
   };
 
   void Return(const std::string& address);
-  [[nodiscard]] bool IsWell(const std::string& address, absl::Time now) const
+  [[nodiscard]] bool IsWell(const std::string& address, base::MonotonicTime now) const
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   [[nodiscard]] int PartCountOf(const std::string& address) const
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  void PutIdlestFirst(std::vector<ServingAgent>* replicas, absl::Time now) const
+  void PutIdlestFirst(std::vector<ServingAgent>* replicas, base::MonotonicTime now) const
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
 
   mutable base::Mutex mutex_;

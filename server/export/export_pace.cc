@@ -2,9 +2,11 @@
 
 #include <algorithm>
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
-void ExportPace::OnWriteDone(std::size_t bytes, absl::Time now) {
+void ExportPace::OnWriteDone(std::size_t bytes, base::MonotonicTime now) {
   if (!write_begin_.has_value()) {
     return;
   }
@@ -14,14 +16,14 @@ void ExportPace::OnWriteDone(std::size_t bytes, absl::Time now) {
   write_begin_.reset();
 }
 
-ExportPace::Verdict ExportPace::Judge(absl::Time now) const {
+ExportPace::Verdict ExportPace::Judge(base::MonotonicTime now) const {
   if (now >= begin_ + limits_.max_duration) {
     return Verdict::kTooLong;
   }
   return write_begin_.has_value() && now >= SlowTime(now) ? Verdict::kTooSlow : Verdict::kGoesOn;
 }
 
-absl::Time ExportPace::NextJudgement(absl::Time now) const {
+base::MonotonicTime ExportPace::NextJudgement(base::MonotonicTime now) const {
   // A finished write that took more than was left leaves a debt. Then the next write exceeds the
   // allowance at once.
   constexpr absl::Duration kLeast = absl::Milliseconds(10);

@@ -15,6 +15,8 @@
 
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
 struct ExportLimits {
@@ -29,28 +31,28 @@ struct ExportLimits {
 // Thread-compatible. Times never go back.
 class ExportPace {
  public:
-  ExportPace(const ExportLimits& limits, absl::Time begin)
+  ExportPace(const ExportLimits& limits, base::MonotonicTime begin)
       : limits_(limits), begin_(begin), left_(limits.allowance) {}
 
-  void OnWriteBegun(absl::Time now) { write_begin_ = now; }
-  void OnWriteDone(std::size_t bytes, absl::Time now);
+  void OnWriteBegun(base::MonotonicTime now) { write_begin_ = now; }
+  void OnWriteDone(std::size_t bytes, base::MonotonicTime now);
 
   enum class Verdict { kGoesOn, kTooSlow, kTooLong };
-  [[nodiscard]] Verdict Judge(absl::Time now) const;
+  [[nodiscard]] Verdict Judge(base::MonotonicTime now) const;
   // Before this time the verdict stays kGoesOn in any case.
-  [[nodiscard]] absl::Time NextJudgement(absl::Time now) const;
+  [[nodiscard]] base::MonotonicTime NextJudgement(base::MonotonicTime now) const;
 
  private:
   // The time at which the write under way has used up the allowance, or one that began now would
   // have.
-  [[nodiscard]] absl::Time SlowTime(absl::Time now) const {
+  [[nodiscard]] base::MonotonicTime SlowTime(base::MonotonicTime now) const {
     return write_begin_.value_or(now) + left_;
   }
 
   const ExportLimits limits_;
-  const absl::Time begin_;
-  absl::Duration left_;                    // of the allowance
-  std::optional<absl::Time> write_begin_;  // none: no write is under way
+  const base::MonotonicTime begin_;
+  absl::Duration left_;                             // of the allowance
+  std::optional<base::MonotonicTime> write_begin_;  // none: no write is under way
 };
 
 }  // namespace isoscope::server

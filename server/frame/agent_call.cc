@@ -9,6 +9,9 @@
 
 #include "core/base/retry_delay.h"
 
+#include "core/base/monotonic_time.h"
+#include "core/rpc/grpc_time.h"
+
 namespace isoscope::server {
 
 namespace {
@@ -54,9 +57,9 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
   }
 }
 
-void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
-  if (deadline != absl::InfiniteFuture()) {
-    context->set_deadline(absl::ToChronoTime(deadline));
+void SetDeadline(base::MonotonicTime deadline, grpc::ClientContext* context) {
+  if (deadline != base::MonotonicTime::InfiniteFuture()) {
+    context->set_deadline(deadline);
   }
 }
 

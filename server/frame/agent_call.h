@@ -4,8 +4,9 @@
 #define ISOSCOPE_SERVER_FRAME_AGENT_CALL_H_
 
 #include "absl/status/status.h"
-#include "absl/time/time.h"
 #include <grpcpp/client_context.h>
+
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::server {
 
@@ -20,8 +21,8 @@ namespace isoscope::server {
 //   and UNKNOWN become INTERNAL.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
-// The call ends by itself then; absl::InfiniteFuture(): never.
-void SetDeadline(absl::Time deadline, grpc::ClientContext* context);
+// The call ends by itself then; base::MonotonicTime::InfiniteFuture(): never.
+void SetDeadline(base::MonotonicTime deadline, grpc::ClientContext* context);
 
 }  // namespace isoscope::server
 

@@ -34,6 +34,7 @@
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/client_callback.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
@@ -54,7 +55,7 @@ namespace internal = isoscope::internal::v1;
 class FrameStream final
     : public grpc::ClientBidiReactor<internal::RenderFrameRequest, internal::RenderFrameResponse> {
  public:
-  FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
+  FrameStream(const AgentAssignment& agent, std::int64_t block_count, base::MonotonicTime deadline,
               image::PixelMailboxes* mailboxes, const base::TraceContext& identity,
               const AgentTraceTarget& trace_target, AgentListener* listener)
       : agent_(agent.identity()),
@@ -308,7 +309,8 @@ class GrpcAgentLink final : public AgentLink {
 
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              internal::BeginFrame begin, std::int64_t block_count,
-                                             absl::Time deadline, image::PixelMailboxes* mailboxes,
+                                             base::MonotonicTime deadline,
+                                             image::PixelMailboxes* mailboxes,
                                              const base::TraceContext& identity,
                                              const AgentTraceTarget& trace_target,
                                              AgentListener* listener) {

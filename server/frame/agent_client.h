@@ -8,8 +8,7 @@
 #include <cstdint>
 #include <memory>
 
-#include "absl/time/time.h"
-
+#include "core/base/monotonic_time.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/image/pixel_mailboxes.h"
@@ -33,7 +32,7 @@ struct AgentTraceTarget {
 // outlives the link. `mailboxes`: mailboxes for the pixels of an agent in this process; else null.
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              isoscope::internal::v1::BeginFrame begin,
-                                             std::int64_t block_count, absl::Time deadline,
+                                             std::int64_t block_count, base::MonotonicTime deadline,
                                              image::PixelMailboxes* mailboxes,
                                              const base::TraceContext& identity,
                                              const AgentTraceTarget& trace_target,

@@ -21,11 +21,11 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
@@ -58,7 +58,7 @@ struct Attempt {
   grpc::ClientContext context;
   Response response;
   absl::Status status;  // once it has ended
-  absl::Time begin = absl::Now();
+  base::MonotonicTime begin = base::MonotonicNow();
   bool is_live = true;
 };
 
@@ -97,8 +97,9 @@ class Inquiry {
         cancellation_(cancellation),
         method_(method),
         questions_(*questions),
-        hedge_delay_(std::clamp((cancellation.deadline() - absl::Now()) / kHedgeDeadlineShare,
-                                kMinHedgeDelay, kHedgeDelay)) {}
+        hedge_delay_(
+            std::clamp((cancellation.deadline() - base::MonotonicNow()) / kHedgeDeadlineShare,
+                       kMinHedgeDelay, kHedgeDelay)) {}
 
   // Runs until all questions are answered, one can't be, or the cancellation fires. All calls have
   // ended then. An error gives the reason for missing answers.
@@ -121,7 +122,7 @@ class Inquiry {
         Handle(end);
       }
       for (std::size_t i = 0; error_.ok() && i < questions_.size(); ++i) {
-        if (HedgeTimeOf(questions_[i]) <= absl::Now()) {
+        if (HedgeTimeOf(questions_[i]) <= base::MonotonicNow()) {
           Begin(i);
         }
       }
@@ -157,7 +158,7 @@ class Inquiry {
 
   // Waits until calls have ended, a question is late, or the cancellation fires.
   std::vector<End> AwaitEnds() {
-    absl::Time wake = absl::InfiniteFuture();
+    base::MonotonicTime wake = base::MonotonicTime::InfiniteFuture();
     for (const Question<Request, Response>& question : questions_) {
       wake = std::min(wake, HedgeTimeOf(question));
     }
@@ -178,10 +179,11 @@ class Inquiry {
   }
 
   // The time to hedge: to ask another agent besides the late one; never if there is none.
-  [[nodiscard]] absl::Time HedgeTimeOf(const Question<Request, Response>& question) const {
+  [[nodiscard]] base::MonotonicTime HedgeTimeOf(const Question<Request, Response>& question) const {
     const bool may = error_.ok() && !question.winner.has_value() && HasSpare(question) &&
                      LiveCount(question) == 1;
-    return may ? question.attempts.back().begin + hedge_delay_ : absl::InfiniteFuture();
+    return may ? question.attempts.back().begin + hedge_delay_
+               : base::MonotonicTime::InfiniteFuture();
   }
 
   // Ends all calls.
@@ -213,7 +215,7 @@ class Inquiry {
       for (std::size_t i = 0; i < question.attempts.size(); ++i) {
         if (question.attempts[i].is_live && i < end.attempt) {
           report_->outrun.push_back({.agent = question.agents[i].identity(),
-                                     .waited = absl::Now() - question.attempts[i].begin});
+                                     .waited = base::MonotonicNow() - question.attempts[i].begin});
         }
       }
       CancelLive(&question);
@@ -227,7 +229,7 @@ class Inquiry {
          // INVALID_ARGUMENT, which the client's request caused, stays what it is.
          .status = absl::IsInvalidArgument(status) ? status : CallStatus(status, false)});
     const bool is_final =
-        absl::IsInvalidArgument(status) || absl::Now() >= cancellation_.deadline();
+        absl::IsInvalidArgument(status) || base::MonotonicNow() >= cancellation_.deadline();
     if (is_final || (LiveCount(question) == 0 && !HasSpare(question))) {
       Stop(absl::IsInvalidArgument(status) ? status : report_->failures.back().ToStatus());
     } else if (LiveCount(question) == 0) {

@@ -21,10 +21,9 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/time/clock.h"
-#include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
@@ -97,7 +96,7 @@ class EventQueue {
   // Waits until the queue is ready, or until `wake`, and returns all events that have come; there
   // may be none. Returns the cancellation's error if it fires first. RESOURCE_EXHAUSTED if there
   // was no memory for an event.
-  absl::StatusOr<std::deque<FrameEvent>> PopAll(absl::Time wake,
+  absl::StatusOr<std::deque<FrameEvent>> PopAll(base::MonotonicTime wake,
                                                 const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     std::deque<FrameEvent> events;
@@ -177,7 +176,8 @@ class QueueingListener final : public AgentListener {
     } else {
       ended_stage.reset();
     }
-    queue_->Push({{id_, word, absl::Now(), std::move(status)}, std::move(content), ended_stage});
+    queue_->Push(
+        {{id_, word, base::MonotonicNow(), std::move(status)}, std::move(content), ended_stage});
   }
 
   const AttemptId id_;

@@ -21,8 +21,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_recorder.h"
@@ -49,14 +49,15 @@ class Frame {
       : setup_(setup),
         begin_(begin),
         cancellation_(cancellation),
-        start_(absl::Now()),
+        start_(base::MonotonicNow()),
         phase_start_(start_),
         gate_(setup.max_waiting_bytes),
         protocol_(setup, FirstStage(setup), start_, cancellation.deadline()),
         links_(setup.replica_counts.size()),
         reduction_(setup, links_.size(), std::move(image)),
         pixels_(&reduction_, setup.arena, [this] {
-          queue_.Push({.said = {.from = {}, .word = AgentWord::kDamaged, .arrival = absl::Now()}});
+          queue_.Push(
+              {.said = {.from = {}, .word = AgentWord::kDamaged, .arrival = base::MonotonicNow()}});
         }) {
     result_.agents.resize(links_.size());
   }
@@ -121,7 +122,8 @@ class Frame {
 
   absl::Status HandleNextEvents() {
     const bool watches = protocol_.has_replicas();
-    const absl::Time wake = watches ? absl::Now() + kWatchInterval : absl::InfiniteFuture();
+    const base::MonotonicTime wake =
+        watches ? base::MonotonicNow() + kWatchInterval : base::MonotonicTime::InfiniteFuture();
     queue_.SetNeeded(protocol_.awaited());
     CompositeUntilEvent(wake);
     base::TraceScope wait(setup_.trace, "wait for agents");
@@ -136,14 +138,15 @@ class Frame {
       arrived_.pop_front();
       ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
     }
-    return watches ? Do(protocol_.Watch(absl::Now(), phase_start_), nullptr) : absl::OkStatus();
+    return watches ? Do(protocol_.Watch(base::MonotonicNow(), phase_start_), nullptr)
+                   : absl::OkStatus();
   }
 
   // Composites pixels until an event lets the frame go on, until `wake`, or until none are left.
-  void CompositeUntilEvent(absl::Time wake) {
-    const absl::Time end = std::min(wake, cancellation_.deadline());
+  void CompositeUntilEvent(base::MonotonicTime wake) {
+    const base::MonotonicTime end = std::min(wake, cancellation_.deadline());
     while (!queue_.is_ready() && !pixels_.empty() && !cancellation_.is_cancelled() &&
-           absl::Now() < end) {
+           base::MonotonicNow() < end) {
       pixels_.CompositeOne();
     }
   }
@@ -186,7 +189,7 @@ class Frame {
 
   absl::Status Begin(AttemptId id) {
     auto listener = std::make_unique<QueueingListener>(id, FirstStage(setup_), &queue_, &gate_);
-    const absl::Time begin = absl::Now();
+    const base::MonotonicTime begin = base::MonotonicNow();
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::unique_ptr<AgentLink> link,
         begin_(static_cast<int>(id.part), static_cast<int>(id.replica), listener.get()));
@@ -245,11 +248,11 @@ class Frame {
     };
     if (stage == FrameStage::kRenderingOccluders) {
       reduction_.SelectOccluders(send);
-      EndPhase(&result_.occluder_selection_duration, absl::Now(), "occluder selection",
+      EndPhase(&result_.occluder_selection_duration, base::MonotonicNow(), "occluder selection",
                FrameStep::kOccluderRendering);
     } else if (stage == FrameStage::kRenderingVisible) {
       reduction_.SelectVisible(send);
-      EndPhase(&result_.occluder_rendering_duration, absl::Now(), "occluder rendering",
+      EndPhase(&result_.occluder_rendering_duration, base::MonotonicNow(), "occluder rendering",
                FrameStep::kVisibilityCulling);
     } else {  // compositing follows; this phase ends again if its last pixels are damaged
       EndPhase(&result_.visibility_culling_duration, last_arrival_, "visibility culling",
@@ -282,7 +285,8 @@ class Frame {
   }
 
   // Notes the time since the last phase ended, and what comes next.
-  void EndPhase(absl::Duration* duration, absl::Time end, const char* name, FrameStep next) {
+  void EndPhase(absl::Duration* duration, base::MonotonicTime end, const char* name,
+                FrameStep next) {
     if (setup_.trace != nullptr) {
       setup_.trace->Add(name, phase_trace_start_, base::TraceClock::now());
     }
@@ -291,7 +295,7 @@ class Frame {
     phase_start_ = std::max(end, phase_start_);
   }
 
-  absl::Status DeadlineError() { return protocol_.DeadlineError(TakeLate(), absl::Now()); }
+  absl::Status DeadlineError() { return protocol_.DeadlineError(TakeLate(), base::MonotonicNow()); }
 
   // Returns the events that have come and are not handled yet.
   std::vector<AgentEvent> TakeLate() {
@@ -307,7 +311,7 @@ class Frame {
 
   FrameResult TakeResult() {
     static_cast<ReducedFrame&>(result_) = reduction_.Take();
-    result_.composite_duration = absl::Now() - phase_start_;
+    result_.composite_duration = base::MonotonicNow() - phase_start_;
     std::sort(result_.agents.begin(), result_.agents.end(),
               [](const frame::AgentStatistics& a, const frame::AgentStatistics& b) {
                 return a.shard_indices < b.shard_indices;
@@ -318,10 +322,10 @@ class Frame {
   const FrameSetup& setup_;
   const BeginAgentFrame& begin_;
   const base::Cancellation& cancellation_;
-  const absl::Time start_;
-  absl::Time phase_start_;
+  const base::MonotonicTime start_;
+  base::MonotonicTime phase_start_;
   base::TraceTime phase_trace_start_;  // if there is a trace
-  absl::Time last_arrival_;
+  base::MonotonicTime last_arrival_;
   ReadGate gate_;                   // outlives the links, and the messages that they deliver
   EventQueue queue_;                // outlives the links
   std::deque<FrameEvent> arrived_;  // taken out of the queue, and not handled yet

@@ -9,6 +9,8 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 namespace {
 
@@ -65,8 +67,8 @@ std::optional<FrameStage> EndedStage(AgentWord word, const absl::Status& status)
   return status.ok() ? RuleOf(word).ends : std::nullopt;
 }
 
-FrameProtocol::FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, absl::Time begin,
-                             absl::Time deadline)
+FrameProtocol::FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage,
+                             base::MonotonicTime begin, base::MonotonicTime deadline)
     : setup_(setup),
       first_stage_(first_stage),
       begin_(begin),
@@ -89,7 +91,7 @@ Command FrameProtocol::TryNextReplica(std::size_t part_index) {
   return {.kind = Kind::kBegin, .attempt = {part_index, attempts.size() - 1}};
 }
 
-void FrameProtocol::NoteBegun(AttemptId id, AgentIdentity agent, absl::Time now) {
+void FrameProtocol::NoteBegun(AttemptId id, AgentIdentity agent, base::MonotonicTime now) {
   AttemptOf(id).agent = std::move(agent);
   AttemptOf(id).begin = now;
 }
@@ -230,7 +232,7 @@ Command FrameProtocol::Send(AttemptId id) const {
           .is_only_attempt = attempts.size() == 1 && !HasSpare(id.part)};
 }
 
-Commands FrameProtocol::Watch(absl::Time now, absl::Time step_begin) {
+Commands FrameProtocol::Watch(base::MonotonicTime now, base::MonotonicTime step_begin) {
   Commands commands;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const Part& part = parts_[i];
@@ -253,7 +255,8 @@ Commands FrameProtocol::Watch(absl::Time now, absl::Time step_begin) {
 
 // Returns true if a part takes twice as long as the slowest of the parts that have arrived, and
 // those are at least half of all.
-bool FrameProtocol::IsSlow(const Part& part, absl::Time now, absl::Time step_begin) const {
+bool FrameProtocol::IsSlow(const Part& part, base::MonotonicTime now,
+                           base::MonotonicTime step_begin) const {
   std::size_t behind = 0;
   absl::Duration slowest = kMinSlowDuration / 2;
   for (const Part& other : parts_) {
@@ -282,7 +285,8 @@ bool FrameProtocol::IsLost(std::size_t part_index) const {
   return true;
 }
 
-absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late, absl::Time now) {
+absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late,
+                                          base::MonotonicTime now) {
   for (const AgentEvent& event : late) {  // the events that have come count as answers
     Attempt& attempt = AttemptOf(event.from);
     Part& part = parts_[event.from.part];

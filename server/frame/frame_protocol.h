@@ -43,9 +43,9 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/time/time.h"
 #include "absl/types/span.h"
 
+#include "core/base/monotonic_time.h"
 #include "server/cluster/agent_failure.h"
 
 namespace isoscope::server {
@@ -63,7 +63,7 @@ enum class AgentWord { kRayHits, kPixels, kOccludersDone, kFrameDone, kEnd, kDam
 struct AgentEvent {
   AttemptId from;
   AgentWord word = AgentWord::kEnd;
-  absl::Time arrival;
+  base::MonotonicTime arrival;
   absl::Status status = absl::OkStatus();  // with kEnd and kDamaged
 };
 
@@ -114,12 +114,12 @@ struct AgentReport {
 class FrameProtocol {
  public:
   // first_stage: kRenderingVisible without culling. `setup` outlives the protocol.
-  FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, absl::Time begin,
-                absl::Time deadline);
+  FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, base::MonotonicTime begin,
+                base::MonotonicTime deadline);
 
   // The frame begins: one attempt of each part.
   Commands Begin();
-  void NoteBegun(AttemptId id, AgentIdentity agent, absl::Time now);
+  void NoteBegun(AttemptId id, AgentIdentity agent, base::MonotonicTime now);
   // An agent has spoken. An error ends the frame. DEADLINE_EXCEEDED: an agent's own deadline has
   // passed; DeadlineError returns the frame's error.
   absl::StatusOr<Commands> Handle(const AgentEvent& event);
@@ -128,12 +128,12 @@ class FrameProtocol {
   Commands BeginStep(FrameStage stage);
   // Checks the clock: begins a second attempt of each part whose first one is late. step_begin:
   // start of the last step.
-  Commands Watch(absl::Time now, absl::Time step_begin);
+  Commands Watch(base::MonotonicTime now, base::MonotonicTime step_begin);
 
   // Call after the frame has failed. `late`: the events that had come, and were not handled.
   //
   // Returns the error of a passed deadline, which names the agents that have not answered.
-  absl::Status DeadlineError(absl::Span<const AgentEvent> late, absl::Time now);
+  absl::Status DeadlineError(absl::Span<const AgentEvent> late, base::MonotonicTime now);
   // Returns the parts that no agent can do, ascending: the one that ended the frame, and those that
   // were lost with it. A whole rack may be lost: some of its agents have reported errors, and
   // others no longer answer. REQUIRES: has_lost_part().
@@ -160,14 +160,14 @@ class FrameProtocol {
   struct Attempt {
     AgentIdentity agent = {};
     FrameStage stage = FrameStage::kSelectingOccluders;
-    absl::Time begin = {};
+    base::MonotonicTime begin = {};
     bool is_live = true;  // else its words no longer count
     bool has_failed = false;
   };
   struct Part {
     std::vector<Attempt> attempts = {};  // in the order of their replicas
     FrameStage stage = FrameStage::kSelectingOccluders;
-    absl::Time stage_begin = {};
+    base::MonotonicTime stage_begin = {};
     std::optional<std::size_t> winner = std::nullopt;  // among attempts
 
     // The stage that the frame can count on: the stage of the part, or that of its winner.
@@ -192,17 +192,18 @@ class FrameProtocol {
   [[nodiscard]] bool HasSpare(std::size_t part_index) const {
     return std::ssize(parts_[part_index].attempts) < setup_.replica_counts[part_index];
   }
-  [[nodiscard]] bool IsSlow(const Part& part, absl::Time now, absl::Time step_begin) const;
+  [[nodiscard]] bool IsSlow(const Part& part, base::MonotonicTime now,
+                            base::MonotonicTime step_begin) const;
   [[nodiscard]] bool IsGone(std::size_t part_index, std::size_t replica) const;
   [[nodiscard]] bool IsLost(std::size_t part_index) const;
 
   const ReplicaSetup& setup_;
   const FrameStage first_stage_;
-  const absl::Time begin_;
-  const absl::Time deadline_;
+  const base::MonotonicTime begin_;
+  const base::MonotonicTime deadline_;
   std::vector<Part> parts_;
   FrameStage step_;  // the last one that has begun
-  absl::Time last_arrival_;
+  base::MonotonicTime last_arrival_;
   std::optional<std::size_t> lost_part_;  // it ended the frame
   AgentReport report_;
 };

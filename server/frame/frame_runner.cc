@@ -20,6 +20,7 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
 #include "core/rpc/frame_convert.h"
@@ -282,7 +283,7 @@ class FrameRunner::Attempt {
                       .max_spans = runner_.memory_.max_trace_spans() / 4 * 3 / parts_.size()};
     }
     leases_.push_back(runner_.replicas_.Take(agent.address));
-    begins_.emplace(agent.address, absl::Now());
+    begins_.emplace(agent.address, base::MonotonicNow());
     return BeginFrameOnAgent(agent, std::move(of_part), target_.dataset->dataset.block_count(),
                              identity_.cancellation->deadline(), runner_.options_.mailboxes.get(),
                              *identity_.request, trace_target, listener);
@@ -315,7 +316,7 @@ class FrameRunner::Attempt {
 
   // An agent that is only late is in no trouble, unless others were faster or it is lost.
   void NoteTrouble(const std::string& address, bool is_only_late) {
-    const absl::Time now = absl::Now();
+    const base::MonotonicTime now = base::MonotonicNow();
     const auto begin = begins_.find(address);
     if (!is_only_late || slow_.contains(address) ||
         !runner_.options_.registry->IsReachable(address)) {
@@ -335,8 +336,8 @@ class FrameRunner::Attempt {
   internal::BeginFrame begin_;                     // without the fields of a part
   std::deque<isoscope::v1::ProcessTrace> traces_;  // each keeps its address
   std::vector<ReplicaBoard::Lease> leases_;
-  std::map<std::string, absl::Time> begins_;  // of the first try on each agent, by address
-  std::set<std::string> slow_;                // addresses of agents that a replica outran
+  std::map<std::string, base::MonotonicTime> begins_;  // of the first try on each agent, by address
+  std::set<std::string> slow_;                         // addresses of agents that a replica outran
 };
 
 absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, const AskedFrame& asked,

@@ -5,9 +5,9 @@
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/rpc/channel.h"
@@ -26,10 +26,10 @@ constexpr std::size_t kPartsUnderWayBytes = 2 * base::kMiB;
 
 // Returns when a frame that begins now must end, so that its client still receives the name of a
 // late agent. If the client's own deadline passed first, it would not.
-absl::Time EndOf(const FrameClaim& claim) {
+base::MonotonicTime EndOf(const FrameClaim& claim) {
   constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
   constexpr int kMarginShare = 10;                                // of the client's time
-  const absl::Time now = absl::Now();
+  const base::MonotonicTime now = base::MonotonicNow();
   const absl::Duration margin = std::min((claim.client_deadline - now) / kMarginShare, kMaxMargin);
   return std::min(claim.client_deadline - std::max(margin, absl::ZeroDuration()),
                   now + claim.max_duration);
@@ -101,16 +101,16 @@ void FrameTicket::Schedule(std::function<void()> work) {
 
 void FrameTicket::BeginWork() {
   on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
-  runner_.metrics()->durations.queue_wait.Observe(absl::Now() - start_);
+  runner_.metrics()->durations.queue_wait.Observe(base::MonotonicNow() - start_);
   frame_number_ = runner_.NextFrameNumber();
 }
 
 absl::StatusOr<FrameTarget> FrameTicket::Prepare(AskedFrame* asked, base::TraceRecorder* trace) {
   {
     const base::TraceScope scope(trace, "memory");
-    const absl::Time start = absl::Now();
+    const base::MonotonicTime start = base::MonotonicNow();
     const absl::Cleanup count = [&] {
-      runner_.metrics()->durations.memory_wait.Observe(absl::Now() - start);
+      runner_.metrics()->durations.memory_wait.Observe(base::MonotonicNow() - start);
     };
     ISOSCOPE_ASSIGN_OR_RETURN(
         base::MemoryBudget::Reservation memory,
@@ -175,7 +175,8 @@ AuditRecord FrameTicket::audit_record() const {
 }
 
 void FrameTicket::EndRequest(RequestMethod method, const absl::Status& status) const {
-  runner_.EndRequest(method, audit_record(), origin_.request, status, absl::Now() - start_);
+  runner_.EndRequest(method, audit_record(), origin_.request, status,
+                     base::MonotonicNow() - start_);
 }
 
 void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& status,
@@ -204,7 +205,7 @@ void FrameTicket::CountEnd(const absl::Status& status) const {
   if (absl::IsDeadlineExceeded(lost_turn_)) {
     metrics->frames.expired.Add();
   }
-  metrics->CountFrame(status, absl::Now() - start_, claim_.is_moving, caller.name());
+  metrics->CountFrame(status, base::MonotonicNow() - start_, claim_.is_moving, caller.name());
 }
 
 void FrameTicket::CountSteps(const v1::RenderStatistics& statistics) const {
@@ -224,7 +225,7 @@ void FrameTicket::CountSteps(const v1::RenderStatistics& statistics) const {
 
 void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
                       const v1::RenderStatistics& statistics) const {
-  const std::string duration = base::LogMilliseconds(absl::Now() - start_);
+  const std::string duration = base::LogMilliseconds(base::MonotonicNow() - start_);
   if (!status.ok()) {
     // Moving views cancel frames all the time.
     const base::LogLevel level = !absl::IsCancelled(status) ? base::LogLevel::kWarning

@@ -27,6 +27,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/memory_budget.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
@@ -58,7 +59,7 @@ struct FrameClaim {
   // and is logged only if it fails.
   bool is_moving = false;
   Delivery delivery = Delivery::kWhole;
-  absl::Time client_deadline = absl::InfiniteFuture();
+  base::MonotonicTime client_deadline = base::MonotonicTime::InfiniteFuture();
   absl::Duration max_duration = absl::InfiniteDuration();
 };
 
@@ -137,7 +138,7 @@ class FrameTicket {
   FrameRunner& runner_;
   const FrameOrigin origin_;
   const FrameClaim claim_;
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime start_ = base::MonotonicNow();
   CallTurn turn_;
   absl::Status lost_turn_;          // why the turn did not come
   std::optional<CallerSlot> slot_;  // of the caller's frames

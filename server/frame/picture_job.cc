@@ -3,8 +3,7 @@
 #include <string>
 #include <utility>
 
-#include "absl/time/clock.h"
-
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
@@ -209,7 +208,7 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
   on_drawn();
-  const absl::Time encode_start = absl::Now();
+  const base::MonotonicTime encode_start = base::MonotonicNow();
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "finish picture");
   ISOSCOPE_RETURN_IF_ERROR(base::RunIn(ticket_->runner()->arena(), [&] {
@@ -219,7 +218,7 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
     statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
   }
   *statistics->mutable_durations()->mutable_encode_duration() =
-      rpc::ToProto(absl::Now() - encode_start);
+      rpc::ToProto(base::MonotonicNow() - encode_start);
   return absl::OkStatus();
 }
 
@@ -271,7 +270,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   }
   image_ = std::move(result.image);
   layers_ = std::move(result.layers);
-  const absl::Time encode_start = absl::Now();
+  const base::MonotonicTime encode_start = base::MonotonicNow();
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "planes");
   base::RunIn(ticket_->runner()->arena(), [&] {
@@ -285,7 +284,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   });
   if (is_first) {
     *statistics->mutable_durations()->mutable_encode_duration() =
-        rpc::ToProto(absl::Now() - encode_start);
+        rpc::ToProto(base::MonotonicNow() - encode_start);
   }
   return absl::OkStatus();
 }

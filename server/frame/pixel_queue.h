@@ -24,9 +24,9 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <oneapi/tbb/task_group.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
@@ -191,7 +191,7 @@ class PixelQueue {
       {
         const base::MutexLock lock(&mutex_);
         damages_.push_back(
-            {arrival->from, AgentWord::kDamaged, absl::Now(),
+            {arrival->from, AgentWord::kDamaged, base::MonotonicNow(),
              absl::Status(status.code(), absl::StrCat("pixels: ", status.message()))});
       }
       on_damage_();

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include <grpcpp/channel.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/read_timeout.h"
@@ -78,7 +79,7 @@ struct SurfaceStream::Call {
 };
 
 SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
-                             internal::ExtractSurfaceRequest request, absl::Time deadline,
+                             internal::ExtractSurfaceRequest request, base::MonotonicTime deadline,
                              absl::Duration max_silence, const base::TraceContext& identity)
     : part_(std::move(part)),
       layout_(layout),

@@ -16,6 +16,7 @@
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/sync_stream.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/trace_context.h"
 #include "core/mesh/block_mesh.h"
@@ -39,7 +40,7 @@ class SurfaceStream final : public SurfaceSource {
   // request: shard_indices is set to the part's. max_silence: limit for an agent that owes a
   // message
   SurfaceStream(FramePart part, const volume::BlockLayout& layout,
-                isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline,
+                isoscope::internal::v1::ExtractSurfaceRequest request, base::MonotonicTime deadline,
                 absl::Duration max_silence, const base::TraceContext& identity);
   // Cancels the call if it has not ended.
   ~SurfaceStream() override;
@@ -68,7 +69,7 @@ class SurfaceStream final : public SurfaceSource {
   const FramePart part_;
   const volume::BlockLayout layout_;
   isoscope::internal::v1::ExtractSurfaceRequest request_;
-  const absl::Time deadline_;
+  const base::MonotonicTime deadline_;
   const absl::Duration max_silence_;
   const base::TraceContext identity_;
   std::size_t replica_ = 0;

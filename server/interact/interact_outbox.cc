@@ -3,6 +3,8 @@
 #include <string>
 #include <utility>
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
 namespace v1 = isoscope::v1;
@@ -13,7 +15,7 @@ void InteractAnswer::SetError(const absl::Status& status) {
   message.mutable_error()->set_message(std::string(status.message()));
 }
 
-void InteractOutbox::Push(InteractAnswer answer, absl::Time now) {
+void InteractOutbox::Push(InteractAnswer answer, base::MonotonicTime now) {
   const bool is_frame = answer.message.has_frame();
   const std::int64_t sequence = answer.message.sequence_number();
   if (!is_frame) {
@@ -36,7 +38,7 @@ void InteractOutbox::Push(InteractAnswer answer, absl::Time now) {
   waiting_.push_back(std::move(answer));
 }
 
-const v1::InteractResponse* InteractOutbox::BeginWrite(absl::Time now) {
+const v1::InteractResponse* InteractOutbox::BeginWrite(base::MonotonicTime now) {
   if (is_writing_ || waiting_.empty()) {
     return nullptr;
   }

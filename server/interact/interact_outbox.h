@@ -14,9 +14,9 @@
 
 #include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
-#include "absl/time/time.h"
 
 #include "core/base/memory_budget.h"
+#include "core/base/monotonic_time.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "server/interact/interactive_schedule.h"
 
@@ -41,10 +41,10 @@ class InteractOutbox {
   explicit InteractOutbox(InteractiveSchedule* schedule) : schedule_(*schedule) {}
 
   // Queues an answer. Drops a frame that is older than one before it, and every answer after Close.
-  void Push(InteractAnswer answer, absl::Time now);
+  void Push(InteractAnswer answer, base::MonotonicTime now);
   // Begins the write of the next answer, and sets its frame_number. The result is valid until
   // EndWrite. Null: a write is under way, or no answer waits.
-  const isoscope::v1::InteractResponse* BeginWrite(absl::Time now);
+  const isoscope::v1::InteractResponse* BeginWrite(base::MonotonicTime now);
   void EndWrite();
   // Drops the waiting answers. From now on nothing is written.
   void Close();

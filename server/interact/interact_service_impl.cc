@@ -26,14 +26,15 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <grpcpp/alarm.h>
 
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
@@ -96,7 +97,7 @@ struct AuditedFrame {
 
 // The next alarm. An alarm that rings too early is set again.
 struct Wake {
-  absl::Time time = absl::InfiniteFuture();
+  base::MonotonicTime time = base::MonotonicTime::InfiniteFuture();
   std::unique_ptr<grpc::Alarm> alarm;
 };
 
@@ -179,10 +180,11 @@ class InteractServiceImpl::InteractCall final
     streams_.Remove(Key(), last_use);
     const base::MutexLock lock(&mutex_);
     wake_.alarm.reset();
-    base::LogInfo("interact_done", {{"request", origin_.request.request_id()},
-                                    {"states", state_.sequence_number()},
-                                    {"frames", outbox_.sent_count()},
-                                    {"duration_ms", base::LogMilliseconds(absl::Now() - start_)}});
+    base::LogInfo("interact_done",
+                  {{"request", origin_.request.request_id()},
+                   {"states", state_.sequence_number()},
+                   {"frames", outbox_.sent_count()},
+                   {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start_)}});
   }
 
  private:
@@ -206,10 +208,10 @@ class InteractServiceImpl::InteractCall final
     const base::MutexLock lock(&mutex_);
     switch (request.kind_case()) {
       case v1::InteractRequest::kViewState:
-        ISOSCOPE_RETURN_IF_ERROR(HandleState(request.view_state(), absl::Now()));
+        ISOSCOPE_RETURN_IF_ERROR(HandleState(request.view_state(), base::MonotonicNow()));
         break;
       case v1::InteractRequest::kFrameShown:
-        ISOSCOPE_RETURN_IF_ERROR(HandleShown(request.frame_shown(), absl::Now()));
+        ISOSCOPE_RETURN_IF_ERROR(HandleShown(request.frame_shown(), base::MonotonicNow()));
         break;
       case v1::InteractRequest::KIND_NOT_SET:
         return absl::InvalidArgumentError(
@@ -219,7 +221,7 @@ class InteractServiceImpl::InteractCall final
     return absl::OkStatus();
   }
 
-  absl::Status HandleState(const v1::ViewState& state, absl::Time now)
+  absl::Status HandleState(const v1::ViewState& state, base::MonotonicTime now)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(CheckState(state, state_.sequence_number()));
     state_ = state;
@@ -229,7 +231,7 @@ class InteractServiceImpl::InteractCall final
     return absl::OkStatus();
   }
 
-  absl::Status HandleShown(const v1::FrameShown& shown, absl::Time now)
+  absl::Status HandleShown(const v1::FrameShown& shown, base::MonotonicTime now)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const absl::Duration decode = rpc::DurationFromProto(shown.decode_duration());
     if (decode < absl::ZeroDuration()) {
@@ -248,7 +250,7 @@ class InteractServiceImpl::InteractCall final
   // Executes the schedule's decision.
   void Proceed() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     while (!end_.has_value()) {
-      const absl::Time now = absl::Now();
+      const base::MonotonicTime now = base::MonotonicNow();
       const InteractiveSchedule::Step step = schedule_.Next(now);
       for (const std::int64_t frame_number : step.overdue) {
         if (outbox_.IsUnshownMoving(frame_number)) {
@@ -309,7 +311,7 @@ class InteractServiceImpl::InteractCall final
       is_told = start.is_exact || counted.ok();
       status = counted.ok() ? status : counted;
     }
-    schedule_.OnWorkEnded(start.work, is_told, absl::Now());
+    schedule_.OnWorkEnded(start.work, is_told, base::MonotonicNow());
     if (is_told) {
       InteractAnswer answer{.is_of_exact_work = start.is_exact};
       answer.message.set_sequence_number(start.sequence);
@@ -321,17 +323,17 @@ class InteractServiceImpl::InteractCall final
   // Runs on a frame thread.
   void Draw(FrameTicket* ticket, std::shared_ptr<PictureJob> job, const FrameStart& start)
       ABSL_LOCKS_EXCLUDED(mutex_) {
-    const absl::Time begin = absl::Now();
-    absl::Time drawn = begin;
+    const base::MonotonicTime begin = base::MonotonicNow();
+    base::MonotonicTime drawn = begin;
     InteractAnswer answer{.is_of_exact_work = start.is_exact};
     answer.message.set_sequence_number(start.sequence);
     const absl::Status status = job->Run(answer.message.mutable_frame(), [&] {
-      drawn = absl::Now();
+      drawn = base::MonotonicNow();
       const base::MutexLock lock(&mutex_);
       schedule_.OnDrawn(start.work);
       Proceed();
     });
-    const absl::Time end = absl::Now();
+    const base::MonotonicTime end = base::MonotonicNow();
     if (status.ok()) {
       answer.message.set_is_exact(start.is_exact);
       if (!start.is_exact) {
@@ -385,12 +387,12 @@ class InteractServiceImpl::InteractCall final
   }
 
   void Send(InteractAnswer answer) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    outbox_.Push(std::move(answer), absl::Now());
+    outbox_.Push(std::move(answer), base::MonotonicNow());
     WriteNext();
   }
 
   void WriteNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const v1::InteractResponse* const message = outbox_.BeginWrite(absl::Now());
+    const v1::InteractResponse* const message = outbox_.BeginWrite(base::MonotonicNow());
     if (message == nullptr) {
       return;
     }
@@ -399,12 +401,12 @@ class InteractServiceImpl::InteractCall final
     StartWrite(message);
   }
 
-  void WakeAt(absl::Time time) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (time == absl::InfiniteFuture() || time >= wake_.time) {
+  void WakeAt(base::MonotonicTime time) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (time == base::MonotonicTime::InfiniteFuture() || time >= wake_.time) {
       return;
     }
     wake_ = {.time = time, .alarm = std::make_unique<grpc::Alarm>()};
-    wake_.alarm->Set(absl::ToChronoTime(time), [self = shared_from_this()](bool rang) {
+    wake_.alarm->Set(time, [self = shared_from_this()](bool rang) {
       if (rang) {
         self->OnAlarm();
       }
@@ -413,8 +415,8 @@ class InteractServiceImpl::InteractCall final
 
   void OnAlarm() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
-    if (absl::Now() >= wake_.time) {
-      wake_.time = absl::InfiniteFuture();
+    if (base::MonotonicNow() >= wake_.time) {
+      wake_.time = base::MonotonicTime::InfiniteFuture();
     }
     Proceed();
     FinishIfIdle();
@@ -442,7 +444,7 @@ class InteractServiceImpl::InteractCall final
     record.certificate = origin_.certificate;
     record.peer = origin_.client;
     options_.runner->EndRequest(RequestMethod::kInteract, record, origin_.request, end_->status,
-                                absl::Now() - start_);
+                                base::MonotonicNow() - start_);
     Finish(rpc::ToGrpcStatus(end_->status));
   }
 
@@ -451,8 +453,8 @@ class InteractServiceImpl::InteractCall final
   const InteractServiceOptions options_;
   InteractStreams<InteractCall>& streams_;
   const FrameOrigin origin_;  // of each frame of the stream
-  const absl::Time deadline_;
-  const absl::Time start_ = absl::Now();
+  const base::MonotonicTime deadline_;
+  const base::MonotonicTime start_ = base::MonotonicNow();
   base::GaugeShare unsent_;  // of the write under way
   rpc::WriteTimeout timeout_;
   std::optional<CallerSlot> slot_;

@@ -18,6 +18,8 @@
 
 #include <algorithm>
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 namespace {
 
@@ -28,7 +30,7 @@ void Blend(absl::Duration value, std::optional<absl::Duration>* mean) {
 
 }  // namespace
 
-void InteractiveSchedule::OnState(std::int64_t sequence, bool is_at_rest, absl::Time now) {
+void InteractiveSchedule::OnState(std::int64_t sequence, bool is_at_rest, base::MonotonicTime now) {
   newest_ = sequence;
   newest_time_ = now;
   newest_rests_ = is_at_rest;
@@ -41,7 +43,7 @@ void InteractiveSchedule::OnDrawn(std::int64_t work) {
   }
 }
 
-void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now) {
+void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, base::MonotonicTime now) {
   const auto it = in_work_.find(work);
   if (it == in_work_.end()) {
     return;
@@ -55,7 +57,8 @@ void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, absl::
   in_work_.erase(it);
 }
 
-void InteractiveSchedule::OnSent(std::int64_t frame_number, absl::Time now, bool is_exact) {
+void InteractiveSchedule::OnSent(std::int64_t frame_number, base::MonotonicTime now,
+                                 bool is_exact) {
   OnDropped(is_exact);
   sent_.emplace(frame_number, Sent{.time = now, .is_exact = is_exact});
 }
@@ -66,7 +69,7 @@ void InteractiveSchedule::OnDropped(bool is_exact) {
 }
 
 std::optional<absl::Duration> InteractiveSchedule::OnShown(std::int64_t frame_number,
-                                                           absl::Time now) {
+                                                           base::MonotonicTime now) {
   for (std::map<std::int64_t, Sent>* frames : {&sent_, &overdue_}) {
     const auto it = frames->find(frame_number);
     if (it != frames->end()) {
@@ -82,7 +85,7 @@ void InteractiveSchedule::SetCredits(int credits) {
   credits_ = std::clamp(credits, kMinCredits, kMaxCredits);
 }
 
-std::vector<std::int64_t> InteractiveSchedule::Expire(absl::Time now) {
+std::vector<std::int64_t> InteractiveSchedule::Expire(base::MonotonicTime now) {
   std::vector<std::int64_t> expired;
   for (auto it = sent_.begin(); it != sent_.end();) {
     if (now - it->second.time < kShownTimeout) {
@@ -112,22 +115,22 @@ bool InteractiveSchedule::MayBeginExact() const {
   return in_work_.empty() && waiting_exact_count_ == 0 && unshown < kExactCredits;
 }
 
-absl::Time InteractiveSchedule::NextExpiry() const {
-  absl::Time next = absl::InfiniteFuture();
+base::MonotonicTime InteractiveSchedule::NextExpiry() const {
+  base::MonotonicTime next = base::MonotonicTime::InfiniteFuture();
   for (const auto& [number, sent] : sent_) {
     next = std::min(next, sent.time + kShownTimeout);
   }
   return next;
 }
 
-bool InteractiveSchedule::MayCancel(const Work& work, absl::Time now) const {
+bool InteractiveSchedule::MayCancel(const Work& work, base::MonotonicTime now) const {
   const std::optional<absl::Duration>& expected =
       work.is_exact ? expected_exact_ : expected_moving_;
   return !work.is_cancelled && !work.is_drawn && !cancelled_last_ && expected.has_value() &&
          (work.is_exact || *expected >= kWorthCancelling) && now - work.start < *expected / 2;
 }
 
-FrameStart InteractiveSchedule::Begin(bool is_exact, absl::Time now) {
+FrameStart InteractiveSchedule::Begin(bool is_exact, base::MonotonicTime now) {
   moving_started_ = newest_;
   if (is_exact) {
     exact_started_ = newest_;
@@ -137,7 +140,7 @@ FrameStart InteractiveSchedule::Begin(bool is_exact, absl::Time now) {
   return {.work = work, .sequence = newest_, .is_exact = is_exact};
 }
 
-InteractiveSchedule::Step InteractiveSchedule::Next(absl::Time now) {
+InteractiveSchedule::Step InteractiveSchedule::Next(base::MonotonicTime now) {
   Step step;
   step.overdue = Expire(now);
   if (newest_ == 0) {

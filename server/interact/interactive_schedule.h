@@ -11,6 +11,8 @@
 
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
 // A frame to draw now.
@@ -43,21 +45,21 @@ class InteractiveSchedule {
 
   // Sets a new state, which replaces all before it. REQUIRES: `sequence` is greater than every
   // earlier one.
-  void OnState(std::int64_t sequence, bool is_at_rest, absl::Time now);
+  void OnState(std::int64_t sequence, bool is_at_rest, base::MonotonicTime now);
   // The picture of the work is drawn, and is now encoded.
   void OnDrawn(std::int64_t work);
   // The work has ended. If `has_answer`, its answer waits to be sent.
-  void OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now);
+  void OnWorkEnded(std::int64_t work, bool has_answer, base::MonotonicTime now);
   // An answer is an error.
-  void OnError(absl::Time now) { pause_end_ = now + kErrorPause; }
+  void OnError(base::MonotonicTime now) { pause_end_ = now + kErrorPause; }
   // An answer was passed to the network, under the number that the client will acknowledge.
   // `is_exact`: it is an exact frame, or the error of one.
-  void OnSent(std::int64_t frame_number, absl::Time now, bool is_exact = false);
+  void OnSent(std::int64_t frame_number, base::MonotonicTime now, bool is_exact = false);
   // A waiting answer was replaced by a newer one, and will not be sent.
   void OnDropped(bool is_exact = false);
   // The client has shown a frame. Returns the time since it was sent; none if it was shown before,
   // was sent far too long ago, or was never sent.
-  std::optional<absl::Duration> OnShown(std::int64_t frame_number, absl::Time now);
+  std::optional<absl::Duration> OnShown(std::int64_t frame_number, base::MonotonicTime now);
   // The most frames under way, kMinCredits to kMaxCredits: in work, waiting, or sent and not shown.
   void SetCredits(int credits);
 
@@ -66,10 +68,10 @@ class InteractiveSchedule {
     std::optional<FrameStart> start;
     std::vector<std::int64_t> overdue;  // frames that count as shown from now on
     // When to call Next again if no event comes before. Infinite future: not needed.
-    absl::Time wake = absl::InfiniteFuture();
+    base::MonotonicTime wake = base::MonotonicTime::InfiniteFuture();
   };
   // Decides the next action. Call again after each start, until there is none.
-  Step Next(absl::Time now);
+  Step Next(base::MonotonicTime now);
 
   [[nodiscard]] int under_way_count() const {
     return static_cast<int>(in_work_.size()) + waiting_count_ + static_cast<int>(sent_.size());
@@ -78,7 +80,7 @@ class InteractiveSchedule {
 
  private:
   struct Sent {
-    absl::Time time;
+    base::MonotonicTime time;
     bool is_exact = false;
   };
   struct Work {
@@ -86,23 +88,23 @@ class InteractiveSchedule {
     bool is_exact = false;
     bool is_cancelled = false;
     bool is_drawn = false;
-    absl::Time start;
+    base::MonotonicTime start;
   };
 
   static constexpr std::size_t kMaxOverdue = 64;
 
   // Returns the frames that timed out.
-  std::vector<std::int64_t> Expire(absl::Time now);
+  std::vector<std::int64_t> Expire(base::MonotonicTime now);
   // Return true if another frame may be drawn, and if the client has room for an exact one.
   [[nodiscard]] bool MayDraw() const;
   [[nodiscard]] bool MayBeginExact() const;
   // When the oldest frame that was sent counts as shown; infinite future if there is none.
-  [[nodiscard]] absl::Time NextExpiry() const;
-  [[nodiscard]] bool MayCancel(const Work& work, absl::Time now) const;
-  FrameStart Begin(bool is_exact, absl::Time now);
+  [[nodiscard]] base::MonotonicTime NextExpiry() const;
+  [[nodiscard]] bool MayCancel(const Work& work, base::MonotonicTime now) const;
+  FrameStart Begin(bool is_exact, base::MonotonicTime now);
 
   std::int64_t newest_ = 0;
-  absl::Time newest_time_;
+  base::MonotonicTime newest_time_;
   bool newest_rests_ = false;
   std::int64_t moving_started_ = 0;  // newest state whose moving frame was begun
   std::int64_t exact_started_ = 0;   // newest state whose exact frame was begun
@@ -114,7 +116,7 @@ class InteractiveSchedule {
   std::optional<absl::Duration> expected_exact_;
 
   int credits_ = kMinCredits;
-  absl::Time pause_end_ = absl::InfinitePast();
+  base::MonotonicTime pause_end_ = base::MonotonicTime::InfinitePast();
   int waiting_count_ = 0;
   int waiting_exact_count_ = 0;           // among the waiting ones
   std::map<std::int64_t, Sent> sent_;     // sent and not shown yet

@@ -20,6 +20,8 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 namespace {
 
@@ -51,7 +53,7 @@ constexpr absl::Duration kSpan = absl::Seconds(5);
 
 }  // namespace
 
-void QualityLadder::OnLoad(double load, double finer_load, absl::Time now) {
+void QualityLadder::OnLoad(double load, double finer_load, base::MonotonicTime now) {
   if (load > 1) {
     ++overload_count_;
     const bool is_due = overload_count_ >= kOverloadsToCoarsen || load > kSevereLoad;
@@ -83,7 +85,7 @@ RateControl::RateControl() : network_(kNetworkSteps.size()), size_(kSizes.size()
   network_.StartAt(kFirstNetworkStep);
 }
 
-void RateControl::OnDrawn(absl::Duration duration, absl::Time now) {
+void RateControl::OnDrawn(absl::Duration duration, base::MonotonicTime now) {
   mean_drawn_ = mean_drawn_ == absl::ZeroDuration() ? duration : (mean_drawn_ * 3 + duration) / 4;
   const double load = absl::FDivDuration(duration, period_);
   const std::size_t step = size_.step();
@@ -92,7 +94,7 @@ void RateControl::OnDrawn(absl::Duration duration, absl::Time now) {
   size_.OnLoad(load, load * (kFixedShare + (1 - kFixedShare) * ratio), now);
 }
 
-void RateControl::OnShown(absl::Duration delay, absl::Duration decode, absl::Time now) {
+void RateControl::OnShown(absl::Duration delay, absl::Duration decode, base::MonotonicTime now) {
   const absl::Duration on_the_way = std::max(delay - decode, absl::ZeroDuration());
   if (now - span_start_ >= kSpan) {
     least_before_ = least_;
@@ -112,7 +114,7 @@ void RateControl::OnShown(absl::Duration delay, absl::Duration decode, absl::Tim
   network_.OnLoad(load, load < 0.5 ? 0 : 1, now);
 }
 
-void RateControl::OnOverdue(absl::Time now) { network_.OnLoad(2 * kSevereLoad, 1, now); }
+void RateControl::OnOverdue(base::MonotonicTime now) { network_.OnLoad(2 * kSevereLoad, 1, now); }
 
 absl::Duration RateControl::round_trip() const {
   if (!least_.has_value()) {

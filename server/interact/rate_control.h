@@ -9,6 +9,8 @@
 
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 
 // A position on a ladder of settings, 0 the finest. It coarsens quickly and refines slowly. A
@@ -30,7 +32,7 @@ class QualityLadder {
   }
   // `load`: use of the present setting as a share of the capacity; above 1 it is too fine.
   // `finer_load`: the predicted load of the next finer setting.
-  void OnLoad(double load, double finer_load, absl::Time now);
+  void OnLoad(double load, double finer_load, base::MonotonicTime now);
   [[nodiscard]] std::size_t step() const { return step_; }
 
  private:
@@ -38,7 +40,7 @@ class QualityLadder {
   std::size_t step_ = 0;
   int overload_count_ = 0;  // loads above 1 in a row
   absl::Duration hold_ = kMinHold;
-  absl::Time last_change_;
+  base::MonotonicTime last_change_;
   bool last_was_finer_ = false;
   bool is_starting_ = false;
 };
@@ -61,12 +63,12 @@ class RateControl {
 
   // A moving frame took `duration` from its start to its picture; the next one could not begin
   // before.
-  void OnDrawn(absl::Duration duration, absl::Time now);
+  void OnDrawn(absl::Duration duration, base::MonotonicTime now);
   // A moving frame was shown `delay` after it was sent. `decode`: the client's share of that.
-  void OnShown(absl::Duration delay, absl::Duration decode, absl::Time now);
+  void OnShown(absl::Duration delay, absl::Duration decode, base::MonotonicTime now);
 
   // A moving frame was not shown within InteractiveSchedule::kShownTimeout.
-  void OnOverdue(absl::Time now);
+  void OnOverdue(base::MonotonicTime now);
 
   [[nodiscard]] MovingQuality quality() const;
   // The frames that should be under way, >= 2: more if the round trip is longer than a frame.
@@ -83,7 +85,7 @@ class RateControl {
   // Least delays of this span of 5 seconds and of the one before.
   std::optional<absl::Duration> least_;
   std::optional<absl::Duration> least_before_;
-  absl::Time span_start_;
+  base::MonotonicTime span_start_;
 };
 
 }  // namespace isoscope::server

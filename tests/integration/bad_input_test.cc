@@ -20,11 +20,13 @@
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
@@ -431,7 +433,7 @@ TEST_F(BadInputTest, HistogramRequestsOnTheWireAreChecked) {
     isoscope::v1::GetHistogramRequest request;
     change(&request);
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    context.set_deadline(base::MonotonicNow() + testing::kPatience);
     isoscope::v1::GetHistogramResponse response;
     return rpc::ToAbslStatus(stub->GetHistogram(&context, request, &response));
   };
@@ -648,8 +650,8 @@ class InterruptedPartitionTest : public BadInputTest {
     Write("v.raw", "");
     fs::resize_file(Path("v.raw"), std::uintmax_t{1} << 28);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(process_, testing::StartIsoscope(Arguments(), {}));
-    const absl::Time deadline = absl::Now() + testing::kPatience;
-    while (Entries().size() < 2 && absl::Now() < deadline) {
+    const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
+    while (Entries().size() < 2 && base::MonotonicNow() < deadline) {
       absl::SleepFor(absl::Milliseconds(1));
     }
     process_->Stop();

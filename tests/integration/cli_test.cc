@@ -26,6 +26,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
@@ -345,10 +346,10 @@ TEST_F(CliTest, InterruptedFlowLeavesNothing) {
       const std::unique_ptr<testing::Process> process,
       testing::StartIsoscope({"generate", "flow", "--dims", "64,64,64", "--steps", "400",
                               "--output", Path("flow/f.pvd")}));
-  const absl::Time deadline = absl::Now() + testing::kPatience;
+  const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
   // A step is whole, and the next is begun.
   while (std::distance(std::filesystem::directory_iterator(Path("flow")), {}) < 2 &&
-         absl::Now() < deadline) {
+         base::MonotonicNow() < deadline) {
     absl::SleepFor(absl::Milliseconds(5));
   }
   process->Signal(SIGINT);

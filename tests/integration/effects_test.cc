@@ -18,16 +18,17 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/draws.h"
 #include "tests/support/process.h"
@@ -440,7 +441,7 @@ TEST_F(EffectsTest, PlanesAndPicksAreThoseOfOneSampleWithoutEffects) {
         pixel->set_y(x / 2 + 10);
       }
       grpc::ClientContext context;
-      context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+      context.set_deadline(base::MonotonicNow() + testing::kPatience);
       v1::PickSurfaceResponse picked;
       ISOSCOPE_ASSERT_OK(rpc::ToAbslStatus(stub->PickSurface(&context, pick, &picked)));
       picked.clear_statistics();

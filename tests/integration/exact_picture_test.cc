@@ -19,6 +19,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/partition/partitioner.h"
@@ -529,7 +530,7 @@ TEST_P(ExactPictureTest, PassedDeadlineAndCancellationEndTheFrame) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));
   const frame::FrameSpec request = RandomSpec(1, volume.geometry.Bounds(), volume.isovalue);
-  EXPECT_THAT(cluster->Render(request, base::Cancellation(absl::InfinitePast())),
+  EXPECT_THAT(cluster->Render(request, base::Cancellation(base::MonotonicTime::InfinitePast())),
               testing::StatusIs(absl::StatusCode::kDeadlineExceeded,
                                 ::testing::HasSubstr("local agent 2")));
   base::Cancellation cancelled;

@@ -17,9 +17,11 @@
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
@@ -206,13 +208,13 @@ TEST_F(FaultTest, AgentThatHangsIsDeadlineExceededNamingItAndFramesAreRightAfter
   cluster->agent(1).Stop();
   // The other agent must have answered by then, on a machine under load, too.
   constexpr absl::Duration kDeadline = absl::Seconds(10);
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   EXPECT_THAT(Render(cluster->address(), SmallRequest(), kDeadline),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
                        AllOf(HasSubstr(cluster->agent_address(1)), HasSubstr("shard 1"),
                              ::testing::Not(HasSubstr(cluster->agent_address(0))))));
   // With room for a slow machine, but well below any other limit.
-  EXPECT_LT(absl::Now() - start, 10 * kDeadline);
+  EXPECT_LT(base::MonotonicNow() - start, 10 * kDeadline);
   cluster->agent(1).Signal(SIGCONT);
   ExpectRight(Render(cluster->address(), SmallRequest()));
 }
@@ -365,7 +367,7 @@ absl::StatusOr<std::string> CallByName(const std::string& address, const std::st
                                        const std::string& request) {
   grpc::GenericStub stub(rpc::MakeFreshChannel(address));
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+  context.set_deadline(base::MonotonicNow() + kPatience);
   grpc::CompletionQueue queue;
   const auto call = stub.PrepareCall(&context, method, &queue);
   void* tag = nullptr;
@@ -430,9 +432,10 @@ TEST_F(FaultTest, HealthAndReflectionAnswer) {
       testing::StartCoordinator({cluster->agent_address(0)}, {}, /*wait_until_ready=*/false));
   ISOSCOPE_ASSERT_OK(lonely.process->WaitForErrLine("dataset_not_ready"));
   for (const char* service : {"", "isoscope.v1.IsosurfaceService"}) {
-    const absl::Time end = absl::Now() + kPatience;
+    const base::MonotonicTime end = base::MonotonicNow() + kPatience;
     std::string health;
-    while (health != serving && absl::Now() < end) {  // the line comes before the probe's end
+    while (health != serving &&
+           base::MonotonicNow() < end) {  // the line comes before the probe's end
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(health, CheckHealth(lonely.address, service));
     }
     EXPECT_EQ(health, serving) << service;

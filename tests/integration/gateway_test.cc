@@ -35,6 +35,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
@@ -736,8 +737,9 @@ TEST_F(GatewayTest, ALostCoordinatorIsSaidAndFoundAgain) {
   const std::string address = coordinator->address;
   coordinator = testing::StartCoordinator(agents, {"--listen", address});
   ISOSCOPE_ASSERT_OK(coordinator);
-  const absl::Time deadline = absl::Now() + testing::kPatience;
-  while (Get(gateway->address, "/healthz").result_int() != 200U && absl::Now() < deadline) {
+  const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
+  while (Get(gateway->address, "/healthz").result_int() != 200U &&
+         base::MonotonicNow() < deadline) {
     absl::SleepFor(absl::Milliseconds(20));
   }
   EXPECT_TRUE(Get(gateway->address, kRender).body() == ExpectedPng());
@@ -921,7 +923,7 @@ class EndlessService final : public v1::IsosurfaceService::Service {
   void Await(const int* counter, int count) {
     base::MutexLock lock(&mutex_);
     while (*counter < count) {
-      ASSERT_TRUE(changed_.WaitUntil(&mutex_, absl::Now() + testing::kPatience));
+      ASSERT_TRUE(changed_.WaitUntil(&mutex_, base::MonotonicNow() + testing::kPatience));
     }
   }
   base::Mutex mutex_;
@@ -974,13 +976,13 @@ class FloodService final : public v1::InteractService::Service {
   void AwaitEnd() {
     base::MutexLock lock(&mutex_);
     while (ended_ == 0) {
-      ASSERT_TRUE(changed_.WaitUntil(&mutex_, absl::Now() + testing::kPatience));
+      ASSERT_TRUE(changed_.WaitUntil(&mutex_, base::MonotonicNow() + testing::kPatience));
     }
   }
   // The numbers that were acknowledged, once there are `count`.
   std::vector<std::int64_t> AwaitShown(std::size_t count) {
     base::MutexLock lock(&mutex_);
-    const absl::Time deadline = absl::Now() + testing::kPatience;
+    const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
     while (shown_.size() < count && changed_.WaitUntil(&mutex_, deadline)) {
     }
     return shown_;
@@ -1012,7 +1014,7 @@ class FakeBackedGateway {
   }
   ~FakeBackedGateway() {
     gateway.reset();
-    server_->Shutdown(std::chrono::system_clock::now());
+    server_->Shutdown(base::MonotonicNow());
   }
 
   EndlessService endless;
@@ -1074,9 +1076,9 @@ std::string GetMesh(const std::string& more = "") {
 // Asks until another status than `status` comes.
 http::response<http::string_body> GetUntilNot(unsigned status, const std::string& address,
                                               const std::string& target) {
-  const absl::Time deadline = absl::Now() + testing::kPatience;
+  const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
   auto response = Get(address, target);
-  while (response.result_int() == status && absl::Now() < deadline) {
+  while (response.result_int() == status && base::MonotonicNow() < deadline) {
     absl::SleepFor(absl::Milliseconds(10));
     response = Get(address, target);
   }
@@ -1128,8 +1130,9 @@ TEST(GatewayServerTest, MeshesInWorkKeepToTheDiskSpace) {
   Connection second(fakes.address);
   first.Send(GetMesh("Connection: close\r\n"));
   second.Send(GetMesh("Connection: close\r\n"));
-  const absl::Time deadline = absl::Now() + testing::kPatience;
-  while (first.socket().available() + second.socket().available() == 0 && absl::Now() < deadline) {
+  const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
+  while (first.socket().available() + second.socket().available() == 0 &&
+         base::MonotonicNow() < deadline) {
     absl::SleepFor(absl::Milliseconds(1));
   }
   // Either of them.
@@ -1145,7 +1148,7 @@ TEST(GatewayServerTest, MeshesInWorkKeepToTheDiskSpace) {
   fakes.endless.mesh_pieces = 2;
   // The gateway may still hold the space of the one that was read just now.
   auto too_large = Get(fakes.address, kMesh);
-  while (HeaderOf(too_large, "Retry-After") != "" && absl::Now() < deadline) {
+  while (HeaderOf(too_large, "Retry-After") != "" && base::MonotonicNow() < deadline) {
     too_large = Get(fakes.address, kMesh);
   }
   EXPECT_EQ(too_large.result_int(), 429U);

@@ -11,7 +11,6 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <boost/asio/connect.hpp>
@@ -31,6 +30,7 @@
 #include <boost/beast/websocket/stream.hpp>
 #include <openssl/sha.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/io/file.h"
 #include "tests/support/certificates.h"
 #include "tests/support/process.h"
@@ -229,9 +229,9 @@ TEST_F(GatewayTlsTest, ANewCertificateIsShownToNewConnections) {
   SecureConnection before(gateway_.address, authority_.ca_file());
   ASSERT_FALSE(before.error());
   authority_.Issue({.name = "gateway", .alternative_names = "DNS:new.test", .role = "gateway"});
-  const absl::Time limit = absl::Now() + kPatience;
+  const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
   bool is_shown = false;
-  while (!is_shown && absl::Now() < limit) {
+  while (!is_shown && base::MonotonicNow() < limit) {
     is_shown = !SecureConnection(gateway_.address, authority_.ca_file(), "new.test").error();
   }
   EXPECT_TRUE(is_shown);

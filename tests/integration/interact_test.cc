@@ -17,9 +17,11 @@
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process_cluster.h"
@@ -42,7 +44,7 @@ class Viewer {
  public:
   explicit Viewer(const std::shared_ptr<grpc::Channel>& channel)
       : stub_(v1::InteractService::NewStub(channel)) {
-    context_.set_deadline(absl::ToChronoTime(absl::Now() + kLimit));
+    context_.set_deadline(base::MonotonicNow() + kLimit);
     stream_ = stub_->Interact(&context_);
   }
   ~Viewer() { context_.TryCancel(); }
@@ -124,7 +126,7 @@ class InteractTest : public ::testing::Test {
 
   std::string Render(const v1::RenderIsosurfaceRequest& request) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + kLimit));
+    context.set_deadline(base::MonotonicNow() + kLimit);
     v1::RenderIsosurfaceResponse response;
     ISOSCOPE_EXPECT_OK(rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response)));
     return response.png();

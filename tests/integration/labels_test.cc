@@ -14,16 +14,17 @@
 #include <utility>
 #include <vector>
 
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
 #include "core/base/coding.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "core/math/vec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
@@ -146,7 +147,7 @@ class LabelsTest : public ::testing::Test {
   template <typename Request, typename Response>
   absl::StatusOr<Response> Call(Method<Request, Response> method, const Request& request) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    context.set_deadline(base::MonotonicNow() + testing::kPatience);
     Response response;
     const absl::Status status =
         rpc::ToAbslStatus((stub_.get()->*method)(&context, request, &response));
@@ -163,7 +164,7 @@ class LabelsTest : public ::testing::Test {
 
   absl::StatusOr<Mesh> Export(const v1::ExportIsosurfaceRequest& request) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    context.set_deadline(base::MonotonicNow() + testing::kPatience);
     const auto reader = stub_->ExportIsosurface(&context, request);
     v1::ExportIsosurfaceResponse message;
     Mesh mesh;

@@ -29,8 +29,10 @@
 #include <nlohmann/json.hpp>
 #include <sys/socket.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -61,7 +63,7 @@ Answer Ask(const std::string& address, const v1::RenderIsosurfaceRequest& reques
            const std::string& traceparent = "") {
   const auto stub = v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(address));
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+  context.set_deadline(base::MonotonicNow() + testing::kPatience);
   if (!traceparent.empty()) {
     context.AddMetadata("traceparent", traceparent);
   }
@@ -522,7 +524,7 @@ TEST_F(ObserveTest, TopGoesOnWithoutATerminalAndEndsWellOnAnInterrupt) {
       const auto top,
       testing::StartIsoscope({"top", "--server", cluster_->address(), "--interval", "0.1"}));
   ISOSCOPE_ASSERT_OK(top->WaitForOutLine("AGENT"));
-  const absl::Time limit = absl::Now() + testing::kPatience;
+  const base::MonotonicTime limit = base::MonotonicNow() + testing::kPatience;
   const auto tables = [&] {
     const std::string out = top->out();
     std::size_t count = 0;
@@ -531,7 +533,7 @@ TEST_F(ObserveTest, TopGoesOnWithoutATerminalAndEndsWellOnAnInterrupt) {
     }
     return count;
   };
-  while (tables() < 3 && absl::Now() < limit) {
+  while (tables() < 3 && base::MonotonicNow() < limit) {
     absl::SleepFor(absl::Milliseconds(20));
   }
   EXPECT_GE(tables(), 3u);

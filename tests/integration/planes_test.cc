@@ -17,7 +17,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "google/protobuf/util/message_differencer.h"
 #include "gtest/gtest.h"
@@ -25,12 +24,14 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "core/math/vec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/response_splitter.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_layout.h"
@@ -104,7 +105,7 @@ class PlanesTest : public ::testing::Test {
 
   absl::StatusOr<v1::RenderIsosurfaceResponse> Render(const v1::RenderIsosurfaceRequest& request) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    context.set_deadline(base::MonotonicNow() + testing::kPatience);
     v1::RenderIsosurfaceResponse response;
     const absl::Status status =
         rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response));
@@ -114,7 +115,7 @@ class PlanesTest : public ::testing::Test {
   absl::StatusOr<v1::RenderIsosurfaceResponse> RenderStream(
       const v1::RenderIsosurfaceRequest& request, int* part_count = nullptr) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    context.set_deadline(base::MonotonicNow() + testing::kPatience);
     v1::RenderIsosurfaceStreamRequest in_parts;
     *in_parts.mutable_request() = request;
     const auto reader = stub_->RenderIsosurfaceStream(&context, in_parts);
@@ -135,7 +136,7 @@ class PlanesTest : public ::testing::Test {
 
   absl::StatusOr<v1::PickSurfaceResponse> Pick(const v1::PickSurfaceRequest& request) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    context.set_deadline(base::MonotonicNow() + testing::kPatience);
     v1::PickSurfaceResponse response;
     const absl::Status status = rpc::ToAbslStatus(stub_->PickSurface(&context, request, &response));
     return status.ok() ? absl::StatusOr<v1::PickSurfaceResponse>(response) : status;
@@ -576,12 +577,12 @@ TEST_F(PlanesTest, TheCoordinatorsMemoryLimitRefusesBeforeAgentsWorkAndQueuesThe
   request.clear_output();
   request.mutable_viewport()->set_width_px(8192);
   request.mutable_viewport()->set_height_px(8192);
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   EXPECT_THAT(Render(request),
               StatusIs(absl::StatusCode::kResourceExhausted,
                        ::testing::AllOf(HasSubstr("8192 x 8192"), HasSubstr("96 MiB"),
                                         HasSubstr("coordinator's --memory-limit"))));
-  EXPECT_LT(absl::Now() - start, testing::kPatience);
+  EXPECT_LT(base::MonotonicNow() - start, testing::kPatience);
   // Frames of which only one fits at a time all come.
   request.mutable_viewport()->set_width_px(1024);
   request.mutable_viewport()->set_height_px(1024);

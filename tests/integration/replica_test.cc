@@ -16,6 +16,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -112,7 +113,8 @@ class HeldReplicaTest : public ReplicaTest, public ::testing::WithParamInterface
   testing::Process* HoldFrame(const RenderRequest& request, absl::Duration timeout) {
     frame_ = std::thread(
         [this, request, timeout] { response_ = Render(coordinator_.address, request, timeout); });
-    for (const absl::Time limit = absl::Now() + kPatience; absl::Now() < limit;) {
+    for (const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
+         base::MonotonicNow() < limit;) {
       for (std::size_t i = 0; i < 2; ++i) {
         if (absl::StrContains(holders_[i].process->err(), "holding")) {
           holders_[1 - i].process->Signal(SIGUSR1);
@@ -178,8 +180,8 @@ TEST_F(ReplicaTest, WhileOneOfTwoReplicasIsDrainedNoFrameFailsOnAnyAgent) {
   }
   const auto wait_for_frames = [&](int count) {
     const int before = frame_count;
-    const absl::Time limit = absl::Now() + kPatience;
-    while (frame_count < before + count && absl::Now() < limit) {
+    const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
+    while (frame_count < before + count && base::MonotonicNow() < limit) {
       absl::SleepFor(absl::Milliseconds(5));
     }
   };
@@ -218,8 +220,8 @@ TEST_F(ReplicaTest, AgentsAreReplacedOneAfterTheOtherUnderLoadAndNoFrameFails) {
   }
   const auto wait_for_frames = [&](int count) {
     const int before = frame_count;
-    const absl::Time limit = absl::Now() + kPatience;
-    while (frame_count < before + count && absl::Now() < limit) {
+    const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
+    while (frame_count < before + count && base::MonotonicNow() < limit) {
       absl::SleepFor(absl::Milliseconds(5));
     }
     EXPECT_GE(frame_count, before + count) << "frames do not go on";
@@ -244,11 +246,11 @@ TEST_F(ReplicaTest, AgentsAreReplacedOneAfterTheOtherUnderLoadAndNoFrameFails) {
     const std::string address = agent.address;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(agent, testing::StartAgent({Shard(round % 4 / 2)}, address));
     // Its twin may go once the coordinator has seen it.
-    const absl::Time limit = absl::Now() + kPatience;
+    const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
     std::string info;
     do {
       info = RunIsoscope({"info", "--server", coordinator.address}).out;
-    } while (absl::StrContains(info, "unreachable") && absl::Now() < limit);
+    } while (absl::StrContains(info, "unreachable") && base::MonotonicNow() < limit);
     EXPECT_THAT(info, ::testing::Not(HasSubstr("unreachable")));
   }
 }

@@ -26,9 +26,11 @@
 #include <grpcpp/grpcpp.h>
 #include <openssl/sha.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/health_probe.h"
 #include "core/rpc/peer.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
@@ -92,7 +94,7 @@ class Caller {
                                                              Response*),
                                 const Request& request) const {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+    context.set_deadline(base::MonotonicNow() + kPatience);
     rpc::SendToken(token_, &context);
     Response response;
     const absl::Status status = rpc::ToAbslStatus(((*stub).*method)(&context, request, &response));
@@ -116,7 +118,7 @@ class Caller {
   [[nodiscard]] absl::Status CallRaw(const std::string& method, std::string bytes = "") const {
     grpc::GenericStub stub(channel_);
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+    context.set_deadline(base::MonotonicNow() + kPatience);
     rpc::SendToken(token_, &context);
     const grpc::Slice slice(bytes);
     const grpc::ByteBuffer request(&slice, 1);
@@ -477,7 +479,7 @@ TEST_F(SecurityTest, AnInteractiveStreamHasTheRightsOfItsToken) {
   const Caller balls(coordinator_.address, suite_->only_ca, "balls");
   const auto stub = v1::InteractService::NewStub(balls.channel());
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+  context.set_deadline(base::MonotonicNow() + kPatience);
   rpc::SendToken("balls", &context);
   const auto stream = stub->Interact(&context);
   const auto ask = [&](std::int64_t sequence, const std::string& dataset) {
@@ -501,14 +503,14 @@ TEST_F(SecurityTest, AnInteractiveStreamHasTheRightsOfItsToken) {
   WriteTokens(TokenEntry("other", R"("*")"));
   std::int64_t sequence = 3;
   absl::Status status;
-  const absl::Time limit = absl::Now() + kPatience;
+  const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
   std::thread reader([&] {
     while (stream->Read(&response)) {
     }
     status = rpc::ToAbslStatus(stream->Finish());
   });
   absl::SleepFor(absl::Seconds(1));
-  while (absl::Now() < limit && [&] {
+  while (base::MonotonicNow() < limit && [&] {
     v1::InteractRequest request;
     request.mutable_view_state()->set_sequence_number(sequence++);
     *request.mutable_view_state()->mutable_frame() = SmallRequest();
@@ -548,11 +550,11 @@ TEST_F(SecurityTest, NewCertificatesAreReadWhileOldConnectionsGoOn) {
       {.name = "renewed", .alternative_names = "DNS:new.test", .role = "coordinator"});
   rpc::TransportFlags by_name = suite_->client;
   by_name.server_name = "new.test";
-  const absl::Time limit = absl::Now() + kPatience;
+  const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
   absl::Status after;
   do {
     after = Caller(coordinator_.address, by_name).List().status();
-  } while (!after.ok() && absl::Now() < limit);
+  } while (!after.ok() && base::MonotonicNow() < limit);
   EXPECT_THAT(after, IsOk()) << "the new certificate is never shown";
   EXPECT_THAT(before.List(), IsOk()) << "an old connection was cut";
   EXPECT_THAT(Caller(coordinator_.address, suite_->client).List(),
@@ -617,17 +619,17 @@ TEST_F(SecurityTest, WhatAPeerSendsHasLimits) {
   // Metadata of 64 KiB.
   const auto stub = v1::DatasetService::NewStub(caller.channel());
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+  context.set_deadline(base::MonotonicNow() + kPatience);
   context.AddMetadata("x-large", std::string(std::size_t{64} << 10U, 'x'));
   v1::ListDatasetsResponse response;
   EXPECT_THAT(rpc::ToAbslStatus(stub->ListDatasets(&context, {}, &response)),
               StatusIs(absl::StatusCode::kResourceExhausted));
   // That connection may end; the next one serves.
   absl::Status rendered;
-  const absl::Time deadline = absl::Now() + kPatience;
+  const base::MonotonicTime deadline = base::MonotonicNow() + kPatience;
   do {
     rendered = caller.Render("ball").status();
-  } while (absl::IsUnavailable(rendered) && absl::Now() < deadline);
+  } while (absl::IsUnavailable(rendered) && base::MonotonicNow() < deadline);
   EXPECT_THAT(rendered, IsOk());
 }
 

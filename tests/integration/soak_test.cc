@@ -32,10 +32,10 @@
 #include "absl/status/status.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -129,7 +129,7 @@ class Watchdog {
     const base::MutexLock lock(&mutex_);
     while (!is_done_) {
       const std::int64_t round = round_;
-      if (!changed_.AwaitUntil(&mutex_, absl::Now() + kMaxRoundDuration,
+      if (!changed_.AwaitUntil(&mutex_, base::MonotonicNow() + kMaxRoundDuration,
                                [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_done_; }) &&
           round_ == round && round > 0) {
         std::cerr << "soak_test: a round has not ended in " << kMaxRoundDuration << "\n";
@@ -591,7 +591,7 @@ T EnvironmentNumber(const char* name, T otherwise) {
 std::uint64_t FirstSeed(bool is_long) {
   return EnvironmentNumber<std::uint64_t>(
       "ISOSCOPE_SOAK_SEED",
-      is_long ? static_cast<std::uint64_t>(absl::ToUnixSeconds(absl::Now())) << 16 : 1);
+      is_long ? static_cast<std::uint64_t>(absl::ToUnixSeconds(base::MonotonicNow())) << 16 : 1);
 }
 
 class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
@@ -940,10 +940,11 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     const std::int64_t frame_count = asked > 0 ? asked : bounded_frame_count;
     const std::uint64_t first_seed = FirstSeed(asked > 0);
     Watchdog watchdog;
-    const absl::Time start = absl::Now();
-    absl::Time next_progress = start + kProgressPeriod;
+    const base::MonotonicTime start = base::MonotonicNow();
+    base::MonotonicTime next_progress = start + kProgressPeriod;
     const auto rate = [&] {
-      return static_cast<double>(tally_.frames) / absl::ToDoubleSeconds(absl::Now() - start);
+      return static_cast<double>(tally_.frames) /
+             absl::ToDoubleSeconds(base::MonotonicNow() - start);
     };
     std::uint64_t seed = first_seed;
     for (; tally_.frames < frame_count; ++seed) {
@@ -952,17 +953,17 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       if (HasFailure()) {
         FAIL() << "repeat it with ISOSCOPE_SOAK_FRAMES=1 ISOSCOPE_SOAK_SEED=" << seed;
       }
-      if (absl::Now() >= next_progress) {
+      if (base::MonotonicNow() >= next_progress) {
         std::cerr << absl::StrFormat("soak_test: %d frames, %.0f a second\n", tally_.frames,
                                      rate());
-        next_progress = absl::Now() + kProgressPeriod;
+        next_progress = base::MonotonicNow() + kProgressPeriod;
       }
     }
     std::cout << absl::StrFormat(
         "soak_test: seeds %d to %d: %d frames, 0 differences, compared with %d references; %.0f s, "
         "%.0f frames a second\nsoak_test: %s\n",
         first_seed, seed - 1, tally_.frames, tally_.references,
-        absl::ToDoubleSeconds(absl::Now() - start), rate(), tally_.ToString());
+        absl::ToDoubleSeconds(base::MonotonicNow() - start), rate(), tally_.ToString());
     if (tally_.frames < bounded_frame_count) {
       return;  // one round says nothing about the draws
     }
@@ -982,19 +983,19 @@ TEST_P(SoakTest, CulledPicturesOfAnyNumberOfAgentsAreTheWholePicture) {
   const auto seconds = EnvironmentNumber<double>("ISOSCOPE_SOAK_SECONDS", 0);
   const std::uint64_t seed = FirstSeed(seconds > 0);
   Watchdog watchdog;
-  const absl::Time start = absl::Now();
-  absl::Time next_progress = start + kProgressPeriod;
+  const base::MonotonicTime start = base::MonotonicNow();
+  base::MonotonicTime next_progress = start + kProgressPeriod;
   int round = 0;
-  for (; seconds > 0 ? absl::Now() - start < absl::Seconds(seconds) : round < kRoundCount;
+  for (; seconds > 0 ? base::MonotonicNow() - start < absl::Seconds(seconds) : round < kRoundCount;
        ++round) {
     watchdog.BeginRound(seed + static_cast<std::uint64_t>(round));
     RunRound(seed + static_cast<std::uint64_t>(round));
     if (HasFailure()) {
       FAIL() << "repeat it with ISOSCOPE_SOAK_SEED=" << seed + static_cast<std::uint64_t>(round);
     }
-    if (absl::Now() >= next_progress) {
+    if (base::MonotonicNow() >= next_progress) {
       std::cerr << "soak_test: " << round + 1 << " volumes\n";
-      next_progress = absl::Now() + kProgressPeriod;
+      next_progress = base::MonotonicNow() + kProgressPeriod;
     }
   }
   // Defends the test: empty pictures and views where nothing is culled would prove nothing.

@@ -16,6 +16,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "tests/integration/cli_fixture.h"
@@ -282,8 +283,8 @@ TEST_F(TerminalTest, TheBrowserGetsTheTokenByAFileThatOnlyItsOwnerReads) {
                           "--listen", "127.0.0.1:0"}),
                  {"XDG_CACHE_HOME=" + Path("cache"), "HOME=" + Path("home"), "TERM=xterm",
                   "DISPLAY=:0", "TMPDIR=" + Path("tmp"), "PATH=" + Path("bin") + ":/usr/bin:/bin"});
-  const absl::Time deadline = absl::Now() + testing::kPatience;
-  while (!std::filesystem::exists(Path("opened")) && absl::Now() < deadline) {
+  const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
+  while (!std::filesystem::exists(Path("opened")) && base::MonotonicNow() < deadline) {
     absl::SleepFor(absl::Milliseconds(10));
   }
   const std::string opened = ReadFile(Path("opened"));

@@ -14,7 +14,6 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 #include <grpcpp/channel.h>
@@ -22,9 +21,11 @@
 
 #include "client-cli/session/embedded_cluster.h"
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
@@ -84,7 +85,7 @@ class ThreadsTest : public ::testing::Test {
                                             const isoscope::v1::RenderIsosurfaceRequest& request) {
     const auto stub = isoscope::v1::IsosurfaceService::NewStub(cluster->Channel());
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + kDeadline));
+    context.set_deadline(base::MonotonicNow() + kDeadline);
     isoscope::v1::RenderIsosurfaceResponse response;
     const absl::Status status =
         rpc::ToAbslStatus(stub->RenderIsosurface(&context, request, &response));

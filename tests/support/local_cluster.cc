@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -92,14 +93,16 @@ class LocalAgentLink final : public server::AgentLink {
   // Makes a link to an agent that is lost after some events.
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, std::vector<agent::Shards> colors,
                  const agent::FrameTask& task, const agent::AgentResources& resources,
-                 bool one_thread_a_step, absl::Time deadline, std::unique_ptr<LossyListener> lossy)
+                 bool one_thread_a_step, base::MonotonicTime deadline,
+                 std::unique_ptr<LossyListener> lossy)
       : LocalAgentLink(std::move(shard), std::move(colors), task, resources, one_thread_a_step,
                        deadline, lossy.get()) {
     lossy_ = std::move(lossy);
   }
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, std::vector<agent::Shards> colors,
                  const agent::FrameTask& task, const agent::AgentResources& resources,
-                 bool one_thread_a_step, absl::Time deadline, server::AgentListener* listener)
+                 bool one_thread_a_step, base::MonotonicTime deadline,
+                 server::AgentListener* listener)
       : shard_(std::move(shard)),
         colors_(std::move(colors)),
         task_(task),

@@ -4,13 +4,13 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/task_arena.h"
 
@@ -28,7 +28,7 @@ int CountThreads(base::TaskArena* arena, int count) {
   base::CondVar changed;
   int here = 0;
   bool is_late = false;
-  const absl::Time deadline = absl::Now() + kPatience;
+  const base::MonotonicTime deadline = base::MonotonicNow() + kPatience;
   base::RunIn(arena, [&] {
     tbb::parallel_for(
         tbb::blocked_range<int>(0, count),

@@ -20,6 +20,7 @@
 #include <sys/wait.h>
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::testing {
 namespace {
@@ -118,8 +119,8 @@ void Process::Signal(int number) const {
 
 void Process::Stop() const {
   Signal(SIGSTOP);
-  const absl::Time deadline = absl::Now() + kPatience;
-  while (absl::Now() < deadline) {
+  const base::MonotonicTime deadline = base::MonotonicNow() + kPatience;
+  while (base::MonotonicNow() < deadline) {
     const std::vector<std::string> fields = StatFields(pid_);
     if (fields.empty() || fields[0] == "T" || fields[0] == "Z") {
       return;
@@ -152,9 +153,9 @@ bool Process::TryReap(int flags) {
 }
 
 absl::StatusOr<int> Process::Wait(absl::Duration timeout) {
-  const absl::Time deadline = absl::Now() + timeout;
+  const base::MonotonicTime deadline = base::MonotonicNow() + timeout;
   while (!TryReap(WNOHANG)) {
-    if (absl::Now() >= deadline) {
+    if (base::MonotonicNow() >= deadline) {
       return absl::DeadlineExceededError(absl::StrCat("process ", pid_, " still runs after ",
                                                       absl::FormatDuration(timeout),
                                                       "; it printed\n", out(), err()));
@@ -175,7 +176,7 @@ absl::StatusOr<std::string> Process::WaitForOutLine(absl::string_view text) {
 }
 
 absl::StatusOr<std::string> Process::WaitForLine(const std::string& path, absl::string_view text) {
-  const absl::Time deadline = absl::Now() + kPatience;
+  const base::MonotonicTime deadline = base::MonotonicNow() + kPatience;
   while (true) {
     const bool has_ended = TryReap(WNOHANG);  // before reading: then nothing is missed
     const std::string printed = ReadAll(path);
@@ -191,7 +192,7 @@ absl::StatusOr<std::string> Process::WaitForLine(const std::string& path, absl::
                                                         " without \"", text, "\"; it printed\n",
                                                         out(), err()));
     }
-    if (absl::Now() >= deadline) {
+    if (base::MonotonicNow() >= deadline) {
       return absl::DeadlineExceededError(
           absl::StrCat("the process never printed \"", text, "\", but\n", out(), err()));
     }

@@ -10,17 +10,18 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/source/volume_source.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/memory_source.h"
@@ -284,7 +285,7 @@ absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> Render(
     absl::Duration timeout) {
   const auto stub = isoscope::v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(address));
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+  context.set_deadline(base::MonotonicNow() + timeout);
   isoscope::v1::RenderIsosurfaceResponse response;
   ISOSCOPE_RETURN_IF_ERROR(rpc::ToAbslStatus(stub->RenderIsosurface(&context, request, &response)));
   return response;

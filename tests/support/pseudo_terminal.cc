@@ -11,11 +11,11 @@
 #include <cstddef>
 
 #include "absl/strings/match.h"
-#include "absl/time/clock.h"
 #include <sys/ioctl.h>
 #include <sys/wait.h>
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::testing {
 namespace {
@@ -109,9 +109,9 @@ bool PseudoTerminal::ReadSome(absl::Duration timeout) {
 }
 
 bool PseudoTerminal::ReadUntil(const std::function<bool(const std::string& bytes)>& is_done) {
-  const absl::Time deadline = absl::Now() + kPatience;
+  const base::MonotonicTime deadline = base::MonotonicNow() + kPatience;
   while (!is_done(bytes_)) {
-    if (absl::Now() > deadline) {
+    if (base::MonotonicNow() > deadline) {
       return false;
     }
     ReadSome(absl::Milliseconds(20));
@@ -124,8 +124,8 @@ bool PseudoTerminal::ReadUntilText(absl::string_view text) {
 }
 
 int PseudoTerminal::Wait() {
-  const absl::Time deadline = absl::Now() + kPatience;
-  while (absl::Now() < deadline) {
+  const base::MonotonicTime deadline = base::MonotonicNow() + kPatience;
+  while (base::MonotonicNow() < deadline) {
     int status = 0;
     if (waitpid(pid_, &status, WNOHANG) == pid_) {
       pid_ = -1;

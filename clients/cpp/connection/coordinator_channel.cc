@@ -4,6 +4,8 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "core/base/monotonic_time.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/request_context.h"
 
@@ -33,8 +35,8 @@ absl::Status CoordinatorChannel::NameAddress(const absl::Status& status,
 
 CallContext::CallContext(const CoordinatorChannel& channel, const CallSetup& setup) {
   rpc::SendToken(setup.token.empty() ? channel.token() : setup.token, &context_);
-  if (setup.deadline < absl::InfiniteFuture()) {
-    context_.set_deadline(absl::ToChronoTime(setup.deadline));
+  if (setup.deadline < base::MonotonicTime::InfiniteFuture()) {
+    context_.set_deadline(setup.deadline);
   }
   if (setup.identity != nullptr) {
     rpc::SetTraceparent(*setup.identity, &context_);

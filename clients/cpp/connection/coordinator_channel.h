@@ -11,11 +11,11 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
-#include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/trace_context.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
@@ -59,8 +59,8 @@ class CoordinatorChannel {
 
 // Options of one call.
 struct CallSetup {
-  std::string token = {};                            // empty: the channel's own
-  absl::Time deadline = absl::InfiniteFuture();      // infinite: none
+  std::string token = {};                                                // empty: the channel's own
+  base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture();  // infinite: none
   const base::TraceContext* identity = nullptr;      // the trace of the call; null: none
   const base::Cancellation* cancellation = nullptr;  // outlives the call; null: none
 };

@@ -4,8 +4,7 @@
 #include <atomic>
 #include <optional>
 
-#include "absl/time/clock.h"
-
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
@@ -25,16 +24,16 @@ absl::Status Sleep(absl::Duration duration, const base::Cancellation& interrupt)
     interrupted.SignalAll();
   });
   base::MutexLock lock(&mutex);
-  const bool is_interrupted = interrupted.AwaitUntil(&mutex, absl::Now() + duration,
+  const bool is_interrupted = interrupted.AwaitUntil(&mutex, base::MonotonicNow() + duration,
                                                      [&] { return interrupt.is_cancelled(); });
   return is_interrupted ? absl::CancelledError("interrupted") : absl::OkStatus();
 }
 
 }  // namespace
 
-absl::Status CallWithRetries(absl::Time deadline, const base::Cancellation& interrupt,
+absl::Status CallWithRetries(base::MonotonicTime deadline, const base::Cancellation& interrupt,
                              absl::FunctionRef<absl::Status()> once) {
-  const absl::Time last_try = std::min(deadline, absl::Now() + kMaxRetryTime);
+  const base::MonotonicTime last_try = std::min(deadline, base::MonotonicNow() + kMaxRetryTime);
   while (true) {
     absl::Status status = once();
     const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
@@ -42,7 +41,7 @@ absl::Status CallWithRetries(absl::Time deadline, const base::Cancellation& inte
       return status;
     }
     ++refusal_count;
-    if (absl::Now() + *delay >= last_try) {
+    if (base::MonotonicNow() + *delay >= last_try) {
       return status;
     }
     ISOSCOPE_RETURN_IF_ERROR(Sleep(*delay, interrupt));

@@ -11,6 +11,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::client {
 
@@ -20,7 +21,7 @@ inline constexpr absl::Duration kMaxRetryTime = absl::Minutes(5);
 // Calls `once` until it is not refused. Stops too if a refusal has no retry delay, or one that ends
 // after `deadline` or kMaxRetryTime. Returns the last status. CANCELLED if `interrupt` fires during
 // a wait. Thread-safe.
-absl::Status CallWithRetries(absl::Time deadline, const base::Cancellation& interrupt,
+absl::Status CallWithRetries(base::MonotonicTime deadline, const base::Cancellation& interrupt,
                              absl::FunctionRef<absl::Status()> once);
 
 // Counts over all calls of this process since its start.

@@ -16,10 +16,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
 #include "clients/cpp/connection/coordinator_channel.h"
 #include "clients/cpp/connection/retries.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
@@ -95,7 +95,8 @@ std::unique_ptr<InteractStream> ServiceClient::Interact() const {
   return std::make_unique<InteractStreamImpl>(*channel_);
 }
 
-absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadline) const {
+absl::Status ServiceClient::Explain(const grpc::Status& status,
+                                    base::MonotonicTime deadline) const {
   if (status.ok()) {
     return absl::OkStatus();
   }
@@ -112,7 +113,7 @@ absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadl
   explained = channel_->NameAddress(
       explained, absl::StrCat("; start one with 'isoscope serve DIR --listen ", channel_->address(),
                               "' or isoscope-coordinator"));
-  if (absl::IsDeadlineExceeded(explained) && absl::Now() + kAnswerMargin >= deadline) {
+  if (absl::IsDeadlineExceeded(explained) && base::MonotonicNow() + kAnswerMargin >= deadline) {
     return absl::DeadlineExceededError(
         absl::StrCat(explained.message(), "; --timeout gives it more time"));
   }
@@ -121,7 +122,7 @@ absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadl
 
 absl::Status ServiceClient::Call(absl::Duration timeout,
                                  absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const {
-  const absl::Time deadline = absl::Now() + timeout;
+  const base::MonotonicTime deadline = base::MonotonicNow() + timeout;
   const char* const traceparent = std::getenv("TRACEPARENT");
   const std::optional<base::TraceContext> caller =
       base::TraceContext::Parse(traceparent == nullptr ? "" : traceparent);

@@ -15,6 +15,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "core/cli/interrupt.h"
 
 namespace grpc {
@@ -115,7 +116,7 @@ class ServiceClient {
 
  private:
   // The error of a call; OK stays OK.
-  absl::Status Explain(const grpc::Status& status, absl::Time deadline) const;
+  absl::Status Explain(const grpc::Status& status, base::MonotonicTime deadline) const;
   // Makes one call: deadline, interrupt, errors.
   absl::Status Call(absl::Duration timeout,
                     absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;

@@ -7,8 +7,8 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/format.h"
 #include "core/io/atomic_file.h"
@@ -55,7 +55,7 @@ absl::StatusOr<std::int64_t> WritePoster(
     const std::string& path,
     absl::FunctionRef<absl::StatusOr<image::RgbaImage>(const view::Region& region)> render,
     absl::FunctionRef<void(absl::string_view)> progress) {
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const std::int64_t region_count =
       std::int64_t{DivideUp(viewport.width_px, region_size.width_px)} *
       DivideUp(viewport.height_px, region_size.height_px);
@@ -70,7 +70,7 @@ absl::StatusOr<std::int64_t> WritePoster(
     const int rows = std::min(region_size.height_px, viewport.height_px - y);
     strip.resize(width * static_cast<std::size_t>(rows));
     for (int x = 0; x < viewport.width_px; x += region_size.width_px) {
-      progress(DescribeProgress(done_count++, region_count, absl::Now() - start));
+      progress(DescribeProgress(done_count++, region_count, base::MonotonicNow() - start));
       const view::Region region{x, y, std::min(region_size.width_px, viewport.width_px - x), rows};
       ISOSCOPE_ASSIGN_OR_RETURN(const image::RgbaImage image, render(region));
       if (image.width != region.width_px || image.height != rows) {

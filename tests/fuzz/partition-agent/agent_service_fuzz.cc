@@ -19,10 +19,12 @@
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/task_arena.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
@@ -85,7 +87,7 @@ class Agent {
   absl::Status Render(const std::vector<v1::RenderFrameRequest>& messages, bool waits,
                       std::string* bands) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+    context.set_deadline(base::MonotonicNow() + kPatience);
     const auto stream = stub_->RenderFrame(&context);
     const auto read = [&] {
       v1::RenderFrameResponse response;
@@ -107,9 +109,9 @@ class Agent {
   }
 
   void RequireIdle() const {
-    const absl::Time limit = absl::Now() + kPatience;
+    const base::MonotonicTime limit = base::MonotonicNow() + kPatience;
     while (server_->frames_in_work() > 0) {
-      Require(absl::Now() < limit, "no frame stays in work");
+      Require(base::MonotonicNow() < limit, "no frame stays in work");
       absl::SleepFor(absl::Microseconds(200));
     }
   }
@@ -192,7 +194,7 @@ void ExtractSurface(absl::string_view bytes, bool has_right_dataset) {
     return;
   }
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+  context.set_deadline(base::MonotonicNow() + kPatience);
   const auto reader = TheAgent().stub()->ExtractSurface(&context, request);
   v1::ExtractSurfaceResponse response;
   while (reader->Read(&response)) {
@@ -211,7 +213,7 @@ void Ask(Method method, absl::string_view bytes, bool has_right_dataset) {
     return;
   }
   grpc::ClientContext context;
-  context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
+  context.set_deadline(base::MonotonicNow() + kPatience);
   Response response;
   RequireEnd(rpc::ToAbslStatus((TheAgent().stub()->*method)(&context, request, &response)));
 }

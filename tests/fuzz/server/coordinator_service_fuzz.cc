@@ -13,14 +13,15 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/task_arena.h"
 #include "core/image/png_codec.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
@@ -73,7 +74,7 @@ class Cluster {
     coordinator.listen_address = "127.0.0.1:0";
     coordinator.poll_interval = absl::Hours(1);
     auto started = server::CoordinatorServer::Start(coordinator);
-    Require(started.ok() && (*started)->WaitUntilReady(absl::Now() + kPatience).ok(),
+    Require(started.ok() && (*started)->WaitUntilReady(base::MonotonicNow() + kPatience).ok(),
             "a coordinator can be started");
     coordinator_ = *std::move(started);
     const auto channel = rpc::MakeChannel(absl::StrCat("127.0.0.1:", coordinator_->port()));
@@ -103,7 +104,7 @@ Cluster& TheCluster() {
 }
 
 struct Call {
-  Call() { context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience)); }
+  Call() { context.set_deadline(base::MonotonicNow() + kPatience); }
   grpc::ClientContext context;
 };
 

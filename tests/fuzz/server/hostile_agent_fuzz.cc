@@ -18,16 +18,17 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
 #include "core/base/coding.h"
 #include "core/base/compression.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/task_arena.h"
 #include "core/composite/band_format.h"
 #include "core/composite/pixel_codec.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -122,8 +123,9 @@ class Cluster {
     options.poll_interval = absl::Hours(1);
     options.arena = std::make_shared<base::TaskArena>(1);
     auto coordinator = server::CoordinatorServer::Start(options);
-    Require(coordinator.ok() && (*coordinator)->WaitUntilReady(absl::Now() + kPatience).ok(),
-            "a coordinator can be started");
+    Require(
+        coordinator.ok() && (*coordinator)->WaitUntilReady(base::MonotonicNow() + kPatience).ok(),
+        "a coordinator can be started");
     coordinator_ = *std::move(coordinator);
     isosurface = v1::IsosurfaceService::NewStub(coordinator_->InProcessChannel());
     datasets = v1::DatasetService::NewStub(coordinator_->InProcessChannel());
@@ -203,7 +205,7 @@ Cluster& TheCluster() {
 }
 
 struct Call {
-  Call() { context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience)); }
+  Call() { context.set_deadline(base::MonotonicNow() + kPatience); }
   grpc::ClientContext context;
 };
 

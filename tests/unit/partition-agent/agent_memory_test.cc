@@ -6,13 +6,13 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/string_view.h"
 #include "absl/synchronization/notification.h"
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/memory_info.h"
 #include "core/base/memory_pool.h"
+#include "core/base/monotonic_time.h"
 #include "core/store/shard_reader.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
@@ -144,7 +144,7 @@ TEST(AgentMemoryTest, RoomForStepsIsWhatCanBeReserved) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto reserved, memory.ReserveStep({512, 512}, never, 2));
     steps.push_back(std::move(reserved));
   }
-  const base::Cancellation soon(absl::Now());
+  const base::Cancellation soon(base::MonotonicNow());
   EXPECT_THAT(memory.ReserveStep({512, 512}, soon, 2),
               StatusIs(absl::StatusCode::kDeadlineExceeded));
 }
@@ -212,7 +212,7 @@ TEST(AgentMemoryTest, StepsWaitForEachOtherAndCanBeCancelled) {
   const base::Cancellation never;
   std::unique_ptr<base::MemoryBudget::Reservation> first;
   first = std::make_unique<base::MemoryBudget::Reservation>(*memory.ReserveStep({700, 700}, never));
-  const base::Cancellation soon(absl::Now() + absl::Milliseconds(30));
+  const base::Cancellation soon(base::MonotonicNow() + absl::Milliseconds(30));
   EXPECT_THAT(memory.ReserveStep({700, 700}, soon), StatusIs(absl::StatusCode::kDeadlineExceeded));
   base::Cancellation cancelled;
   cancelled.Cancel();

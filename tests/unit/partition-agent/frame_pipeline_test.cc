@@ -6,9 +6,9 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/unit/partition-agent/frame_pipeline_fixture.h"
@@ -307,8 +307,8 @@ TEST_F(FramePipelineTest, PagesOfTheTreeAreReadWhileOtherStepsHaveAllThreads) {
   std::thread step;
   base::RunIn(&arena, [&] {
     step = std::thread([&] { selected = pipeline->SelectOccluders().status(); });
-    const absl::Time deadline = absl::Now() + absl::Seconds(60);
-    while (metrics.active_lookups.misses.value() == 0 && absl::Now() < deadline) {
+    const base::MonotonicTime deadline = base::MonotonicNow() + absl::Seconds(60);
+    while (metrics.active_lookups.misses.value() == 0 && base::MonotonicNow() < deadline) {
       std::this_thread::yield();
     }
     EXPECT_GT(metrics.active_lookups.misses.value(), 0) << "the pages are not read";
@@ -378,7 +378,7 @@ TEST_F(FramePipelineTest, CancelledFrameStopsInEachStep) {
     EXPECT_THAT(status, StatusIs(absl::StatusCode::kCancelled));
     EXPECT_EQ(pipeline->statistics().triangle_count, 0);
   }
-  const base::Cancellation late(absl::Now() - absl::Seconds(1));
+  const base::Cancellation late(base::MonotonicNow() - absl::Seconds(1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_, &late));
   EXPECT_THAT(pipeline->SelectOccluders(), StatusIs(absl::StatusCode::kDeadlineExceeded));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, Make(shards_, task_, &late));

@@ -7,6 +7,7 @@
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::agent {
@@ -30,10 +31,10 @@ TEST(FramesInWorkTest, WaitsUntilNoFrameIsInWork) {
   first.reset();
   absl::SleepFor(kAWhile);
   EXPECT_FALSE(is_idle);
-  const absl::Time end = absl::Now();
+  const base::MonotonicTime end = base::MonotonicNow();
   second.reset();
   waiting.join();
-  EXPECT_GE(absl::Now() - end, kAWhile);
+  EXPECT_GE(base::MonotonicNow() - end, kAWhile);
 }
 
 TEST(FramesInWorkTest, ACancellationEndsBothWaits) {

@@ -19,6 +19,7 @@
 #include <grpcpp/health_check_service_interface.h>
 
 #include "core/base/error_reason.h"
+#include "core/base/monotonic_time.h"
 #include "core/io/file.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/health_probe.h"
@@ -195,8 +196,8 @@ TEST_F(CoordinatorOperationsTest, DatasetsThatGoBetweenPagesShiftNothing) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, List(2, ""));
   EXPECT_THAT(NamesOf(first), ElementsAre("a", "b"));
   other->Stop();
-  const absl::Time limit = absl::Now() + kLong;
-  while (absl::Now() < limit) {
+  const base::MonotonicTime limit = base::MonotonicNow() + kLong;
+  while (base::MonotonicNow() < limit) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, List(0, ""));
     if (all.datasets_size() == 2) {
       break;
@@ -309,8 +310,8 @@ TEST_F(CoordinatorOperationsTest, AnAgentThatDrainsGetsNoFramesIfAReplicaHasItsS
   }
   for (const std::unique_ptr<FakeAgent>& agent : agents_) {
     agent->is_draining = true;
-    const absl::Time limit = absl::Now() + kLong;
-    while (absl::Now() < limit) {
+    const base::MonotonicTime limit = base::MonotonicNow() + kLong;
+    while (base::MonotonicNow() < limit) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
       const auto drains = [&](const v1::AgentStatus& seen) {
         return seen.is_draining() == (seen.address() == agent->address());
@@ -405,8 +406,8 @@ TEST_F(ReadinessTest, ItIsLiveAtOnceAndReadyOnceAllAgentsWereAsked) {
   EXPECT_THAT(Probe(rpc::Probe::kLive), IsOk());
   EXPECT_THAT(Probe(rpc::Probe::kReady), StatusIs(absl::StatusCode::kUnavailable));
   may_answer->Notify();
-  const absl::Time limit = absl::Now() + kLong;
-  while (!Probe(rpc::Probe::kReady).ok() && absl::Now() < limit) {
+  const base::MonotonicTime limit = base::MonotonicNow() + kLong;
+  while (!Probe(rpc::Probe::kReady).ok() && base::MonotonicNow() < limit) {
     absl::SleepFor(absl::Milliseconds(5));
   }
   EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
@@ -418,8 +419,8 @@ TEST_F(ReadinessTest, ItStaysReadyWhenItsOnlyDatasetIsLost) {
   Start();
   EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
   agents_[0]->Stop();
-  const absl::Time limit = absl::Now() + kLong;
-  while (absl::Now() < limit) {
+  const base::MonotonicTime limit = base::MonotonicNow() + kLong;
+  while (base::MonotonicNow() < limit) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
     if (status.agents(0).state() == v1::AgentStatus::STATE_UNREACHABLE) {
       break;

@@ -11,13 +11,14 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
 #include "core/base/check.h"
+#include "core/base/monotonic_time.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "tests/unit/server/make_shard.h"
@@ -68,7 +69,7 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   // As if the process were killed: connections are cut.
   void Stop() {
     if (server_ != nullptr) {
-      server_->Shutdown(absl::ToChronoTime(absl::Now()));
+      server_->Shutdown(base::MonotonicNow());
       server_.reset();
     }
   }

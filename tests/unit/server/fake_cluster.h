@@ -21,7 +21,9 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/grpc_time.h"
 #include "core/rpc/peer.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
@@ -40,8 +42,8 @@ namespace isoscope::testing {
 inline constexpr absl::Duration kLimit = absl::Seconds(20);
 
 inline bool WaitFor(const std::function<bool()>& condition) {
-  const absl::Time end = absl::Now() + kLimit;
-  while (!condition() && absl::Now() < end) {
+  const base::MonotonicTime end = base::MonotonicNow() + kLimit;
+  while (!condition() && base::MonotonicNow() < end) {
     absl::SleepFor(absl::Milliseconds(1));
   }
   return condition();
@@ -206,7 +208,7 @@ class FakeClusterTest : public ::testing::Test {
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, server::CoordinatorServer::Start(options_));
     if (waits) {
-      ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + 3 * kLimit));
+      ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(base::MonotonicNow() + 3 * kLimit));
     }
     channel_ = coordinator_->InProcessChannel();
     frames_ = v1::IsosurfaceService::NewStub(channel_);
@@ -228,7 +230,7 @@ class FakeClusterTest : public ::testing::Test {
                                        const Request& request, const std::string& token = "",
                                        absl::Duration timeout = 3 * kLimit) {
     grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+    context.set_deadline(base::MonotonicNow() + timeout);
     rpc::SendToken(token, &context);
     Response response;
     const absl::Status status =

@@ -13,7 +13,9 @@
 #include "absl/synchronization/notification.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/trace.pb.h"
 #include "tests/unit/server/fake_cluster.h"
 
@@ -72,7 +74,7 @@ class Stream {
  public:
   Stream(const std::shared_ptr<grpc::Channel>& channel, const std::string& token)
       : stub_(v1::InteractService::NewStub(channel)) {
-    context_.set_deadline(absl::ToChronoTime(absl::Now() + 3 * kLimit));
+    context_.set_deadline(base::MonotonicNow() + 3 * kLimit);
     rpc::SendToken(token, &context_);
     stream_ = stub_->Interact(&context_);
   }
@@ -100,8 +102,8 @@ class Stream {
         count += (response.*is_counted)() ? 1 : 0;
       }
     });
-    const absl::Time end = absl::Now() + absl::Seconds(1);
-    while (absl::Now() < end && Send(frame)) {
+    const base::MonotonicTime end = base::MonotonicNow() + absl::Seconds(1);
+    while (base::MonotonicNow() < end && Send(frame)) {
       absl::SleepFor(pause);
     }
     Cancel();
@@ -340,10 +342,10 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
 TEST_F(RudeCallersTest, WrongStatesGetFewErrors) {
   Start();
   Stream rude(channel_, "");
-  const absl::Time begin = absl::Now();
+  const base::MonotonicTime begin = base::MonotonicNow();
   const int errors =
       rude.CountFor(InvalidState(), absl::ZeroDuration(), &v1::InteractResponse::has_error);
-  const double seconds = absl::ToDoubleSeconds(absl::Now() - begin);
+  const double seconds = absl::ToDoubleSeconds(base::MonotonicNow() - begin);
   RecordProperty("errors", errors);
   EXPECT_GE(errors, 1);
   EXPECT_LE(errors, 10 * seconds + 5);

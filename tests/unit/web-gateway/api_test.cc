@@ -16,6 +16,7 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "core/base/monotonic_time.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -148,8 +149,8 @@ class ApiTest : public ::testing::Test {
 
   // An answer comes shortly before its place is free.
   void AwaitPlaces() {
-    const absl::Time limit = absl::Now() + absl::Seconds(20);
-    while (api_->pictures_in_work() > 0 && absl::Now() < limit) {
+    const base::MonotonicTime limit = base::MonotonicNow() + absl::Seconds(20);
+    while (api_->pictures_in_work() > 0 && base::MonotonicNow() < limit) {
       absl::SleepFor(absl::Milliseconds(1));
     }
   }

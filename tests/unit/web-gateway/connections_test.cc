@@ -3,8 +3,9 @@
 #include <memory>
 #include <vector>
 
-#include "absl/time/clock.h"
 #include "gtest/gtest.h"
+
+#include "core/base/monotonic_time.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -32,12 +33,12 @@ TEST(ConnectionsTest, ClosingReachesThoseThatAreThereAndThoseThatBecomeReadyLate
   late->SetCloser([&](bool at_once) { closed.push_back(at_once); });
   EXPECT_EQ(closed, std::vector<bool>({false, false}));
   EXPECT_EQ(connections.TryAdd(), nullptr);
-  EXPECT_FALSE(connections.AwaitNone(absl::Now()));
+  EXPECT_FALSE(connections.AwaitNone(base::MonotonicNow()));
   connections.Close(/*at_once=*/true);
   EXPECT_EQ(closed, std::vector<bool>({false, false, true, true}));
   early = nullptr;
   late = nullptr;
-  EXPECT_TRUE(connections.AwaitNone(absl::Now()));
+  EXPECT_TRUE(connections.AwaitNone(base::MonotonicNow()));
 }
 
 TEST(ConnectionsTest, ACloserMayEndItsConnection) {

@@ -8,12 +8,14 @@
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::cli {
 namespace {
 
 // The time of the newest state gave a frame 1 s where it had taken 5.
 TEST(SentStatesTest, TheLatencyIsThatOfTheStateOfTheFrameWhileNewerOnesAreUnderWay) {
-  const absl::Time start = absl::UnixEpoch();
+  const base::MonotonicTime start = base::MonotonicTime();
   SentStates sent;
   sent.Add(1, start);
   sent.Add(2, start + absl::Seconds(4));
@@ -25,13 +27,13 @@ TEST(SentStatesTest, TheLatencyIsThatOfTheStateOfTheFrameWhileNewerOnesAreUnderW
 
 TEST(SentStatesTest, AFrameOfAnUnknownStateHasNoLatency) {
   SentStates sent;
-  EXPECT_EQ(sent.TakeLatency(1, absl::UnixEpoch()), std::nullopt);
+  EXPECT_EQ(sent.TakeLatency(1, base::MonotonicTime()), std::nullopt);
   for (int sequence_number = 1; sequence_number <= 1000; ++sequence_number) {
-    sent.Add(sequence_number, absl::UnixEpoch());
+    sent.Add(sequence_number, base::MonotonicTime());
   }
-  EXPECT_EQ(sent.TakeLatency(1, absl::UnixEpoch()), std::nullopt);
-  EXPECT_EQ(sent.TakeLatency(1000, absl::UnixEpoch()), absl::ZeroDuration());
-  EXPECT_EQ(sent.TakeLatency(999, absl::UnixEpoch()), std::nullopt);
+  EXPECT_EQ(sent.TakeLatency(1, base::MonotonicTime()), std::nullopt);
+  EXPECT_EQ(sent.TakeLatency(1000, base::MonotonicTime()), absl::ZeroDuration());
+  EXPECT_EQ(sent.TakeLatency(999, base::MonotonicTime()), std::nullopt);
 }
 
 TEST(FlagsOfFrameTest, NumbersAreReadAsTheSameBits) {

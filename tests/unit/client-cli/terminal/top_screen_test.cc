@@ -37,7 +37,7 @@ v1::AgentStatus* AddAgent(const std::string& address, ClusterSample* sample) {
 // A cluster that has been up for `seconds` and has drawn 30 frames a second in that time.
 ClusterSample SampleAt(int seconds) {
   ClusterSample sample;
-  sample.time = absl::FromUnixSeconds(1'800'000'000 + seconds);
+  sample.date = absl::FromUnixSeconds(1'800'000'000 + seconds);
   v1::CoordinatorLoad* const load = sample.status.mutable_load();
   load->mutable_up_duration()->set_seconds(seconds);
   load->set_working_frame_count(2);

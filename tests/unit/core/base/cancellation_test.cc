@@ -17,6 +17,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::base {
@@ -28,11 +29,11 @@ using ::testing::_;
 TEST(CancellationTest, DefaultNeverExpires) {
   Cancellation cancellation;
   ISOSCOPE_EXPECT_OK(cancellation.Check());
-  EXPECT_EQ(cancellation.deadline(), absl::InfiniteFuture());
+  EXPECT_EQ(cancellation.deadline(), MonotonicTime::InfiniteFuture());
 }
 
 TEST(CancellationTest, PassedDeadlineIsDeadlineExceededAndACallOfCancelWins) {
-  Cancellation cancellation(absl::Now() - absl::Seconds(1));
+  Cancellation cancellation(MonotonicNow() - absl::Seconds(1));
   EXPECT_THAT(cancellation.Check(), StatusIs(absl::StatusCode::kDeadlineExceeded, _));
   EXPECT_FALSE(cancellation.is_cancelled());
   cancellation.Cancel();
@@ -40,7 +41,7 @@ TEST(CancellationTest, PassedDeadlineIsDeadlineExceededAndACallOfCancelWins) {
 }
 
 TEST(CancellationTest, CancelBeforeTheDeadlineIsCancelled) {
-  Cancellation cancellation(absl::Now() + absl::Hours(1));
+  Cancellation cancellation(MonotonicNow() + absl::Hours(1));
   ISOSCOPE_EXPECT_OK(cancellation.Check());
   cancellation.Cancel();
   EXPECT_TRUE(cancellation.is_cancelled());
@@ -87,7 +88,7 @@ TEST(CancellationTest, ADestroyedCallbackIsNotCalled) {
 }
 
 TEST(CancellationTest, ADeadlineCallsNothingBack) {
-  const Cancellation cancellation(absl::Now() - absl::Seconds(1));
+  const Cancellation cancellation(MonotonicNow() - absl::Seconds(1));
   const Cancellation::Callback callback(cancellation, [] { ADD_FAILURE(); });
   EXPECT_THAT(cancellation.Check(), StatusIs(absl::StatusCode::kDeadlineExceeded, _));
 }
@@ -167,7 +168,7 @@ TEST(AwaitOrCancelledTest, ATruePredicateWinsAndIsNotAskedAgain) {
 }
 
 TEST(AwaitOrCancelledTest, WaitsForSignals) {
-  const Cancellation cancellation(absl::Now() + absl::Hours(1));
+  const Cancellation cancellation(MonotonicNow() + absl::Hours(1));
   Mutex mutex;
   CondVar changed;
   int ready = 0;
@@ -191,13 +192,13 @@ TEST(AwaitOrCancelledTest, WaitsForSignals) {
 }
 
 TEST(AwaitOrCancelledTest, EndsAtTheDeadline) {
-  const absl::Time deadline = absl::Now() + absl::Milliseconds(20);
+  const MonotonicTime deadline = MonotonicNow() + absl::Milliseconds(20);
   const Cancellation cancellation(deadline);
   Mutex mutex;
   CondVar changed;
   EXPECT_THAT(AwaitOrCancelled(cancellation, &mutex, &changed, [] { return false; }),
               StatusIs(absl::StatusCode::kDeadlineExceeded, _));
-  EXPECT_GE(absl::Now(), deadline);
+  EXPECT_GE(MonotonicNow(), deadline);
 }
 
 // There is no deadline, so a lost wake-up would hang the test.

@@ -24,6 +24,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 #include "tests/support/status_matchers.h"
 
@@ -79,7 +80,7 @@ class MemoryBudgetQueueTest : public ::testing::Test {
     absl::Status AwaitReturn() {
       const MutexLock lock(&mutex_);
       const bool has_returned = returned_.AwaitUntil(
-          &mutex_, absl::Now() + (HasFailure() ? absl::ZeroDuration() : kGiveUp),
+          &mutex_, MonotonicNow() + (HasFailure() ? absl::ZeroDuration() : kGiveUp),
           [this] { return has_returned_; });
       return has_returned ? status_ : absl::UnknownError("it still waits");
     }
@@ -110,9 +111,9 @@ class MemoryBudgetQueueTest : public ::testing::Test {
   template <typename Predicate>
   static void AwaitThat(const Predicate& predicate) {
     // After a failure nothing waits, because all waits together would exceed CTest's limit.
-    const absl::Time give_up = absl::Now() + (HasFailure() ? absl::ZeroDuration() : kGiveUp);
+    const MonotonicTime give_up = MonotonicNow() + (HasFailure() ? absl::ZeroDuration() : kGiveUp);
     while (!predicate()) {
-      ASSERT_LT(absl::Now(), give_up) << "the budget is not as it must be";
+      ASSERT_LT(MonotonicNow(), give_up) << "the budget is not as it must be";
       std::this_thread::yield();
     }
   }
@@ -121,7 +122,8 @@ class MemoryBudgetQueueTest : public ::testing::Test {
   }
 
   std::atomic<std::int64_t> now_nanoseconds_{0};
-  MemoryBudget budget_{1000, [this] { return absl::FromUnixNanos(now_nanoseconds_.load()); }};
+  MemoryBudget budget_{
+      1000, [this] { return MonotonicTime() + absl::Nanoseconds(now_nanoseconds_.load()); }};
 };
 
 TEST_F(MemoryBudgetQueueTest, ALargeStepStarvesNoLongerThanItsPatience) {
@@ -215,13 +217,13 @@ TEST_F(MemoryBudgetQueueTest, NothingIsFreeEvenBehindAnImpatientStep) {
 TEST_F(MemoryBudgetQueueTest, RandomUseFollowsTheRule) {
   struct Step {
     std::size_t bytes = 0;
-    absl::Time arrival;
+    MonotonicTime arrival;
     std::unique_ptr<Holder> holder;
   };
   std::list<Step> waiting;
   std::vector<Step> holding;
   std::size_t free_bytes = 1000;
-  absl::Time now = absl::UnixEpoch();
+  MonotonicTime now = MonotonicTime();
   const auto serve = [&] {
     for (auto step = waiting.begin(); step != waiting.end();) {
       if (step->bytes <= free_bytes) {
@@ -283,7 +285,7 @@ TEST_F(MemoryBudgetQueueTest, RandomUseFollowsTheRule) {
 
 TEST(MemoryBudgetTest, AReservationThatShrinksGivesTheRestBackAtOnce) {
   MemoryBudget budget(1000);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
   {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto shrinking, budget.Reserve(1000, never));
     shrinking.ShrinkTo(2000);
@@ -301,7 +303,7 @@ TEST(MemoryBudgetTest, AReservationThatShrinksGivesTheRestBackAtOnce) {
 TEST(MemoryBudgetTest, AllOfItCanBeReservedAgainAndAgain) {
   MemoryBudget budget(1000);
   EXPECT_EQ(budget.capacity_bytes(), 1000U);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
   for (int i = 0; i < 3; ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, budget.Reserve(1000, never));
     EXPECT_THAT(budget.Reserve(0, never), IsOk()) << "nothing is always free";
@@ -310,7 +312,7 @@ TEST(MemoryBudgetTest, AllOfItCanBeReservedAgainAndAgain) {
 
 TEST(MemoryBudgetTest, WhatWillNeverFitIsRefusedAtOnceWithTheFigures) {
   MemoryBudget budget(1000);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, budget.Reserve(1000, never));
   for (const std::size_t bytes : {std::size_t{1001}, std::numeric_limits<std::size_t>::max()}) {
     EXPECT_THAT(budget.Reserve(bytes, never),
@@ -324,7 +326,7 @@ TEST(MemoryBudgetTest, WhatWillNeverFitIsRefusedAtOnceWithTheFigures) {
 
 TEST(MemoryBudgetTest, WhoNeedsMoreThanIsLeftWaitsForIt) {
   MemoryBudget budget(1000);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
   std::unique_ptr<MemoryBudget::Reservation> first;
   std::unique_ptr<MemoryBudget::Reservation> second;
   first = std::make_unique<MemoryBudget::Reservation>(*budget.Reserve(600, never));
@@ -344,14 +346,14 @@ TEST(MemoryBudgetTest, WhoNeedsMoreThanIsLeftWaitsForIt) {
 
 TEST(MemoryBudgetTest, ReservationGoesWithItsOwner) {
   MemoryBudget budget(10);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
-  const Cancellation late(absl::InfinitePast());
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
+  const Cancellation late(MonotonicTime::InfinitePast());
   std::unique_ptr<MemoryBudget::Reservation> owner;
   {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto reservation, budget.Reserve(10, never));
     owner = std::make_unique<MemoryBudget::Reservation>(std::move(reservation));
   }
-  const Cancellation soon(absl::Now() + kAWhile);
+  const Cancellation soon(MonotonicNow() + kAWhile);
   EXPECT_THAT(budget.Reserve(1, soon), StatusIs(absl::StatusCode::kDeadlineExceeded))
       << "what was moved from gave its bytes back";
   owner.reset();
@@ -360,11 +362,11 @@ TEST(MemoryBudgetTest, ReservationGoesWithItsOwner) {
 
 TEST(MemoryBudgetTest, CancellationAndDeadlineEndTheWait) {
   MemoryBudget budget(1000);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto most, budget.Reserve(999, never));
-  const Cancellation soon(absl::Now() + kAWhile);
+  const Cancellation soon(MonotonicNow() + kAWhile);
   EXPECT_THAT(budget.Reserve(2, soon), StatusIs(absl::StatusCode::kDeadlineExceeded));
-  EXPECT_GE(absl::Now(), soon.deadline());
+  EXPECT_GE(MonotonicNow(), soon.deadline());
 
   Cancellation cancellation;
   absl::Notification is_waiting;
@@ -385,14 +387,14 @@ TEST(MemoryBudgetTest, CancelledWorkGetsNothingEvenIfThereIsRoom) {
   Cancellation cancelled;
   cancelled.Cancel();
   EXPECT_THAT(budget.Reserve(1, cancelled), StatusIs(absl::StatusCode::kCancelled));
-  const Cancellation late(absl::InfinitePast());
+  const Cancellation late(MonotonicTime::InfinitePast());
   EXPECT_THAT(budget.Reserve(1, late), StatusIs(absl::StatusCode::kDeadlineExceeded));
 }
 
 TEST(MemoryBudgetTest, ManyThreadsTogetherNeverHoldMoreThanAllAndAllComeToAnEnd) {
   constexpr std::size_t kCapacity = 1000;
   MemoryBudget budget(kCapacity);
-  const Cancellation never(absl::Now() + kGiveUp);  // guards against a hang
+  const Cancellation never(MonotonicNow() + kGiveUp);  // guards against a hang
   std::atomic<std::size_t> held{0};
   std::atomic<int> granted{0};
   const auto work = [&](std::uint64_t seed) {
@@ -401,7 +403,7 @@ TEST(MemoryBudgetTest, ManyThreadsTogetherNeverHoldMoreThanAllAndAllComeToAnEnd)
           static_cast<std::size_t>(static_cast<double>(kCapacity + 1) * RandomUnit(seed, 2 * step));
       if (RandomUnit(seed, 2 * step + 1) < 0.1) {
         // Some give up.
-        const Cancellation soon(absl::Now() + absl::Microseconds(50));
+        const Cancellation soon(MonotonicNow() + absl::Microseconds(50));
         const auto reservation = budget.Reserve(bytes, soon);
         if (!reservation.ok()) {
           EXPECT_THAT(reservation, StatusIs(absl::StatusCode::kDeadlineExceeded));

@@ -1,11 +1,15 @@
 #include "core/base/mutex.h"
 
 #include <atomic>
+#include <cstdint>
 #include <thread>
 #include <vector>
 
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
+
+#include "core/base/monotonic_time.h"
+#include "tests/support/date_functions.h"
 
 namespace isoscope::base {
 namespace {
@@ -138,10 +142,31 @@ TEST(CondVarTest, ADeadlineEndsTheWait) {
   Mutex mutex;
   CondVar changed;
   const MutexLock lock(&mutex);
-  const absl::Time deadline = absl::Now() + absl::Milliseconds(20);
+  const MonotonicTime deadline = MonotonicNow() + absl::Milliseconds(20);
   EXPECT_FALSE(changed.AwaitUntil(&mutex, deadline, [] { return false; }));
-  EXPECT_GE(absl::Now(), deadline);
+  EXPECT_GE(MonotonicNow(), deadline);
   while (changed.WaitUntil(&mutex, deadline)) {
+  }
+}
+
+TEST(CondVarTest, AWaitKeepsItsTimeThoughTheDateJumps) {
+  for (const std::int64_t jump_seconds : {-3600, 3600}) {
+    Mutex mutex;
+    CondVar never;
+    const MonotonicTime begin = MonotonicNow();
+    std::thread sets([jump_seconds] {
+      absl::SleepFor(absl::Milliseconds(100));
+      testing::SetDateOffset(jump_seconds);
+    });
+    {
+      const MutexLock lock(&mutex);
+      const MonotonicTime end = begin + absl::Milliseconds(400);
+      EXPECT_FALSE(never.AwaitUntil(&mutex, end, [] { return false; }));
+    }
+    EXPECT_GE(MonotonicNow() - begin, absl::Milliseconds(400));
+    EXPECT_LT(MonotonicNow() - begin, absl::Minutes(10)) << "jump " << jump_seconds;
+    sets.join();
+    testing::SetDateOffset(0);
   }
 }
 
@@ -150,17 +175,18 @@ TEST(CondVarTest, APassedDeadlineStillAsksThePredicate) {
   CondVar changed;
   const MutexLock lock(&mutex);
   int calls = 0;
-  EXPECT_TRUE(changed.AwaitUntil(&mutex, absl::InfinitePast(), [&] { return ++calls > 0; }));
-  EXPECT_FALSE(changed.AwaitUntil(&mutex, absl::InfinitePast(), [] { return false; }));
-  EXPECT_FALSE(changed.WaitUntil(&mutex, absl::UnixEpoch()));
+  EXPECT_TRUE(
+      changed.AwaitUntil(&mutex, MonotonicTime::InfinitePast(), [&] { return ++calls > 0; }));
+  EXPECT_FALSE(changed.AwaitUntil(&mutex, MonotonicTime::InfinitePast(), [] { return false; }));
+  EXPECT_FALSE(changed.WaitUntil(&mutex, MonotonicTime()));
 }
 
 // Deadlines that overflow the nanoseconds of std::chrono or a timespec.
 TEST(CondVarTest, FarDeadlinesAreFar) {
-  for (const absl::Time deadline :
-       {absl::InfiniteFuture(), absl::FromUnixSeconds(0x7fffffffffffffff),
-        absl::FromUnixSeconds(9223372036), absl::FromUnixSeconds(9223372037),
-        absl::Now() + absl::Hours(24) * 365 * 1000}) {
+  for (const MonotonicTime deadline :
+       {MonotonicTime::InfiniteFuture(), MonotonicTime() + absl::Seconds(0x7fffffffffffffff),
+        MonotonicTime() + absl::Seconds(9223372036), MonotonicTime() + absl::Seconds(9223372037),
+        MonotonicNow() + absl::Hours(24) * 365 * 1000}) {
     Mutex mutex;
     CondVar changed;
     bool is_set = false;
@@ -178,7 +204,7 @@ TEST(CondVarTest, FarDeadlinesAreFar) {
       EXPECT_TRUE(changed.AwaitUntil(&mutex, deadline, [&] {
         waits = true;
         return is_set;
-      })) << deadline;
+      })) << deadline - MonotonicTime();
     }
     setter.join();
   }

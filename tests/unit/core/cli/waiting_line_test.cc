@@ -11,6 +11,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::cli {
@@ -25,7 +26,7 @@ class SharedText final : public std::streambuf {
   bool WaitFor(const std::string& part) {
     base::MutexLock lock(&mutex_);
     return written_.AwaitUntil(
-        &mutex_, absl::Now() + absl::Seconds(60),
+        &mutex_, base::MonotonicNow() + absl::Seconds(60),
         [&]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return text_.find(part) != std::string::npos; });
   }
   std::string Get() {

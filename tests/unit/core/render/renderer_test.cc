@@ -25,13 +25,13 @@
 #include <utility>
 #include <vector>
 
-#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/base/monotonic_time.h"
 #include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "core/image/normal_code.h"
@@ -586,7 +586,7 @@ TEST_P(RendererTest, ACancelledFrameEndsWithItsErrorAndLeavesTheNextAlone) {
 
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(pass, renderer_->BeginPass(view, scene.layout, SpecOf()));
   ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes.front()));
-  const base::Cancellation late(absl::Now() - absl::Seconds(1));
+  const base::Cancellation late(base::MonotonicNow() - absl::Seconds(1));
   EXPECT_THAT(pass->Finish(late), StatusIs(absl::StatusCode::kDeadlineExceeded, _));
 
   // A pass that is dropped with a batch in flight.

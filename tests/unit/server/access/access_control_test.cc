@@ -13,6 +13,7 @@
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 #include "server/cluster/dataset_catalog.h"
 #include "tests/support/certificates.h"
@@ -153,7 +154,7 @@ TEST_F(AccessControlTest, HiddenDatasetsAreAsIfTheyWereNotThere) {
 }
 
 TEST_F(AccessControlTest, FramesAreCountedAndMovingOnesLeaveOne) {
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   AccessGrant grant(WithRate(4), start);
   for (int i = 0; i < 3; ++i) {
     EXPECT_THAT(grant.TakeFrame(1, start), IsOk());
@@ -176,18 +177,18 @@ TEST_F(AccessControlTest, FramesAreCountedAndMovingOnesLeaveOne) {
 }
 
 TEST_F(AccessControlTest, ASlowRateStillAllowsOneFrameAtATime) {
-  AccessGrant grant(WithRate(0.1), absl::UnixEpoch());
-  EXPECT_THAT(grant.TakeFrame(1, absl::UnixEpoch()), IsOk());
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch() + absl::Seconds(9)), Not(IsOk()));
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch() + absl::Seconds(11)), IsOk());
+  AccessGrant grant(WithRate(0.1), base::MonotonicTime());
+  EXPECT_THAT(grant.TakeFrame(1, base::MonotonicTime()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime() + absl::Seconds(9)), Not(IsOk()));
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime() + absl::Seconds(11)), IsOk());
 }
 
 TEST_F(AccessControlTest, BytesAreCountedAfterwardsAndAnExcessIsWaitedFor) {
   AccessToken token;
   token.name = "n";
   token.max_bytes_per_second = 100;
-  const absl::Time start = absl::UnixEpoch();
+  const base::MonotonicTime start = base::MonotonicTime();
   AccessGrant grant(token, start);
   grant.CountBytes(999, start);  // ten seconds' worth may come at once
   EXPECT_THAT(grant.CheckBytes(start), IsOk());
@@ -201,13 +202,13 @@ TEST_F(AccessControlTest, BytesAreCountedAfterwardsAndAnExcessIsWaitedFor) {
 }
 
 TEST_F(AccessControlTest, AFrameThatIsGivenBackMayComeAgainAndNoMoreThanThat) {
-  AccessGrant grant(WithRate(2), absl::UnixEpoch());
+  AccessGrant grant(WithRate(2), base::MonotonicTime());
   grant.ReturnFrame();
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), Not(IsOk()));
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime()), Not(IsOk()));
   grant.ReturnFrame();
-  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime()), IsOk());
 }
 
 TEST_F(AccessControlTest, ConnectionsOfAHostAreOneCallerForWhatStaysOpen) {
@@ -234,8 +235,8 @@ TEST_F(AccessControlTest, AWithdrawnTokenTellsItsUsersOnceAndNotThoseWhoHaveLeft
     const WithdrawalWatch left = old.WhenWithdrawn([&] { ++told_wrongly; });
   }
   Write({Entry("kept", "*")});
-  const absl::Time end = absl::Now() + absl::Seconds(20);
-  while (told.load() == 0 && absl::Now() < end) {
+  const base::MonotonicTime end = base::MonotonicNow() + absl::Seconds(20);
+  while (told.load() == 0 && base::MonotonicNow() < end) {
     absl::SleepFor(absl::Milliseconds(5));
   }
   const WithdrawalWatch late = old.WhenWithdrawn([&] { ++told; });
@@ -299,8 +300,8 @@ TEST_F(AccessControlTest, AChangedFileCountsSoonAndOpenStreamsNotice) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller kept, access->Identify(WithToken("kept")));
   Write({Entry("kept", "head"), Entry("new", "*")});
   // Guards against a hang; it takes a kReloadInterval.
-  const absl::Time limit = absl::Now() + absl::Seconds(60);
-  while (access->CheckStillValid(old).ok() && absl::Now() < limit) {
+  const base::MonotonicTime limit = base::MonotonicNow() + absl::Seconds(60);
+  while (access->CheckStillValid(old).ok() && base::MonotonicNow() < limit) {
     absl::SleepFor(absl::Milliseconds(20));
   }
   EXPECT_THAT(access->CheckStillValid(old),
@@ -328,8 +329,8 @@ TEST_F(AccessControlTest, ManyThreadsAskWhileTheFileChanges) {
   std::vector<std::thread> threads;
   for (int i = 0; i < 4; ++i) {
     threads.emplace_back([&] {
-      const absl::Time end = absl::Now() + absl::Milliseconds(1500);
-      while (absl::Now() < end) {
+      const base::MonotonicTime end = base::MonotonicNow() + absl::Milliseconds(1500);
+      while (base::MonotonicNow() < end) {
         const absl::StatusOr<Caller> caller = access->Identify(WithToken("a"));
         ASSERT_THAT(caller, IsOk());
         caller->TakeFrame(true).IgnoreError();

@@ -12,6 +12,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/random.h"
 
 namespace isoscope::server {
@@ -21,7 +22,7 @@ using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 using Ticket = AdmissionQueue::Ticket;
 
-const absl::Time kStart = absl::FromUnixSeconds(1'000'000);
+const base::MonotonicTime kStart = base::MonotonicTime() + absl::Seconds(1'000'000);
 
 // A queue whose frames are known by names.
 class AdmissionQueueTest : public ::testing::Test {
@@ -32,7 +33,7 @@ class AdmissionQueueTest : public ::testing::Test {
 
   // Admits a frame and lets it wait; what that meant: "", "refused", or the frame that made room.
   std::string Come(const std::string& client, const std::string& name,
-                   absl::Time deadline = absl::InfiniteFuture()) {
+                   base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture()) {
     const AdmissionQueue::Answer answer = queue_->Admit(client, now_);
     delay_ = answer.retry_delay;
     if (!answer.ticket.has_value()) {
@@ -63,7 +64,7 @@ class AdmissionQueueTest : public ::testing::Test {
   }
 
   std::optional<AdmissionQueue> queue_;
-  absl::Time now_ = kStart;
+  base::MonotonicTime now_ = kStart;
   absl::Duration delay_;
   std::map<Ticket, std::string> names_;
 };
@@ -166,7 +167,7 @@ TEST_F(AdmissionQueueTest, WithMoreClientsThanPlacesThatComeAsToldAllAreServedAl
   constexpr int kClients = 64;
   constexpr absl::Duration kFrame = absl::Milliseconds(20);
   Start(4, 32);
-  std::vector<absl::Time> comes(kClients, kStart);
+  std::vector<base::MonotonicTime> comes(kClients, kStart);
   std::vector<int> served(kClients, 0);
   int refusals = 0;
   std::vector<Ticket> in_work;
@@ -180,12 +181,12 @@ TEST_F(AdmissionQueueTest, WithMoreClientsThanPlacesThatComeAsToldAllAreServedAl
     }
     in_work.clear();
     for (int client = 0; client < kClients; ++client) {
-      absl::Time& come = comes[static_cast<std::size_t>(client)];
+      base::MonotonicTime& come = comes[static_cast<std::size_t>(client)];
       if (come > now_) {
         continue;
       }
       const std::string room = Come(absl::StrCat("client ", client), absl::StrCat(client));
-      come = room == "refused" ? now_ + delay_ : absl::InfiniteFuture();
+      come = room == "refused" ? now_ + delay_ : base::MonotonicTime::InfiniteFuture();
       refusals += room.empty() ? 0 : 1;
       if (room != "refused" && !room.empty()) {
         comes[static_cast<std::size_t>(std::stoi(room))] = now_ + delay_;
@@ -212,7 +213,7 @@ TEST_F(AdmissionQueueTest, DeadlinesThatHavePassedLeaveAtOnceWhereverTheyWait) {
   EXPECT_THAT(queue_->Expire(now_ + absl::Seconds(3)), ElementsAre(TicketOf("b1"), TicketOf("a2")));
   EXPECT_EQ(queue_->next_deadline(), kStart + absl::Seconds(9));
   EXPECT_THAT(Drain(), ElementsAre("a1"));
-  EXPECT_EQ(queue_->next_deadline(), absl::InfiniteFuture());
+  EXPECT_EQ(queue_->next_deadline(), base::MonotonicTime::InfiniteFuture());
 }
 
 TEST_F(AdmissionQueueTest, WhoLeavesGivesItsPlaceBack) {

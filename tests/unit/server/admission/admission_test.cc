@@ -13,6 +13,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/retry_delay.h"
 #include "tests/support/status_matchers.h"
@@ -43,7 +44,7 @@ class Notification {
   }
   bool WaitForNotificationWithTimeout(absl::Duration timeout) {
     const base::MutexLock lock(&mutex_);
-    return change_.AwaitUntil(&mutex_, absl::Now() + timeout,
+    return change_.AwaitUntil(&mutex_, base::MonotonicNow() + timeout,
                               [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return has_come_; });
   }
   void WaitForNotification() { WaitForNotificationWithTimeout(absl::InfiniteDuration()); }
@@ -76,7 +77,7 @@ class AdmissionTest : public ::testing::Test {
 
   // Schedules a frame that notes its name.
   Frame* Come(const std::string& client, const std::string& name,
-              absl::Time deadline = absl::InfiniteFuture()) {
+              base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture()) {
     absl::StatusOr<Admission::Place> place = admission_->Admit(client);
     if (!place.ok()) {
       return nullptr;
@@ -105,7 +106,7 @@ class AdmissionTest : public ::testing::Test {
     ISOSCOPE_ASSERT_OK(place);
     const auto held = std::make_shared<Admission::Place>(*std::move(place));
     Notification begun;
-    admission_->Schedule(held->ticket(), absl::InfiniteFuture(),
+    admission_->Schedule(held->ticket(), base::MonotonicTime::InfiniteFuture(),
                          [this, held, &begun](const absl::Status& turn) {
                            ISOSCOPE_EXPECT_OK(turn);
                            begun.Notify();
@@ -172,7 +173,7 @@ TEST_F(AdmissionTest, ADeadlineThatPassesInTheLineEndsTheFrameWhileTheThreadsAre
   Start(1, 4);
   Hold("x");
   Come("a", "a1");
-  Frame* const late = Come("a", "a2", absl::Now() + absl::Milliseconds(30));
+  Frame* const late = Come("a", "a2", base::MonotonicNow() + absl::Milliseconds(30));
   late->ended.WaitForNotification();
   EXPECT_THAT(late->turn, StatusIs(absl::StatusCode::kDeadlineExceeded,
                                    AllOf(HasSubstr("waited"), HasSubstr(" ms for its turn"),
@@ -183,8 +184,8 @@ TEST_F(AdmissionTest, ADeadlineThatPassesInTheLineEndsTheFrameWhileTheThreadsAre
 TEST_F(AdmissionTest, AnEarlierDeadlineThatComesLaterIsNotMissed) {
   Start(1, 4);
   Hold("x");
-  Come("a", "a1", absl::Now() + absl::Hours(1));
-  Frame* const late = Come("b", "b1", absl::Now() + absl::Milliseconds(20));
+  Come("a", "a1", base::MonotonicNow() + absl::Hours(1));
+  Frame* const late = Come("b", "b1", base::MonotonicNow() + absl::Milliseconds(20));
   EXPECT_TRUE(late->ended.WaitForNotificationWithTimeout(absl::Seconds(60)));
 }
 
@@ -214,10 +215,11 @@ TEST_F(AdmissionTest, WhoCancelsUnderALockOfTheWorkDoesNotRunIt) {
   base::Mutex of_work;
   absl::StatusOr<Admission::Place> place = admission_->Admit("a");
   ISOSCOPE_ASSERT_OK(place);
-  admission_->Schedule(place->ticket(), absl::InfiniteFuture(), [&](const absl::Status&) {
-    { const base::MutexLock lock(&of_work); }
-    ended.Notify();
-  });
+  admission_->Schedule(place->ticket(), base::MonotonicTime::InfiniteFuture(),
+                       [&](const absl::Status&) {
+                         { const base::MutexLock lock(&of_work); }
+                         ended.Notify();
+                       });
   {
     const base::MutexLock lock(&of_work);
     admission_->Leave(place->ticket());
@@ -254,15 +256,17 @@ TEST_F(AdmissionTest, WorkThatSchedulesMoreWhileAllStopsIsTold) {
   const Admission::Ticket next = second->ticket();
   places->push_back(*std::move(first));
   places->push_back(*std::move(second));
-  admission->Schedule(first_ticket, absl::InfiniteFuture(), [&, places](const absl::Status&) {
-    begun.Notify();
-    release_.WaitForNotification();
-    admission->Schedule(next, absl::InfiniteFuture(), [&, places](const absl::Status& its_turn) {
-      turn = its_turn;
-      places->clear();
-      told.Notify();
-    });
-  });
+  admission->Schedule(first_ticket, base::MonotonicTime::InfiniteFuture(),
+                      [&, places](const absl::Status&) {
+                        begun.Notify();
+                        release_.WaitForNotification();
+                        admission->Schedule(next, base::MonotonicTime::InfiniteFuture(),
+                                            [&, places](const absl::Status& its_turn) {
+                                              turn = its_turn;
+                                              places->clear();
+                                              told.Notify();
+                                            });
+                      });
   begun.WaitForNotification();
   Frame* const waits = Come("a", "a3");
   std::thread stop([this] { admission_.reset(); });
@@ -279,7 +283,7 @@ TEST_F(AdmissionTest, APlaceThatIsDroppedWhileItWaitsRunsNothing) {
   {
     auto place = admission_->Admit("a");
     ISOSCOPE_ASSERT_OK(place);
-    admission_->Schedule(place->ticket(), absl::InfiniteFuture(),
+    admission_->Schedule(place->ticket(), base::MonotonicTime::InfiniteFuture(),
                          [](const absl::Status&) { FAIL() << "nobody waits for it"; });
   }
   EXPECT_EQ(admission_->counts().waiting, 0);
@@ -304,13 +308,14 @@ TEST_F(AdmissionTest, EveryFrameOfManyThreadsEndsExactlyOnce) {
         ++admitted;
         const Admission::Ticket ticket = place->ticket();
         const auto kept = std::make_shared<std::optional<Admission::Place>>(*std::move(place));
-        admission_->Schedule(
-            ticket, j % 3 == 0 ? absl::Now() + absl::Microseconds(50) : absl::InfiniteFuture(),
-            [&, kept](const absl::Status& turn) {
-              done += turn.ok() ? 1 : 0;
-              kept->reset();
-              ++ended;
-            });
+        admission_->Schedule(ticket,
+                             j % 3 == 0 ? base::MonotonicNow() + absl::Microseconds(50)
+                                        : base::MonotonicTime::InfiniteFuture(),
+                             [&, kept](const absl::Status& turn) {
+                               done += turn.ok() ? 1 : 0;
+                               kept->reset();
+                               ++ended;
+                             });
         if (j % 7 == 0) {
           admission_->Leave(ticket);
         }

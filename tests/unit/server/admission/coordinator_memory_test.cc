@@ -4,10 +4,10 @@
 #include <thread>
 #include <utility>
 
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/units.h"
 #include "tests/support/status_matchers.h"
 
@@ -103,7 +103,7 @@ TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
     ISOSCOPE_ASSERT_OK(taken);
     first.emplace(*std::move(taken));
   }
-  base::Cancellation short_time(absl::Now() + absl::Milliseconds(30));
+  base::Cancellation short_time(base::MonotonicNow() + absl::Milliseconds(30));
   EXPECT_THAT(memory.ReserveFrame(SpecOf(1024, 1024), Delivery::kWhole, short_time),
               StatusIs(absl::StatusCode::kDeadlineExceeded));
   std::thread waiting(
@@ -114,7 +114,7 @@ TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
 
 TEST(CoordinatorMemoryTest, AnExportOfManyAgentsLeavesFramesTheirs) {
   const base::Cancellation never;
-  const base::Cancellation soon(absl::Now() + absl::Seconds(5));
+  const base::Cancellation soon(base::MonotonicNow() + absl::Seconds(5));
   CoordinatorMemory memory(base::kGiB);
   {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mesh, memory.ReserveExport(80, never));
@@ -133,7 +133,7 @@ TEST(CoordinatorMemoryTest, ExportsWaitForOneAnother) {
   CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto first, memory.ReserveExport(8, never));
   EXPECT_EQ(first.bytes(), CoordinatorMemory::kExportAnswerBytes + 8 * base::kMiB);
-  base::Cancellation short_time(absl::Now() + absl::Milliseconds(30));
+  base::Cancellation short_time(base::MonotonicNow() + absl::Milliseconds(30));
   EXPECT_THAT(memory.ReserveExport(1, short_time), StatusIs(absl::StatusCode::kDeadlineExceeded));
   base::Cancellation cancelled;
   cancelled.Cancel();

@@ -21,6 +21,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/frame/picture_revision.h"
 #include "core/rpc/frame_convert.h"
@@ -153,7 +154,7 @@ class StuckLog {
   int pipe_[2] = {-1, -1};
 };
 
-absl::Time Soon() { return absl::Now() + absl::Seconds(20); }
+base::MonotonicTime Soon() { return base::MonotonicNow() + absl::Seconds(20); }
 
 TEST(AgentRegistryTest, BadEndpointsAreRefused) {
   FakeCluster cluster;
@@ -271,7 +272,7 @@ TEST(AgentRegistryTest, WaitsForAgentsThatComeLater) {
   cluster.Serve("a:1", {MakeShard("head", 0, 2)});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
                                 AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
-  EXPECT_THAT(registry->WaitUntilReady(absl::Now() + absl::Milliseconds(20)),
+  EXPECT_THAT(registry->WaitUntilReady(base::MonotonicNow() + absl::Milliseconds(20)),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("b:1")));
   std::thread starter([&] { cluster.Serve("b:1", {MakeShard("head", 1, 2)}); });
   ISOSCOPE_EXPECT_OK(registry->WaitUntilReady(Soon()));
@@ -344,8 +345,8 @@ TEST(AgentRegistryTest, AgentsComeAndGoWithAListAndABadListChangesNothing) {
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   const auto await_agents = [&](const std::vector<std::string>& expected) {
     std::vector<std::string> addresses;
-    const absl::Time limit = Soon();
-    while (addresses != expected && absl::Now() < limit) {
+    const base::MonotonicTime limit = Soon();
+    while (addresses != expected && base::MonotonicNow() < limit) {
       addresses.clear();
       for (const AgentState& agent : registry->agents()) {
         addresses.push_back(agent.address);
@@ -387,7 +388,7 @@ TEST(AgentRegistryTest, FramesShareTheDatasetAndKeepItWhenAgentsChange) {
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   AccessToken token;
   token.datasets = {"head"};
-  const Caller restricted(std::make_shared<AccessGrant>(token, absl::Now()));
+  const Caller restricted(std::make_shared<AccessGrant>(token, base::MonotonicNow()));
   const base::Cancellation soon(Soon());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, registry->FindComplete("head", soon));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, registry->FindComplete("", soon, restricted));
@@ -414,8 +415,8 @@ TEST(AgentRegistryTest, AReaderOfTheLogThatHangsHoldsNoFrame) {
     const StuckLog stuck;
     cluster.Stop("b:1");  // the registry has a line to write
     has_seen_it = std::async(std::launch::async, [&] {
-      const absl::Time limit = Soon();
-      while (absl::Now() < limit) {
+      const base::MonotonicTime limit = Soon();
+      while (base::MonotonicNow() < limit) {
         const auto found = registry->Find("head");
         if (found.ok() && !(*found)->status.ok()) {
           return true;
@@ -436,13 +437,13 @@ TEST(AgentRegistryTest, NamesThatNobodyServesDoNotKeepAskingTheAgents) {
                                 AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   const base::Cancellation never;
-  const absl::Time start = absl::Now();
+  const base::MonotonicTime start = base::MonotonicNow();
   const int before = cluster.probe_count();
   for (int i = 0; i < 100; ++i) {
     EXPECT_THAT(registry->FindComplete("haed", never), StatusIs(absl::StatusCode::kNotFound));
   }
   const auto intervals =
-      static_cast<int>((absl::Now() - start) / AgentRegistry::kMissingNameInterval);
+      static_cast<int>((base::MonotonicNow() - start) / AgentRegistry::kMissingNameInterval);
   EXPECT_LE(cluster.probe_count() - before, 1 + intervals);
 
   // One call looks again after the interval, and waits. The others don't.

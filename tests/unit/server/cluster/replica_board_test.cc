@@ -10,6 +10,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 namespace {
 
@@ -51,7 +53,7 @@ std::vector<std::string> ReplicasOf(const FramePart& part) {
   return addresses;
 }
 
-const absl::Time kNow = absl::FromUnixSeconds(1'000'000);
+const base::MonotonicTime kNow = base::MonotonicTime() + absl::Seconds(1'000'000);
 
 // Sets of one shard each have no share to keep: only their ranks spread them.
 TEST(ReplicaBoardTest, EachShardRanksItsAgentsAnew) {
@@ -168,13 +170,13 @@ TEST(ReplicaBoardTest, AnAgentInTroubleComesLastForLongerEachTimeUntilItSucceeds
   ReplicaBoard board;
   const std::vector<ReplicaSet> sets = {SetOf({0}, {"a", "b", "c"})};
   const std::string preferred = board.Choose(sets, "key", kNow)[0].replicas[0].address;
-  const auto is_last = [&](absl::Time now) {
+  const auto is_last = [&](base::MonotonicTime now) {
     return board.Choose(sets, "key", now)[0].replicas.back().address == preferred;
   };
-  const auto is_first = [&](absl::Time now) {
+  const auto is_first = [&](base::MonotonicTime now) {
     return board.Choose(sets, "key", now)[0].replicas.front().address == preferred;
   };
-  absl::Time now = kNow;
+  base::MonotonicTime now = kNow;
   for (const int seconds : {1, 2, 4, 8, 16, 30, 30}) {
     board.NoteTrouble(preferred, now);
     EXPECT_TRUE(is_last(now + absl::Seconds(seconds) - absl::Milliseconds(1)));

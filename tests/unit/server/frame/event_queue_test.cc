@@ -20,6 +20,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "tests/support/event_table.h"
 #include "tests/support/memory_failure.h"
 #include "tests/support/status_matchers.h"
@@ -66,7 +67,7 @@ class Table {
     const std::vector<std::string> words = absl::StrSplit(event, ' ');
     if (words[0] == "pop") {
       const absl::StatusOr<std::deque<FrameEvent>> events =
-          queue_.PopAll(absl::InfinitePast(), cancellation_);
+          queue_.PopAll(base::MonotonicTime::InfinitePast(), cancellation_);
       return events.ok() ? TextOf(*events) : absl::StatusCodeToString(events.status().code());
     }
     if (words[0] == "take") {
@@ -218,12 +219,13 @@ TEST(EventQueueTest, ACancelledFrameLeavesItsEventsToBeTaken) {
 
 TEST(EventQueueTest, AWaitEndsAtTheDeadlineOrWithACancellation) {
   EventQueue queue;
-  const base::Cancellation passes(absl::Now() + absl::Milliseconds(1));
-  EXPECT_THAT(queue.PopAll(absl::InfiniteFuture(), passes),
+  const base::Cancellation passes(base::MonotonicNow() + absl::Milliseconds(1));
+  EXPECT_THAT(queue.PopAll(base::MonotonicTime::InfiniteFuture(), passes),
               StatusIs(absl::StatusCode::kDeadlineExceeded));
   base::Cancellation cancellation;
   absl::Status ended;
-  std::thread frame([&] { ended = queue.PopAll(absl::InfiniteFuture(), cancellation).status(); });
+  std::thread frame(
+      [&] { ended = queue.PopAll(base::MonotonicTime::InfiniteFuture(), cancellation).status(); });
   absl::SleepFor(absl::Milliseconds(5));  // most likely it sleeps by now
   cancellation.Cancel();
   frame.join();
@@ -245,7 +247,7 @@ TEST(EventQueueTest, EventsOfManyThreadsWakeTheFrameOnceAndKeepTheirOrder) {
     });
   }
   const absl::StatusOr<std::deque<FrameEvent>> events =
-      queue.PopAll(absl::InfiniteFuture(), base::Cancellation());
+      queue.PopAll(base::MonotonicTime::InfiniteFuture(), base::Cancellation());
   for (std::thread& agent : agents) {
     agent.join();
   }
@@ -274,7 +276,7 @@ TEST(EventQueueTest, AnEventThatNoMemoryIsLeftForFailsTheFrame) {
     ASSERT_TRUE(failure.has_come());
   }
   EXPECT_TRUE(queue.is_ready());
-  EXPECT_THAT(queue.PopAll(absl::InfiniteFuture(), base::Cancellation()),
+  EXPECT_THAT(queue.PopAll(base::MonotonicTime::InfiniteFuture(), base::Cancellation()),
               StatusIs(absl::StatusCode::kResourceExhausted));
   EXPECT_EQ(queue.TakeAll().size(), kEvents - 1);
 }
@@ -283,7 +285,7 @@ TEST(QueueingListenerTest, EachWordBringsItsContent) {
   ReadGate gate(100);
   EventQueue queue;
   QueueingListener listener({3, 1}, FrameStage::kSelectingOccluders, &queue, &gate);
-  const absl::Time begin = absl::Now();
+  const base::MonotonicTime begin = base::MonotonicNow();
   listener.OnRayHits({5, 9}, {5, 7, 9});
   listener.OnPixels({"one", "two"});
   listener.OnDrawnPixels({.image = image::FrameImage(4, 3), .layers = {}, .memory = nullptr});

@@ -15,13 +15,13 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/global_control.h>
 #include <sys/resource.h>
 
 #include "core/base/memory_budget.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -376,7 +376,8 @@ TEST_F(FrameCoordinatorTest, AgentsThatWaitForTheMemoryOfQueuedPixelsGoOnWithout
       base::TaskArena arena(arena_width);
       used_arena_ = &arena;
       // A frame that hangs fails then.
-      cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(20));
+      cancellation_ =
+          std::make_unique<base::Cancellation>(base::MonotonicNow() + absl::Seconds(20));
       base::MemoryBudget budget(2);
       const auto send = [&](const image::FrameImage& image, Agent* self) -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, budget.Reserve(1, *cancellation_));
@@ -529,7 +530,8 @@ TEST_F(FrameCoordinatorTest, DeadlineDoesNotNameAgentsWhoseAnswersHadCome) {
     self.coordinator().OnRayHits({1}, {});
     return self.AwaitCancel();
   };
-  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(300));
+  cancellation_ =
+      std::make_unique<base::Cancellation>(base::MonotonicNow() + absl::Milliseconds(300));
   EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers}),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
                        EndsWith("not answered: agent agent-1 (shard 1)")));
@@ -685,7 +687,7 @@ TEST_F(ReplicaTest, APartWhoseAgentNoLongerAnswersIsTriedBesideItAtAnyStep) {
 
 TEST_F(ReplicaTest, ASlowPartIsHedgedIfThatIsAllowed) {
   // Without hedging, an error rather than a hang.
-  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(60));
+  cancellation_ = std::make_unique<base::Cancellation>(base::MonotonicNow() + absl::Seconds(60));
   may_hedge_ = [&](int part, int replica) { return part == 1 && replica == 1; };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const FrameResult result,

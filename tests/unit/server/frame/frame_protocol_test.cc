@@ -23,6 +23,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 #include "tests/support/event_table.h"
 
@@ -31,7 +32,7 @@ namespace {
 
 using ::testing::ElementsAre;
 
-constexpr absl::Time kBegin = absl::UnixEpoch();
+constexpr base::MonotonicTime kBegin = base::MonotonicTime();
 
 struct Word {
   AgentWord word = AgentWord::kEnd;
@@ -77,7 +78,7 @@ std::string StageName(FrameStage stage) {
 class Table {
  public:
   Table(std::vector<int> replica_counts, FrameStage first_stage,
-        absl::Time deadline = absl::InfiniteFuture())
+        base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture())
       : setup_{.replica_counts = std::move(replica_counts),
                .is_lost =
                    [this](int part, int replica) {
@@ -220,7 +221,7 @@ std::vector<std::string> Prelude(absl::string_view name) {
 
 // Tells a new protocol the rows, and expects that its report has been read.
 void Check(FrameStage first_stage, const std::vector<int>& replica_counts, absl::string_view rows,
-           absl::Time deadline = absl::InfiniteFuture()) {
+           base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture()) {
   Table table(replica_counts, first_stage, deadline);
   testing::CheckEvents(rows, [&](const std::string& event) {
     if (!absl::StartsWith(event, "[")) {

@@ -8,6 +8,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/task_arena.h"
 #include "tests/support/status_matchers.h"
 
@@ -63,7 +64,7 @@ TEST(FrameRunnerTest, ScheduledWorkRuns) {
   absl::Notification ran;
   auto place = runner.Admit(kClient, SpecOf(64), Delivery::kWhole);
   ISOSCOPE_ASSERT_OK(place);
-  runner.admission()->Schedule(place->ticket(), absl::InfiniteFuture(),
+  runner.admission()->Schedule(place->ticket(), base::MonotonicTime::InfiniteFuture(),
                                [&](const absl::Status& turn) {
                                  ISOSCOPE_EXPECT_OK(turn);
                                  EXPECT_EQ(runner.gauges().waiting_clients, 0);

@@ -20,6 +20,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/monotonic_time.h"
 #include "tests/support/event_table.h"
 
 namespace isoscope::server {
@@ -115,7 +116,7 @@ class Table {
     return absl::StrCat(kind, " ", message->sequence_number(), " as ", message->frame_number());
   }
 
-  absl::Time now_ = absl::UnixEpoch();
+  base::MonotonicTime now_ = base::MonotonicTime();
   base::MemoryBudget budget_{1000};
   InteractiveSchedule schedule_;
   InteractOutbox outbox_{&schedule_};
@@ -262,8 +263,8 @@ TEST(InteractOutboxTest, OnlyTheLastThousandUnshownFramesAreKept) {
     InteractAnswer answer;
     answer.message.set_sequence_number(i);
     answer.message.mutable_frame();
-    outbox.Push(std::move(answer), absl::UnixEpoch());
-    ASSERT_NE(outbox.BeginWrite(absl::UnixEpoch()), nullptr);
+    outbox.Push(std::move(answer), base::MonotonicTime());
+    ASSERT_NE(outbox.BeginWrite(base::MonotonicTime()), nullptr);
     outbox.EndWrite();
   }
   EXPECT_FALSE(outbox.IsUnshownMoving(1));

@@ -4,12 +4,14 @@
 
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 namespace {
 
 using Schedule = InteractiveSchedule;
 
-absl::Time At(double ms) { return absl::UnixEpoch() + absl::Milliseconds(ms); }
+base::MonotonicTime At(double ms) { return base::MonotonicTime() + absl::Milliseconds(ms); }
 
 // Begins what the schedule says, and returns it; work 0 if there is nothing.
 FrameStart StartAt(Schedule* schedule, double ms) {
@@ -29,7 +31,7 @@ TEST(InteractiveScheduleTest, NothingIsDrawnBeforeTheFirstState) {
   Schedule schedule;
   const Schedule::Step step = schedule.Next(At(0));
   EXPECT_FALSE(step.start.has_value());
-  EXPECT_EQ(step.wake, absl::InfiniteFuture());
+  EXPECT_EQ(step.wake, base::MonotonicTime::InfiniteFuture());
 }
 
 TEST(InteractiveScheduleTest, AStateIsDrawnMovingAtOnceAndExactOnceItRests) {

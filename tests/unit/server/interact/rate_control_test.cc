@@ -6,10 +6,12 @@
 
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
+
 namespace isoscope::server {
 namespace {
 
-absl::Time At(double ms) { return absl::UnixEpoch() + absl::Milliseconds(ms); }
+base::MonotonicTime At(double ms) { return base::MonotonicTime() + absl::Milliseconds(ms); }
 
 constexpr double kPeriodMs = 1000.0 / 30;
 
@@ -31,7 +33,7 @@ int ShowFrames(RateControl* rate, double begin_s, double seconds, const DelayMs&
 // A connection that was bad for an hour is tried anew within kMaxHold.
 TEST(QualityLadderTest, TheWaitForAFinerStepIsBounded) {
   QualityLadder ladder(3);
-  absl::Time now = absl::FromUnixSeconds(1'000'000);
+  base::MonotonicTime now = base::MonotonicTime() + absl::Seconds(1'000'000);
   ladder.StartAt(1);
   ladder.OnLoad(9, 9, now);
   for (int round = 0; round < 20; ++round) {

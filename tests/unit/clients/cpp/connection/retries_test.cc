@@ -9,6 +9,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 #include "tests/support/status_matchers.h"
 
@@ -27,10 +28,10 @@ class Answers {
  public:
   explicit Answers(std::vector<absl::Status> statuses) : statuses_(std::move(statuses)) {}
   absl::Status operator()() {
-    times.push_back(absl::Now());
+    times.push_back(base::MonotonicNow());
     return statuses_.at(times.size() - 1);
   }
-  std::vector<absl::Time> times;
+  std::vector<base::MonotonicTime> times;
 
  private:
   const std::vector<absl::Status> statuses_;
@@ -41,7 +42,8 @@ TEST(RetriesTest, ARefusedCallIsMadeAgainWhenItWasToldToCome) {
   const RetryCounts before = CountRetries();
   Answers answers(
       {Refusal(absl::Milliseconds(30)), Refusal(absl::ZeroDuration()), absl::OkStatus()});
-  EXPECT_THAT(CallWithRetries(absl::InfiniteFuture(), never, std::ref(answers)), IsOk());
+  EXPECT_THAT(CallWithRetries(base::MonotonicTime::InfiniteFuture(), never, std::ref(answers)),
+              IsOk());
   ASSERT_EQ(answers.times.size(), 3U);
   EXPECT_GE(answers.times[1] - answers.times[0], absl::Milliseconds(29));
   EXPECT_EQ(CountRetries().refusals - before.refusals, 2);
@@ -53,17 +55,18 @@ TEST(RetriesTest, OtherErrorsAndRefusalsWithoutATimeAreFinal) {
   for (const absl::Status& status : {absl::ResourceExhaustedError("can never fit"),
                                      absl::UnavailableError("gone"), absl::DataLossError("torn")}) {
     Answers answers({status});
-    EXPECT_EQ(CallWithRetries(absl::InfiniteFuture(), never, std::ref(answers)), status);
+    EXPECT_EQ(CallWithRetries(base::MonotonicTime::InfiniteFuture(), never, std::ref(answers)),
+              status);
   }
 }
 
 TEST(RetriesTest, ATimeThatIsNotBeforeTheDeadlineIsFinal) {
   const base::Cancellation never;
   Answers answers({Refusal(absl::Seconds(10))});
-  EXPECT_THAT(CallWithRetries(absl::Now() + absl::Seconds(5), never, std::ref(answers)),
+  EXPECT_THAT(CallWithRetries(base::MonotonicNow() + absl::Seconds(5), never, std::ref(answers)),
               StatusIs(absl::StatusCode::kResourceExhausted));
   Answers hour({Refusal(absl::Hours(1))});
-  EXPECT_THAT(CallWithRetries(absl::InfiniteFuture(), never, std::ref(hour)),
+  EXPECT_THAT(CallWithRetries(base::MonotonicTime::InfiniteFuture(), never, std::ref(hour)),
               StatusIs(absl::StatusCode::kResourceExhausted))
       << "nobody waits for an hour without saying so";
 }
@@ -75,7 +78,7 @@ TEST(RetriesTest, AnInterruptEndsTheWaitAtOnce) {
     absl::SleepFor(absl::Milliseconds(20));
     interrupt.Cancel();
   });
-  EXPECT_THAT(CallWithRetries(absl::InfiniteFuture(), interrupt, std::ref(answers)),
+  EXPECT_THAT(CallWithRetries(base::MonotonicTime::InfiniteFuture(), interrupt, std::ref(answers)),
               StatusIs(absl::StatusCode::kCancelled));
   canceller.join();
 }
