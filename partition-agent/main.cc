@@ -189,7 +189,7 @@ absl::Status FinishStart(const Started& started, const base::Cancellation& cance
     ISOSCOPE_RETURN_IF_ERROR(started.server->Open(cancellation, settle));
   }
   base::LogInfo("agent_started", {{"address", started.address},
-                                  {"shards", started.server->shard_summary()},
+                                  {"shards", base::OwnText{started.server->shard_summary()}},
                                   {"renderer", options.renderer->description()},
                                   {"threads", options.arena->max_concurrency()},
                                   {"version", base::Version()}});

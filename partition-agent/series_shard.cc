@@ -140,7 +140,7 @@ void SeriesShard::RefreshAlone() {
     if (std::string error = shard.status().ToString(); error != last_error_) {
       last_error_ = std::move(error);
       base::LogWarning("series_not_read_again",
-                       {{"directory", directory_}, {"status", shard.status()}});
+                       {{"directory", base::OwnText{directory_}}, {"status", shard.status()}});
     }
     return;  // with the old stamp: the next call tries again
   }

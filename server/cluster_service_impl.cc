@@ -103,8 +103,8 @@ isoscope::v1::FrameInWork::Step ToProto(FrameStep step) {
 isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, base::MonotonicTime now) {
   isoscope::v1::FrameInWork proto;
   proto.set_request_id(frame.note.request_id);
-  proto.set_client(frame.note.client);
-  proto.set_dataset(frame.note.dataset);
+  proto.set_client(frame.note.client.text());
+  proto.set_dataset(frame.note.dataset.text());
   proto.mutable_extent()->set_width_px(frame.note.width_px);
   proto.mutable_extent()->set_height_px(frame.note.height_px);
   proto.set_step(ToProto(frame.step));
@@ -166,7 +166,7 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     const base::MonotonicTime now = base::MonotonicNow();
     *response->mutable_load() = LoadOf(runner_, now - start_);
     for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
-      if (caller.MaySee(frame.note.dataset)) {
+      if (caller.MaySee(frame.note.dataset.text())) {
         isoscope::v1::FrameInWork& added = *response->add_frames();
         added = ToProto(frame, now);
         if (!caller.name().empty()) {

@@ -146,7 +146,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                             }));
   base::LogInfo("coordinator_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
-                 {"agents", absl::StrJoin(flags.agents, ",")},
+                 {"agents", base::OwnText{absl::StrJoin(flags.agents, ",")}},
                  {"version", base::Version()}});
   return [server = std::move(server), metrics = std::move(metrics)](absl::Duration grace) {
     server->Shutdown(grace);

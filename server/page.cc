@@ -7,6 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 
+#include "core/base/printable.h"
+
 namespace isoscope::server {
 
 absl::StatusOr<Page> Page::Make(absl::string_view list, std::int32_t size,
@@ -24,10 +26,9 @@ absl::StatusOr<Page> Page::Make(absl::string_view list, std::int32_t size,
     // A token has exactly one encoding, and the prefix of its list.
     if (!is_text || absl::WebSafeBase64Escape(text) != token ||
         !absl::ConsumePrefix(&name, absl::StrCat(list, ":")) || name.empty()) {
-      constexpr std::size_t kMaxShownBytes = 64;
       return absl::InvalidArgumentError(
-          absl::StrCat("page_token is \"", absl::CHexEscape(token.substr(0, kMaxShownBytes)),
-                       "\": must be next_page_token of the page before, or empty"));
+          absl::StrCat("page_token is ", base::Quoted(token),
+                       ": must be next_page_token of the page before, or empty"));
     }
     after = std::string(name);
   }

@@ -10,7 +10,9 @@
 #include "absl/time/time.h"
 #include <nlohmann/json.hpp>
 
+#include "core/base/printable.h"
 #include "core/base/retry_delay.h"
+#include "core/rpc/grpc_status.h"
 
 namespace isoscope::gateway {
 
@@ -52,16 +54,14 @@ HttpResponse ErrorResponse(const absl::Status& status) {
 
 HttpResponse ErrorResponse(const absl::Status& status, int http_status) {
   nlohmann::ordered_json json = {{"code", absl::StatusCodeToString(status.code())},
-                                 {"message", absl::StrCat(status.message())}};
+                                 {"message", rpc::BoundedMessage(status.message())}};
   const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
   if (delay.has_value()) {
     json["retry_delay_ms"] = absl::ToInt64Milliseconds(*delay);
   }
   constexpr int kOneLine = -1;
   HttpResponse response =
-      JsonResponse(absl::StrCat(json.dump(kOneLine, ' ', /*ensure_ascii=*/false,
-                                          nlohmann::ordered_json::error_handler_t::replace),
-                                "\n"));
+      JsonResponse(absl::StrCat(base::PrintableJson(json.dump(kOneLine)), "\n"));
   response.status = http_status;
   if (delay.has_value()) {
     const std::int64_t seconds = absl::ToInt64Seconds(absl::Ceil(*delay, absl::Seconds(1)));

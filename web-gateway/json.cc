@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/check.h"
+#include "core/base/printable.h"
 
 namespace isoscope::gateway {
 
@@ -29,10 +30,9 @@ absl::Status FromJson(absl::string_view json, google::protobuf::Message* message
   if (status.ok()) {
     return absl::OkStatus();
   }
-  constexpr std::size_t kMaxReasonBytes = 300;
-  const std::string reason = status.message().as_string().substr(0, kMaxReasonBytes);
   return absl::InvalidArgumentError(
-      absl::StrCat("this is no JSON of a ", message->GetDescriptor()->name(), ": ", reason));
+      absl::StrCat("this is no JSON of a ", message->GetDescriptor()->name(), ": ",
+                   base::Printable(base::CutText(status.message().as_string()))));
 }
 
 }  // namespace isoscope::gateway

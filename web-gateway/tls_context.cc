@@ -71,7 +71,7 @@ std::shared_ptr<ssl::context> TlsContext::Get(base::MonotonicTime now) {
       state_ = std::move(state);
       const absl::Status status = Load();
       if (status.ok()) {
-        base::LogInfo("certificate_read", {{"file", certificate_file_}});
+        base::LogInfo("certificate_read", {{"file", base::OwnText{certificate_file_}}});
       } else {
         base::LogWarning("certificate_not_read", {{"status", status}});
       }

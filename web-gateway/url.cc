@@ -4,18 +4,16 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::gateway {
 namespace {
-
-constexpr std::size_t kMaxQuotedBytes = 100;
 
 int HexDigit(char c) {
   if (c >= '0' && c <= '9') {
@@ -121,10 +119,7 @@ absl::StatusOr<Target> ParseTarget(absl::string_view target) {
   return parsed;
 }
 
-std::string Quoted(absl::string_view text) {
-  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)),
-                      text.size() > kMaxQuotedBytes ? "...'" : "'");
-}
+std::string Quoted(absl::string_view text) { return base::Quoted(text, '\''); }
 
 std::string EscapeQueryValue(absl::string_view text) {
   std::string escaped;

@@ -33,7 +33,7 @@ struct Target {
 // more than kMaxQueryParameters parameters.
 absl::StatusOr<Target> ParseTarget(absl::string_view target);
 
-// Returns a client's text in quotes, its bytes escaped; a long one is cut to 100 bytes and "...".
+// Returns a client's text between ', bounded and escaped: base::Quoted.
 std::string Quoted(absl::string_view text);
 
 // Escapes all bytes but letters, digits, '-', '_', '.', '~', ',' and ':', for a value in a query.

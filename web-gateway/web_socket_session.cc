@@ -23,6 +23,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/log.h"
+#include "core/base/printable.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "web-gateway/frame_message.h"
 #include "web-gateway/http_session.h"
@@ -42,8 +43,9 @@ constexpr std::uint16_t kGoingAway = 1001;
 constexpr std::uint16_t kPolicyError = 1008;
 constexpr std::uint16_t kInternalError = 1011;
 
-// Cuts UTF-8 to a length at a character boundary.
-absl::string_view CutText(absl::string_view text, std::size_t max_bytes) {
+// Returns the first whole characters of UTF-8 that fit: the reason of a close has room for no
+// remark.
+absl::string_view FittingPart(absl::string_view text, std::size_t max_bytes) {
   if (text.size() <= max_bytes) {
     return text;
   }
@@ -204,7 +206,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       return;
     }
     is_closing_ = true;
-    const absl::string_view cut = CutText(reason, PeerStream::kMaxReasonBytes);
+    const std::string text = base::ValidUtf8(reason);
     base::LogInfo("viewer_closed", {{"request", identity_.request_id()},
                                     {"code", static_cast<int>(code)},
                                     {"reason", reason}});
@@ -212,7 +214,8 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       stream_->Cancel();
     }
     DropAfter(kCloseTimeout);
-    socket_->CloseWebSocket(code, cut, [self = shared_from_this()] { self->Finish(); });
+    socket_->CloseWebSocket(code, FittingPart(text, PeerStream::kMaxReasonBytes),
+                            [self = shared_from_this()] { self->Finish(); });
   }
 
   // Ends everything; harmless when called again.

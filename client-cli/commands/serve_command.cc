@@ -72,7 +72,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
     base::LogWarning("insecure", {{"note", "plaintext: whoever reaches the network may read it"}});
   }
   base::LogInfo("serving", {{"address", address},
-                            {"directory", options.dataset_directory},
+                            {"directory", base::OwnText{options.dataset_directory}},
                             {"shards", cluster->shard_count()},
                             {"renderer", cluster->renderer_description()}});
   *context.out << address << std::endl;

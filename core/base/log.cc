@@ -1,6 +1,5 @@
 #include "core/base/log.h"
 
-#include <algorithm>
 #include <atomic>
 #include <memory>
 
@@ -47,31 +46,11 @@ spdlog::level::level_enum ToSpdlog(LogLevel level) {
 }
 
 void AppendValue(absl::string_view value, std::string* line) {
-  if (!value.empty() && value.find_first_of(" \"\\=\n\r\t") == absl::string_view::npos) {
+  if (!value.empty() && value.find_first_of(" =") == absl::string_view::npos && IsPlain(value)) {
     line->append(value.data(), value.size());
-    return;
+  } else {
+    absl::StrAppend(line, "\"", Escaped(value), "\"");
   }
-  line->push_back('"');
-  for (const char c : value) {
-    switch (c) {
-      case '\n':
-        line->append("\\n");
-        break;
-      case '\r':
-        line->append("\\r");
-        break;
-      case '\t':
-        line->append("\\t");
-        break;
-      case '"':
-      case '\\':
-        line->push_back('\\');
-        [[fallthrough]];
-      default:
-        line->push_back(c);
-    }
-  }
-  line->push_back('"');
 }
 
 }  // namespace
@@ -82,23 +61,6 @@ void SetLogFormat(LogFormat format) {
   Logger().set_pattern(format == LogFormat::kJson ? kJsonPattern : kTextPattern,
                        spdlog::pattern_time_type::utc);
   log_format.store(format);
-}
-
-std::string JsonString(absl::string_view text) {
-  std::string quoted = "\"";
-  while (!text.empty()) {
-    const std::size_t plain = std::min(text.find_first_of("\n\r\t\"\\"), text.size());
-    quoted += Printable(text.substr(0, plain));
-    text.remove_prefix(plain);
-    if (!text.empty()) {
-      const char c = text[0];
-      quoted += '\\';
-      quoted += c == '\n' ? 'n' : c == '\r' ? 'r' : c == '\t' ? 't' : c;
-      text.remove_prefix(1);
-    }
-  }
-  quoted += '"';
-  return quoted;
 }
 
 std::string FormatLogJson(absl::string_view event, std::initializer_list<LogField> fields) {
@@ -115,8 +77,7 @@ std::string FormatLogLine(absl::string_view event, std::initializer_list<LogFiel
     absl::StrAppend(&line, " ", field.key, "=");
     AppendValue(field.value, &line);
   }
-  // Control characters that remain could steer the terminal that shows the log.
-  return Printable(line);
+  return line;
 }
 
 void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField> fields) {

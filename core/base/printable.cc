@@ -1,8 +1,11 @@
 #include "core/base/printable.h"
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
 namespace isoscope::base {
@@ -41,11 +44,87 @@ Character FirstOf(absl::string_view text) {
   return is_wrong ? Character{} : Character{.size = size, .code = code, .is_valid = true};
 }
 
-bool IsControl(char32_t code) { return code < 0x20 || (code >= 0x7f && code < 0xa0); }
+// Characters that steer whoever shows them: a terminal, a pager, a browser. First and last of each
+// range, ascending.
+struct SteeringRange {
+  char32_t first;
+  char32_t last;
+};
+constexpr std::array<SteeringRange, 8> kSteering = {{{0, 0x1f},
+                                                     {0x7f, 0x9f},
+                                                     {0x61c, 0x61c},
+                                                     {0x200e, 0x200f},
+                                                     {0x2028, 0x2029},
+                                                     {0x202a, 0x202e},
+                                                     {0x2066, 0x2069},
+                                                     {0xe0000, 0xe007f}}};
+
+bool IsSteering(char32_t code) {
+  return std::any_of(kSteering.begin(), kSteering.end(), [code](const SteeringRange& range) {
+    return code >= range.first && code <= range.last;
+  });
+}
 
 bool IsWhiteSpace(char c) { return c == '\t' || c == '\n' || c == '\r'; }
 
+bool NeedsEscape(const Character& character) {
+  return !character.is_valid || character.code == '"' || character.code == '\\' ||
+         IsSteering(character.code);
+}
+
+// As JSON and C++ write it: \n \r \t \" \\, \u001b. REQUIRES: code < 0x10000
+void AppendShortEscape(char32_t code, std::string* out) {
+  switch (code) {
+    case '\n':
+      out->append("\\n");
+      break;
+    case '\r':
+      out->append("\\r");
+      break;
+    case '\t':
+      out->append("\\t");
+      break;
+    case '"':
+    case '\\':
+      out->push_back('\\');
+      out->push_back(static_cast<char>(code));
+      break;
+    default:
+      absl::StrAppendFormat(out, "\\u%04x", static_cast<unsigned>(code));
+  }
+}
+
+// JSON has no longer escapes: two of UTF-16 stand for one beyond U+FFFF.
+void AppendJsonEscape(const Character& character, std::string* out) {
+  if (!character.is_valid) {
+    out->append("\\ufffd");
+  } else if (character.code < 0x10000) {
+    AppendShortEscape(character.code, out);
+  } else {
+    const char32_t rest = character.code - 0x10000;
+    AppendShortEscape(0xd800 + (rest >> 10U), out);
+    AppendShortEscape(0xdc00 + (rest & 0x3ffU), out);
+  }
+}
+
 }  // namespace
+
+std::string CutText(absl::string_view text, std::size_t max_bytes) {
+  if (text.size() <= max_bytes) {
+    return std::string(text);
+  }
+  // Of a character that would be cut, the first byte is at most three bytes before the cut.
+  constexpr std::size_t kMaxLaterBytes = 3;
+  std::size_t end = max_bytes;
+  for (std::size_t back = 1; back <= std::min(kMaxLaterBytes, max_bytes); ++back) {
+    const Character character = FirstOf(text.substr(max_bytes - back));
+    if (character.is_valid) {
+      end = character.size > back ? max_bytes - back : max_bytes;
+      break;
+    }
+  }
+  return absl::StrCat(text.substr(0, end), "... (cut, ", text.size(), " bytes)");
+}
 
 std::string Printable(absl::string_view text) {
   std::string printable;
@@ -57,7 +136,7 @@ std::string Printable(absl::string_view text) {
       text.remove_prefix(absl::StartsWith(text, "\r\n") ? 2 : 1);
       continue;
     }
-    if (!character.is_valid || IsControl(character.code)) {
+    if (!character.is_valid || IsSteering(character.code)) {
       printable += kReplacement;
     } else {
       printable.append(text.data(), character.size);
@@ -77,13 +156,79 @@ std::string PrintableAscii(absl::string_view text) {
   return printable;
 }
 
+std::string Escaped(absl::string_view text) {
+  std::string escaped;
+  escaped.reserve(text.size());
+  while (!text.empty()) {
+    const Character character = FirstOf(text);
+    if (!NeedsEscape(character)) {
+      escaped.append(text.data(), character.size);
+    } else if (!character.is_valid) {
+      absl::StrAppendFormat(&escaped, "\\x%02x", static_cast<unsigned char>(text[0]));
+    } else if (character.code < 0x10000) {
+      AppendShortEscape(character.code, &escaped);
+    } else {
+      absl::StrAppendFormat(&escaped, "\\U%08x", static_cast<unsigned>(character.code));
+    }
+    text.remove_prefix(character.size);
+  }
+  return escaped;
+}
+
+std::string ValidUtf8(absl::string_view text) {
+  std::string valid;
+  valid.reserve(text.size());
+  while (!text.empty()) {
+    const Character character = FirstOf(text);
+    if (character.is_valid) {
+      valid.append(text.data(), character.size);
+    } else {
+      valid += kReplacement;
+    }
+    text.remove_prefix(character.size);
+  }
+  return valid;
+}
+
+bool IsPlain(absl::string_view text) {
+  while (!text.empty()) {
+    const Character character = FirstOf(text);
+    if (NeedsEscape(character)) {
+      return false;
+    }
+    text.remove_prefix(character.size);
+  }
+  return true;
+}
+
+std::string Quoted(absl::string_view text, char mark) {
+  const absl::string_view marks(&mark, 1);
+  return absl::StrCat(marks, Escaped(CutText(text)), marks);
+}
+
+std::string JsonString(absl::string_view text) {
+  std::string json = "\"";
+  json.reserve(text.size() + 2);
+  while (!text.empty()) {
+    const Character character = FirstOf(text);
+    if (NeedsEscape(character)) {
+      AppendJsonEscape(character, &json);
+    } else {
+      json.append(text.data(), character.size);
+    }
+    text.remove_prefix(character.size);
+  }
+  json += '"';
+  return json;
+}
+
 std::string PrintableJson(absl::string_view json) {
   std::string printable;
   printable.reserve(json.size());
   while (!json.empty()) {
     const Character character = FirstOf(json);
-    if (character.is_valid && character.code >= 0x7f && character.code < 0xa0) {
-      absl::StrAppendFormat(&printable, "\\u%04x", static_cast<unsigned>(character.code));
+    if (character.is_valid && character.code >= 0x7f && IsSteering(character.code)) {
+      AppendJsonEscape(character, &printable);
     } else {
       printable.append(json.data(), character.size);
     }

@@ -74,7 +74,8 @@ OutputFolder::~OutputFolder() {
   if (is_partial_) {
     const absl::Status removed = io::RemoveRecursively(partial_path_);
     if (!removed.ok()) {
-      base::LogWarning("partial_dataset_left", {{"path", partial_path_}, {"status", removed}});
+      base::LogWarning("partial_dataset_left",
+                       {{"path", base::OwnText{partial_path_}}, {"status", removed}});
     }
   }
 }

@@ -100,7 +100,7 @@ SeriesWorkFolder::~SeriesWorkFolder() {
     return;
   }
   if (const absl::Status removed = io::RemoveRecursively(path_); !removed.ok()) {
-    base::LogWarning("partial_dataset_left", {{"path", path_}, {"status", removed}});
+    base::LogWarning("partial_dataset_left", {{"path", base::OwnText{path_}}, {"status", removed}});
   }
 }
 

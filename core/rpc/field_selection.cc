@@ -5,11 +5,11 @@
 #include <cstddef>
 
 #include "absl/status/status.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
 #include "core/base/error_reason.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/store/series_manifest.h"
 
@@ -54,7 +54,7 @@ absl::StatusOr<FieldPlace> FindField(const v1::Dataset& dataset, const std::stri
     const auto found = std::find_if(dataset.fields().begin(), dataset.fields().end(),
                                     [&](const v1::Field& of) { return of.name() == field; });
     if (found == dataset.fields().end()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, "field is ", QuotedName(field),
+      return absl::InvalidArgumentError(absl::StrCat(path, "field is ", base::Quoted(field),
                                                      ": dataset \"", dataset.name(), "\" has ",
                                                      JoinNames(dataset.fields())));
     }
@@ -80,7 +80,7 @@ absl::StatusOr<FieldPlace> FindField(const v1::Dataset& dataset, const std::stri
     }
   }
   return absl::InvalidArgumentError(absl::StrCat(
-      path, "component is ", QuotedName(component), ": field \"", chosen.name(), "\" has ",
+      path, "component is ", base::Quoted(component), ": field \"", chosen.name(), "\" has ",
       chosen.components_size() == 1 ? "one component, without a name"
                                     : JoinNames(chosen.components())));
 }
@@ -93,11 +93,6 @@ std::vector<int> StepsOf(const v1::Dataset& dataset, int field) {
     }
   }
   return steps;
-}
-
-std::string QuotedName(const std::string& name) {
-  constexpr std::size_t kMaxBytes = 100;
-  return absl::StrCat("\"", absl::CHexEscape(name.substr(0, kMaxBytes)), "\"");
 }
 
 std::string DescribeSteps(const std::vector<int>& steps) {

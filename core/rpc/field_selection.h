@@ -41,10 +41,8 @@ absl::StatusOr<int> ChooseStep(const isoscope::v1::Dataset& dataset,
                                const isoscope::v1::FieldSelection& selection,
                                const std::vector<int>& steps);
 
-// For messages. Steps, which ascend: "0 to 4", "0, 2", "none". A name of a request: in quotes,
-// escaped, at most 100 bytes of it.
+// For messages. Steps, which ascend: "0 to 4", "0, 2", "none".
 std::string DescribeSteps(const std::vector<int>& steps);
-std::string QuotedName(const std::string& name);
 
 // The time of a step; not set if the dataset has no times.
 std::optional<double> TimeOf(const isoscope::v1::Dataset& dataset, int step);

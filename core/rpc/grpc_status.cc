@@ -19,6 +19,7 @@
 #include "google/protobuf/unknown_field_set.h"
 
 #include "core/base/error_reason.h"
+#include "core/base/printable.h"
 #include "core/base/retry_delay.h"
 #include "core/rpc/proto_convert.h"
 
@@ -44,6 +45,9 @@ constexpr int kMapKeyField = 1;
 constexpr int kMapValueField = 2;
 constexpr char kErrorInfoUrl[] = "type.googleapis.com/google.rpc.ErrorInfo";
 
+// A byte of a header, which is ASCII, takes one byte; each other one three: %e4.
+std::size_t HeaderBytesOf(char c) { return c >= ' ' && c <= '~' && c != '%' ? 1 : 3; }
+
 // Adds a message as an Any.
 void AddDetail(const char* url, const UnknownFieldSet& message, UnknownFieldSet* details) {
   UnknownFieldSet detail;
@@ -66,7 +70,7 @@ void AddErrorInfo(base::ErrorReason reason, UnknownFieldSet* details) {
 std::string DetailsOf(const absl::Status& status, const std::string& message) {
   UnknownFieldSet details;
   details.AddVarint(kCodeField, static_cast<std::uint64_t>(status.raw_code()));
-  *details.AddLengthDelimited(kMessageField) = message.substr(0, kMaxDetailMessageBytes);
+  *details.AddLengthDelimited(kMessageField) = base::CutText(message, kMaxDetailMessageBytes);
   if (const std::optional<absl::Duration> delay = base::RetryDelayOf(status)) {
     UnknownFieldSet retry_info;
     *retry_info.AddLengthDelimited(kRetryDelayField) = ToProto(*delay).SerializeAsString();
@@ -152,15 +156,23 @@ Details ReadDetails(const std::string& details) {
 
 }  // namespace
 
+std::string BoundedMessage(absl::string_view message) {
+  constexpr std::size_t kMaxRemarkBytes = 40;  // CutText's
+  std::string text = base::ValidUtf8(message);
+  std::size_t header_bytes = 0;
+  std::size_t kept = 0;
+  for (const char c : text) {
+    header_bytes += HeaderBytesOf(c);
+    kept += header_bytes + kMaxRemarkBytes <= kMaxStatusMessageBytes ? 1 : 0;
+  }
+  return header_bytes <= kMaxStatusMessageBytes ? std::move(text) : base::CutText(text, kept);
+}
+
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) {
     return grpc::Status::OK;
   }
-  std::string message(status.message());
-  if (message.size() > kMaxStatusMessageBytes) {
-    message.resize(kMaxStatusMessageBytes - 3);
-    message += "...";
-  }
+  const std::string message = BoundedMessage(status.message());
   // Both sides number the codes alike: google/rpc/code.proto.
   const auto code = static_cast<grpc::StatusCode>(status.raw_code());
   return {code, message, DetailsOf(status, message)};

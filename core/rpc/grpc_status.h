@@ -7,14 +7,20 @@
 #ifndef ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 #define ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 
+#include <string>
+
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include <grpcpp/support/status.h>
 
 namespace isoscope::rpc {
 
-// A message longer than kMaxStatusMessageBytes is cut: it travels in a header of limited size.
+// A message that takes more than kMaxStatusMessageBytes in a header, where each byte beyond ASCII
+// takes three, is cut (base::CutText). '?' stands for a byte that is no UTF-8.
 grpc::Status ToGrpcStatus(const absl::Status& status);
 inline constexpr int kMaxStatusMessageBytes = 4096;
+// Returns the message that ToGrpcStatus sends.
+std::string BoundedMessage(absl::string_view message);
 inline constexpr char kErrorDomain[] = "isoscope";
 
 // A code that gRPC does not define becomes UNKNOWN. gRPC's own UNKNOWN "Stream removed", which says

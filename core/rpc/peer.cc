@@ -6,12 +6,12 @@
 #include <memory>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 #include <grpc/grpc_security_constants.h>
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/rpc/transport.h"
@@ -20,7 +20,6 @@ namespace isoscope::rpc {
 namespace {
 
 constexpr char kAuthorization[] = "authorization";
-constexpr std::size_t kMaxNameBytes = 100;
 
 std::string ToString(const grpc::string_ref& text) { return {text.data(), text.size()}; }
 
@@ -61,8 +60,7 @@ std::string Describe(const Peer& peer) {
   if (!peer.has_certificate) {
     return "this caller shows no certificate";
   }
-  const std::string quoted = absl::CHexEscape(peer.name.substr(0, kMaxNameBytes));
-  return absl::StrCat("this caller's certificate, \"", quoted, "\", has ",
+  return absl::StrCat("this caller's certificate, ", base::Quoted(peer.name), ", has ",
                       peer.roles.empty()
                           ? absl::StrCat("no role (no alternative name URI:", kRolePrefix, "...)")
                           : absl::StrCat("the role ", absl::StrJoin(peer.roles, ", ")));
@@ -72,7 +70,7 @@ std::vector<std::string> RolesOf(const std::vector<std::string>& uris) {
   std::vector<std::string> roles;
   for (absl::string_view uri : uris) {
     if (absl::ConsumePrefix(&uri, kRolePrefix) && !uri.empty()) {
-      roles.emplace_back(absl::CHexEscape(uri.substr(0, kMaxNameBytes)));
+      roles.push_back(base::Escaped(base::CutText(uri)));
     }
   }
   return roles;

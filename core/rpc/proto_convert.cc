@@ -20,6 +20,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/enum_table.h"
 #include "core/store/shard_format.h"
@@ -368,11 +369,10 @@ absl::Status Validate(const v1::Dataset& dataset, absl::string_view path) {
            });
   };
   if (!is_digest(id)) {
-    return Invalid(Join(path, "dataset_id"), absl::StrCat("\"", id, "\""),
-                   "must be 32 hexadecimal digits");
+    return Invalid(Join(path, "dataset_id"), base::Quoted(id), "must be 32 hexadecimal digits");
   }
   if (const std::string& digest = dataset.samples_digest(); !digest.empty() && !is_digest(digest)) {
-    return Invalid(Join(path, "samples_digest"), absl::StrCat("\"", digest, "\""),
+    return Invalid(Join(path, "samples_digest"), base::Quoted(digest),
                    "must be empty or 32 hexadecimal digits");
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,

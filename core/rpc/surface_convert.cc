@@ -15,6 +15,7 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/enum_table.h"
 #include "core/rpc/proto_convert.h"
@@ -111,10 +112,11 @@ absl::Status SetField(const v1::ColorBy& proto, absl::string_view path, frame::C
     return absl::OkStatus();
   }
   if (!proto.field().empty() || !proto.component().empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path, proto.field().empty() ? ".component" : ".field", " is \"",
-        proto.field().empty() ? proto.component() : proto.field(), "\" beside ", path, ".quantity ",
-        static_cast<int>(proto.quantity()), ", which shows no other field: must be unset"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, proto.field().empty() ? ".component" : ".field", " is ",
+                     base::Quoted(proto.field().empty() ? proto.component() : proto.field()),
+                     " beside ", path, ".quantity ", static_cast<int>(proto.quantity()),
+                     ", which shows no other field: must be unset"));
   }
   return absl::OkStatus();
 }

@@ -109,9 +109,10 @@ absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const DicomSeriesFiles& found
     std::move(read.begin(), read.end(), std::back_inserter(slices));
   }
   if (!found.left_out.empty()) {
-    base::LogWarning("dicom_files_without_image_left_out", {{"count", found.left_out.size()},
-                                                            {"first", found.left_out.front()},
-                                                            {"series_slices", slices.size()}});
+    base::LogWarning("dicom_files_without_image_left_out",
+                     {{"count", found.left_out.size()},
+                      {"first", base::OwnText{found.left_out.front()}},
+                      {"series_slices", slices.size()}});
   }
   return slices;
 }

@@ -183,7 +183,7 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
   }
   if (longer_count > 0) {
     ISOSCOPE_RETURN_IF_ERROR(Open(first_longer));
-    base::LogWarning("trailing_bytes_ignored", {{"file", file_->path()},
+    base::LogWarning("trailing_bytes_ignored", {{"file", base::OwnText{file_->path()}},
                                                 {"expected_bytes", offset() + bytes_per_file_},
                                                 {"found_bytes", file_->size_bytes()},
                                                 {"files", longer_count}});

@@ -307,7 +307,8 @@ absl::Status AccessControl::Load() {
     }
   }
   changed_.SignalAll();
-  base::LogInfo("tokens_read", {{"file", options_.token_file}, {"tokens", grants_.size()}});
+  base::LogInfo("tokens_read",
+                {{"file", base::OwnText{options_.token_file}}, {"tokens", grants_.size()}});
   return absl::OkStatus();
 }
 

@@ -13,6 +13,7 @@
 
 #include "core/base/error_reason.h"
 #include "core/base/log.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::server {
@@ -29,16 +30,16 @@ absl::Status ErrorOf(const std::string& path, const char* what) {
 
 }  // namespace
 
-AuditRecord RecordOf(const rpc::Peer& peer, std::string address) {
-  return {.certificate = peer.name, .peer = std::move(address)};
+AuditRecord RecordOf(const rpc::Peer& peer, absl::string_view address) {
+  return {.certificate = peer.name, .peer = address};
 }
 
 std::string FormatAuditLine(absl::Time time, absl::string_view method, const AuditRecord& record,
                             absl::string_view request_id, const absl::Status& status) {
   std::string line = absl::StrCat(
       "{\"time\":\"", absl::FormatTime("%Y-%m-%dT%H:%M:%E3SZ", time, absl::UTCTimeZone()), "\"");
-  const auto add = [&line](absl::string_view key, absl::string_view value) {
-    absl::StrAppend(&line, ",\"", key, "\":", base::JsonString(value));
+  const auto add = [&line](absl::string_view key, const base::ForeignText& value) {
+    absl::StrAppend(&line, ",\"", key, "\":", base::JsonString(value.text()));
   };
   add("caller", record.caller);
   add("certificate", record.certificate);

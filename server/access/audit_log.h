@@ -18,21 +18,22 @@
 
 #include "core/base/metrics.h"
 #include "core/base/mutex.h"
+#include "core/base/printable.h"
 #include "core/rpc/peer.h"
 
 namespace isoscope::server {
 
 // One call, apart from how it ended.
 struct AuditRecord {
-  std::string caller = {};       // name of the token; empty without one, or if it is not known
-  std::string certificate = {};  // name in the certificate; empty without one
-  std::string peer = {};         // the connection as gRPC names it
-  std::string dataset = {};      // name that was asked for, or found
-  std::string dataset_id = {};   // of the dataset that was found; empty before that
+  base::ForeignText caller = {};  // name of the token; empty without one, or if it is not known
+  base::ForeignText certificate = {};  // name in the certificate; empty without one
+  base::ForeignText peer = {};         // the connection as gRPC names it
+  base::ForeignText dataset = {};      // name that was asked for, or found
+  base::ForeignText dataset_id = {};   // of the dataset that was found; empty before that
 };
 
 // Fills in certificate and peer; `address`: the connection as gRPC names it.
-AuditRecord RecordOf(const rpc::Peer& peer, std::string address);
+AuditRecord RecordOf(const rpc::Peer& peer, absl::string_view address);
 
 // Returns the line of a call, with its line feed.
 std::string FormatAuditLine(absl::Time time, absl::string_view method, const AuditRecord& record,

@@ -13,6 +13,7 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
+#include "core/base/printable.h"
 
 namespace isoscope::server {
 
@@ -27,8 +28,8 @@ enum class FrameStep {
 
 struct FrameNote {
   std::string request_id;
-  std::string client;   // as gRPC names it
-  std::string dataset;  // as the request names it
+  base::ForeignText client = {};   // as gRPC names it
+  base::ForeignText dataset = {};  // as the request names it
   int width_px = 0;
   int height_px = 0;
   base::MonotonicTime arrival;

@@ -106,7 +106,7 @@ void LogDatasets(const std::map<std::string, DatasetState>& before,
     if (state.status.ok() && !state.contradiction.empty() &&
         (known == before.end() || known->second.contradiction != state.contradiction)) {
       base::LogWarning("dataset_contradicted",
-                       {{"dataset", name}, {"contents", state.contradiction}});
+                       {{"dataset", name}, {"contents", base::OwnText{state.contradiction}}});
     }
   }
 }

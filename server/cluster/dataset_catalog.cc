@@ -16,13 +16,13 @@
 #include <tuple>
 #include <utility>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/string_view.h"
 
 #include "core/base/error_reason.h"
+#include "core/base/printable.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/frame_convert.h"
@@ -482,10 +482,10 @@ absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, Data
                               : caller.MaySee(name) && opening.count(name) > 0;
   if (is_opening) {
     return OpeningError(name.empty() ? unreachable
-                                     : absl::StrCat("dataset \"", name, "\": ", unreachable));
+                                     : absl::StrCat("dataset ", base::Quoted(name), ": ", unreachable));
   }
   if (!name.empty()) {
-    return absl::NotFoundError(absl::StrCat("dataset \"", name, "\": ", known, suffix));
+    return absl::NotFoundError(absl::StrCat("dataset ", base::Quoted(name), ": ", known, suffix));
   }
   if (visible.empty()) {
     return base::WithReason(absl::FailedPreconditionError(absl::StrCat(known, suffix)),
@@ -499,11 +499,10 @@ absl::Status CheckDatasetId(const isoscope::v1::Dataset& dataset, absl::string_v
   if (expected.empty() || expected == dataset.dataset_id()) {
     return absl::OkStatus();
   }
-  constexpr std::size_t kMaxIdBytes = 64;  // an id has 32
   return base::WithReason(
       absl::FailedPreconditionError(
           absl::StrCat("dataset \"", dataset.name(), "\" has dataset_id ", dataset.dataset_id(),
-                       ", the request expects ", absl::CHexEscape(expected.substr(0, kMaxIdBytes)),
+                       ", the request expects ", base::Quoted(expected),
                        ": the agents serve other contents under this name; ask GetDataset which")),
       base::ErrorReason::kDatasetIdDiffers);
 }

@@ -8,6 +8,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
+#include "core/base/printable.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/field_selection.h"
@@ -104,7 +105,7 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   for (int i = 0; i < surfaces.size(); ++i) {
     if (surfaces[i].color_by().quantity() == v1::ColorBy::QUANTITY_FIELD) {
       return absl::InvalidArgumentError(absl::StrCat(
-          "surfaces[", i, "].color_by.field is ", rpc::QuotedName(surfaces[i].color_by().field()),
+          "surfaces[", i, "].color_by.field is ", base::Quoted(surfaces[i].color_by().field()),
           ": dataset \"", dataset.name(), "\" has one field"));
     }
   }
@@ -138,7 +139,7 @@ class StepVolumes {
         series_.offered.find({.field = place.field, .component = place.component, .step = step_});
     if (offered == series_.offered.end()) {
       return absl::NotFoundError(
-          absl::StrCat(path, "field is ", rpc::QuotedName(description_.fields(place.field).name()),
+          absl::StrCat(path, "field is ", base::Quoted(description_.fields(place.field).name()),
                        ": served at steps ", rpc::DescribeSteps(OfferedSteps(series_, place)),
                        ", the surfaces are of step ", step_));
     }

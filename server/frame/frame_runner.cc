@@ -66,10 +66,11 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
 
 void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
                const AgentIdentity& agent) {
-  base::LogInfo("agent_outrun", {{"request", request.request_id()},
-                                 {"frame", frame_number},
-                                 {"agent", agent.address},
-                                 {"shards", absl::StrJoin(agent.shard_indices, ",")}});
+  base::LogInfo("agent_outrun",
+                {{"request", request.request_id()},
+                 {"frame", frame_number},
+                 {"agent", agent.address},
+                 {"shards", base::OwnText{absl::StrJoin(agent.shard_indices, ",")}}});
 }
 
 }  // namespace
@@ -397,12 +398,13 @@ void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t
       continue;  // we cancelled the call: no failure of the agent
     }
     metrics_.CountAgentFailure(failure.stage, failure.status);
-    base::LogWarning("agent_failed", {{"request", request.request_id()},
-                                      {"frame", frame_number},
-                                      {"agent", failure.agent.address},
-                                      {"shards", absl::StrJoin(failure.agent.shard_indices, ",")},
-                                      {"stage", NameOf(failure.stage)},
-                                      {"status", failure.status}});
+    base::LogWarning("agent_failed",
+                     {{"request", request.request_id()},
+                      {"frame", frame_number},
+                      {"agent", failure.agent.address},
+                      {"shards", base::OwnText{absl::StrJoin(failure.agent.shard_indices, ",")}},
+                      {"stage", NameOf(failure.stage)},
+                      {"status", failure.status}});
     if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
       options_.registry->ReportFailure(failure.agent.address);
     }

@@ -170,7 +170,7 @@ AuditRecord FrameTicket::audit_record() const {
   return {.caller = origin_.caller.name(),
           .certificate = origin_.certificate,
           .peer = origin_.client,
-          .dataset = dataset_name_.empty() ? claim_.dataset : dataset_name_,
+          .dataset = dataset_name_.empty() ? claim_.dataset : base::ForeignText(dataset_name_),
           .dataset_id = dataset_id_};
 }
 

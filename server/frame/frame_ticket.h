@@ -29,6 +29,7 @@
 #include "core/base/memory_budget.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
+#include "core/base/printable.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
@@ -52,8 +53,8 @@ struct FrameOrigin {
 
 // A call's request for a place: all but the pixels.
 struct FrameClaim {
-  const char* noun = "frame";  // in logs and messages: "frame" or "pick"
-  std::string dataset = {};
+  const char* noun = "frame";      // in logs and messages: "frame" or "pick"
+  base::ForeignText dataset = {};  // as the request names it
   bool has_trace = false;
   // True for a frame of an interactive stream in motion. It leaves room for the exact one after it,
   // and is logged only if it fails.

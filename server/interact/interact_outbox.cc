@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "core/base/monotonic_time.h"
+#include "core/rpc/grpc_status.h"
 
 namespace isoscope::server {
 
@@ -12,7 +13,7 @@ namespace v1 = isoscope::v1;
 void InteractAnswer::SetError(const absl::Status& status) {
   message.clear_frame();
   message.mutable_error()->set_code(static_cast<std::int32_t>(status.code()));
-  message.mutable_error()->set_message(std::string(status.message()));
+  message.mutable_error()->set_message(rpc::BoundedMessage(status.message()));
 }
 
 void InteractOutbox::Push(InteractAnswer answer, base::MonotonicTime now) {

@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
@@ -18,8 +19,8 @@ constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 absl::StatusOr<double> ParseFieldOfView(absl::string_view text) {
   absl::StatusOr<double> degrees = ParseNumber(text);
   if (!degrees.ok() || *degrees <= 0 || *degrees >= 180) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not an angle in degrees, above 0 and below 180"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        base::Quoted(text, '\''), " is not an angle in degrees, above 0 and below 180"));
   }
   return degrees;
 }

@@ -7,6 +7,7 @@
 #include "absl/strings/str_split.h"
 
 #include "clients/cpp/request/render_request.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/frame/drawn_window.h"
@@ -32,8 +33,8 @@ absl::StatusOr<AmbientOcclusionValue> ParseAmbientOcclusion(absl::string_view te
   if (parts.size() > 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(value.strength, ParseNumber(parts[1]));
     if (*value.strength < 0 || *value.strength > 1) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("'", text, "' has the strength ", *value.strength, ": must be in [0, 1]"));
+      return absl::InvalidArgumentError(absl::StrCat(base::Quoted(text, '\''), " has the strength ",
+                                                     *value.strength, ": must be in [0, 1]"));
     }
   }
   return value;

@@ -33,7 +33,8 @@ constexpr absl::string_view kLabelExpected =
     "(3,7-9,left lung), a colour or none, and a number above 0, at most 1";
 
 absl::Status MalformedLabel(absl::string_view text) {
-  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is not ", kLabelExpected));
+  return absl::InvalidArgumentError(
+      absl::StrCat(base::Quoted(text, '\''), " is not ", kLabelExpected));
 }
 
 // True for "3" and "3,7-9": what can't be a part of a name.
@@ -43,8 +44,9 @@ bool IsOfNumbers(absl::string_view text) {
 
 absl::StatusOr<bool> ParseAll(absl::string_view text) {
   if (text != "all") {
-    return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not all; --label ", text, " draws the surface of a set"));
+    return absl::InvalidArgumentError(absl::StrCat(base::Quoted(text, '\''),
+                                                   " is not all; --label ", base::CutText(text),
+                                                   " draws the surface of a set"));
   }
   return true;
 }
@@ -100,8 +102,7 @@ class Names {
         known.push_back(label.name());
       }
     }
-    const std::string head =
-        absl::StrCat("--label: there is no label '", base::Printable(name), "'");
+    const std::string head = absl::StrCat("--label: there is no label ", base::Quoted(name, '\''));
     if (known.empty()) {
       return absl::InvalidArgumentError(
           absl::StrCat(head, ", for dataset '", dataset_.name(),

@@ -17,6 +17,7 @@
 #include "absl/strings/str_split.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
@@ -79,8 +80,8 @@ absl::StatusOr<std::pair<float, float>> ParseOpacities(absl::string_view text) {
 
 absl::StatusOr<frame::ColorRange> ParseColorRange(absl::string_view text) {
   const std::vector<absl::string_view> ends = absl::StrSplit(text, ',');
-  const absl::Status malformed = absl::InvalidArgumentError(
-      absl::StrCat("'", text, "' is not MIN,MAX, two numbers between a comma with MIN < MAX"));
+  const absl::Status malformed = absl::InvalidArgumentError(absl::StrCat(
+      base::Quoted(text, '\''), " is not MIN,MAX, two numbers between a comma with MIN < MAX"));
   if (ends.size() != 2) {
     return malformed;
   }
@@ -107,7 +108,7 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
   const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
   if (parts.size() > 3) {
     return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not X,Y,Z[:INTENSITY[:COLOR]]"));
+        absl::StrCat(base::Quoted(text, '\''), " is not X,Y,Z[:INTENSITY[:COLOR]]"));
   }
   Light light;
   ISOSCOPE_ASSIGN_OR_RETURN(light.direction, ParseVector(parts[0]));
@@ -119,8 +120,8 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
   if (parts.size() > 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(const double intensity, ParseNumber(parts[1]));
     if (!(intensity >= 0 && intensity <= static_cast<double>(frame::kMaxLightIntensity))) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("'", parts[1], "' is no intensity from 0 to ", frame::kMaxLightIntensity));
+      return absl::InvalidArgumentError(absl::StrCat(
+          base::Quoted(parts[1], '\''), " is no intensity from 0 to ", frame::kMaxLightIntensity));
     }
     light.intensity = static_cast<float>(intensity);
   }
@@ -152,8 +153,8 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
     value.color_by.emplace();
     if (parts.size() > 1 && !ParseChoice<ColorMap>(parts[1], ColorMapNames()).ok()) {
       if (parts[1].empty()) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("'", text, "' has no component or colour map after its first colon"));
+        return absl::InvalidArgumentError(absl::StrCat(
+            base::Quoted(text, '\''), " has no component or colour map after its first colon"));
       }
       value.component = std::string(parts[1]);
       parts.erase(parts.begin() + 1);
@@ -163,7 +164,7 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
     const absl::string_view what =
         value.field.empty() ? "x|y|z|gradient" : absl::string_view("FIELD[:COMPONENT]");
     return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not ",
+        absl::StrCat(base::Quoted(text, '\''), " is not ",
                      has_map ? absl::StrCat(what, "[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]")
                              : "normal or none alone"));
   }

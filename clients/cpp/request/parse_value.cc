@@ -22,6 +22,7 @@
 #include "absl/strings/str_split.h"
 
 #include "clients/cpp/request/color_names.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/volume/block_layout.h"
@@ -30,7 +31,7 @@ namespace isoscope::client {
 namespace {
 
 absl::Status Malformed(absl::string_view text, absl::string_view expected) {
-  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is not ", expected));
+  return absl::InvalidArgumentError(absl::StrCat(base::Quoted(text, '\''), " is not ", expected));
 }
 
 // Parses `count` numbers between commas.

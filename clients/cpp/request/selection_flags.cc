@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 
@@ -18,8 +19,8 @@ absl::StatusOr<FieldValue> ParseField(absl::string_view text) {
     value.component = std::string(text.substr(colon + 1));
   }
   if (value.name.empty() || (colon != absl::string_view::npos && value.component.empty())) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not NAME or NAME:COMPONENT, such as velocity:x"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        base::Quoted(text, '\''), " is not NAME or NAME:COMPONENT, such as velocity:x"));
   }
   return value;
 }
@@ -34,8 +35,8 @@ absl::StatusOr<std::int64_t> ParseStep(absl::string_view text) {
   const absl::StatusOr<std::int64_t> step =
       ParseInteger(text, 0, std::numeric_limits<std::int32_t>::max());
   if (!step.ok()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not the number of a time step, from 0, or first or last"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        base::Quoted(text, '\''), " is not the number of a time step, from 0, or first or last"));
   }
   return *step;
 }

@@ -126,7 +126,7 @@ def test_damaged_details_are_a_final_refusal_and_nothing_worse(proxy):
             through.datasets()
 
 
-HOSTILE = "no \x1b]0;title\x07\x1b[2Jsuch\rthing\x7f\x9b31m\nreally"
+HOSTILE = "no \x1b]0;title\x07\x1b[2Jsuch\rthing\x7f\x9b31m\nreally \u202egnp.exe\u2028\U000e0041"
 
 
 @pytest.mark.parametrize("twin", ["blocking", "aio"])
@@ -143,7 +143,7 @@ def test_a_servers_text_does_not_steer_the_terminal_that_shows_the_error(proxy, 
 
     with pytest.raises(isoscope.NotFoundError) as caught:
         blocking() if twin == "blocking" else asyncio.run(by_aio())
-    assert str(caught.value) == "no ?]0;title??[2Jsuch?thing??31m\nreally"
+    assert str(caught.value) == "no ?]0;title??[2Jsuch?thing??31m\nreally ?gnp.exe??"
     # As the interpreter prints it, with what the error came from.
     shown = "".join(traceback.format_exception(None, caught.value, caught.value.__traceback__))
     assert "title" in shown and not [c for c in shown if unicodedata.category(c) == "Cc" and c != "\n"], shown

@@ -159,9 +159,17 @@ _NO_CONNECTION = (
 _BROKEN = {("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")}
 
 
+# Separators of lines and paragraphs, marks of the direction of text, tags: as core/base/printable.h.
+_STEERING = frozenset(
+    "\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+) | {chr(code) for code in range(0xE0000, 0xE0080)}
+
+
 def printable(text: str) -> str:
-    """Returns text of others as a terminal may get it: '?' for control characters but line feeds and tabs."""
-    return "".join("?" if unicodedata.category(c) == "Cc" and c not in "\n\t" else c for c in text)
+    """Returns text of others as a terminal may get it: '?' for characters that steer it, but line feeds and tabs."""
+    return "".join(
+        "?" if (unicodedata.category(c) == "Cc" and c not in "\n\t") or c in _STEERING else c for c in text
+    )
 
 
 def explain(error: grpc.RpcError, address: str, timeout: float | None, secure: bool) -> IsoscopeError:

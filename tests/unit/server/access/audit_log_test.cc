@@ -33,14 +33,29 @@ TEST(AuditLogTest, ALineIsAJsonObjectWhateverNamesHold) {
                            .peer = "ipv4:1.2.3.4:5",
                            .dataset = "x\ny\x1b",
                            .dataset_id = "01"};
-  EXPECT_EQ(FormatAuditLine(absl::UnixEpoch() + absl::Milliseconds(1500), "PickSurface", record,
-                            "77", absl::NotFoundError("no")),
-            R"({"time":"1970-01-01T00:00:01.500Z","caller":"a \"b\"","certificate":"cn",)"
-            R"("peer":"ipv4:1.2.3.4:5","method":"PickSurface","dataset":"x\ny?","dataset_id":"01",)"
-            R"("request":"77","code":"NOT_FOUND","reason":"DATASET_UNKNOWN"})"
-            "\n");
+  EXPECT_EQ(
+      FormatAuditLine(absl::UnixEpoch() + absl::Milliseconds(1500), "PickSurface", record, "77",
+                      absl::NotFoundError("no")),
+      R"({"time":"1970-01-01T00:00:01.500Z","caller":"a \"b\"","certificate":"cn",)"
+      R"("peer":"ipv4:1.2.3.4:5","method":"PickSurface","dataset":"x\ny\u001b","dataset_id":"01",)"
+      R"("request":"77","code":"NOT_FOUND","reason":"DATASET_UNKNOWN"})"
+      "\n");
   EXPECT_FALSE(absl::StrContains(
       FormatAuditLine(absl::UnixEpoch(), "PickSurface", record, "77", absl::OkStatus()), "reason"));
+}
+
+// Symptom: a dataset name of 900 kB was a line of the audit log, before anybody knew who called.
+TEST(AuditLogTest, NamesOfCallersAreCut) {
+  const std::string name(900'000, 'x');
+  const AuditRecord record{.caller = name, .certificate = name, .peer = name, .dataset = name};
+  const std::string line =
+      FormatAuditLine(absl::UnixEpoch(), "GetDataset", record, "77", absl::NotFoundError(name));
+  EXPECT_LT(line.size(), 2000u);
+  for (const char* member : {"caller", "certificate", "peer", "dataset"}) {
+    EXPECT_TRUE(absl::StrContains(line, absl::StrCat("\"", member, "\":\"", name.substr(0, 256),
+                                                     "... (cut, 900000 bytes)\"")))
+        << member;
+  }
 }
 
 TEST(AuditLogTest, LinesOfManyThreadsAreAppendedWhole) {

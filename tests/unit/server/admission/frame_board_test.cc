@@ -18,6 +18,15 @@ FrameNote NoteOf(const char* request_id) {
   return note;
 }
 
+TEST(FrameBoardTest, NamesOfCallersAreBoundedWhileTheyAreKept) {
+  FrameBoard board;
+  FrameNote note = NoteOf("a");
+  note.dataset = std::string(900'000, 'x');
+  const FrameBoard::Entry entry = board.Add(note);
+  EXPECT_EQ(board.Frames()[0].note.dataset.text(),
+            std::string(256, 'x') + "... (cut, 900000 bytes)");
+}
+
 TEST(FrameBoardTest, FramesStandInTheOrderOfArrivalWithTheirSteps) {
   FrameBoard board;
   const FrameBoard::Entry first = board.Add(NoteOf("a"));
