@@ -60,8 +60,8 @@ foreach(library IN LISTS client_libraries)
     list(APPEND client_objects "$<TARGET_OBJECTS:${library}>")
   endif()
 endforeach()
-# Header-only libraries that no public header includes, and libraries of the servers' objects, which no client links.
-list(REMOVE_ITEM client_needs CLI11::CLI11 nlohmann_json::nlohmann_json PkgConfig::PROMETHEUS)
+# Header-only libraries that no public header includes.
+list(REMOVE_ITEM client_needs CLI11::CLI11 nlohmann_json::nlohmann_json)
 # Names of the pkg-config libraries in isoscopeConfig.cmake, distinct from a project's own names.
 list(TRANSFORM client_needs REPLACE "^PkgConfig::(.*)"
   "$<BUILD_INTERFACE:PkgConfig::\\1>;$<INSTALL_INTERFACE:PkgConfig::isoscope_\\1>")

@@ -21,10 +21,10 @@
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
 #include "core/cli/flag_set.h"
+#include "core/http/metrics_server.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
-#include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "partition-agent/agent_server.h"
 
@@ -164,8 +164,8 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
                             .max_unused_bytes = options.memory->unused_image_bytes(),
                             .arena = options.arena}));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Listen(options));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
-                            rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<http::MetricsServer> metrics,
+                            http::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
                               return server->CollectMetrics();
                             }));
   *started = {.options = options,

@@ -15,15 +15,14 @@ ISOSCOPE_BUILD_PACKAGES=(
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libopenvdb-dev
-  libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core prometheus-cpp-dev
+  libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core
 )
 
 # Packages to run the programs in the container images: all three programs; those that draw (isoscope-agent and
 # isoscope); and isoscope, which reads volumes and writes pictures. Omitted are packages that these or dpkg depend on
 # anyway (libabsl, libbz2-1.0, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
-  libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
-  libprometheus-cpp-pull1.0)
+  libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libwebp7
   libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)

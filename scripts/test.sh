@@ -120,9 +120,10 @@ asan_tests() {
 # are no suppressions.
 tsan_programs=(
   access_control active_blocks admission admission_queue agent_registry cancellation event_queue executor file
-  first_error frame_board frame_coordinator frame_pipeline frames_in_work log lru_cache memory_budget memory_pool
-  mesh_cache mesh_supply metrics mutex page_file pixel_mailboxes pixel_queue queued_reads rate_control read_gate
-  read_queue replica_board shard_reader shard_writer task_arena tbb_contract trace_recorder volume_ranges write_queue
+  first_error frame_board frame_coordinator frame_pipeline frames_in_work http_connections log lru_cache
+  memory_budget memory_pool mesh_cache mesh_supply metrics mutex page_file pixel_mailboxes pixel_queue queued_reads
+  rate_control read_gate read_queue replica_board shard_reader shard_writer task_arena tbb_contract trace_recorder
+  volume_ranges write_queue
 )
 tsan_tests() {
   local targets=("${tsan_programs[@]/%/_test}")

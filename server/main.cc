@@ -19,8 +19,8 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/flag_set.h"
+#include "core/http/metrics_server.h"
 #include "core/rpc/host_port.h"
-#include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/cluster/agent_list.h"
@@ -140,8 +140,8 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
-                            rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<http::MetricsServer> metrics,
+                            http::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
                               return server->CollectMetrics();
                             }));
   base::LogInfo("coordinator_started",

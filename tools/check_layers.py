@@ -41,7 +41,7 @@ FLOORS = [
     ["core/frame", "core/store", "core/index", "core/extract", "core/composite", "core/source"],
     ["core/mesh", "core/view"],
     ["core/volume"],
-    ["core/cli", "core/io", "core/math", "core/image"],
+    ["core/cli", "core/http", "core/io", "core/math", "core/image"],
     ["core/base"],
 ]
 # Room: floor, from the ground up.
@@ -88,6 +88,10 @@ UNTESTED_HEADERS = {
     "core/volume/scalar_span.h": "with every type and tie: tests/unit/core/volume/range_table_test.cc",
     "core/render/cpu_renderer.h": "the contract of both back ends: tests/unit/core/render/renderer_test.cc",
     "core/picture/light_kernel.h": "inside of deferred_shading_test",
+    "core/http/peer_listener.h": "inside of metrics_server_test",
+    "core/http/peer_stream.h": "inside of metrics_server_test; tests/integration/gateway_test.cc",
+    "core/http/tls_context.h": "handshakes of real programs: tests/integration/gateway_tls_test.cc",
+    "core/http/transport.h": "inside of http_reader_test and metrics_server_test",
     "core/rpc/channel.h": "limits and keepalive of real servers: tests/integration",
     "core/rpc/unary_call.h": "every unary call of tests/unit/server and tests/integration",
     "core/rpc/server_flags.h": "inside of server_program_test",

@@ -23,6 +23,7 @@
 #include "clients/cpp/connection/mesh_export.h"
 #include "clients/cpp/mesh_file/mesh_field.h"
 #include "core/base/retry_delay.h"
+#include "core/base/status_macros.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -39,12 +40,12 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
+constexpr char kGet[] = "GET, HEAD";
+
 HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allowed) {
   HttpResponse response =
       ErrorResponse(absl::InvalidArgumentError(absl::StrCat("the method is ", Quoted(method),
-                                                            ": this address "
-                                                            "takes ",
-                                                            allowed)),
+                                                            ": this address takes ", allowed)),
                     405);
   response.headers.emplace_back("Allow", allowed);
   return response;
@@ -75,7 +76,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (path.empty() || path[0] != "v1") {
       const bool is_health = path.size() == 1 && path[0] == "healthz";
       if (request_.method != "GET") {
-        Respond(MethodNotAllowed(request_.method, "GET"));
+        Respond(MethodNotAllowed(request_.method, kGet));
       } else if (is_health) {
         AnswerHealth();
       } else {
@@ -117,12 +118,12 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     };
   }
 
-  // Returns true if the request has this method; else answers 405.
-  bool Takes(absl::string_view method) {
-    if (request_.method == method) {
+  // Returns true for GET and HEAD; else answers 405.
+  bool TakesGet() {
+    if (request_.method == "GET") {
       return true;
     }
-    Respond(MethodNotAllowed(request_.method, std::string(method)));
+    Respond(MethodNotAllowed(request_.method, kGet));
     return false;
   }
 
@@ -156,7 +157,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   void RouteCluster(const std::string& name) {
     if (name != "capabilities" && name != "status" && name != "datasets") {
       RespondUnknown();
-    } else if (!Takes("GET") || !TakesNoParameters()) {
+    } else if (!TakesGet() || !TakesNoParameters()) {
       return;
     } else if (name == "capabilities") {
       client_->GetCapabilities(call_, AnswerWithJson<v1::GetCapabilitiesResponse>());
@@ -194,8 +195,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (!(request_.method == "GET" && rest != "pick") &&
         !(request_.method == "POST" && takes_post)) {
       Respond(MethodNotAllowed(request_.method, rest == "pick"     ? "POST"
-                                                : rest == "render" ? "GET, POST"
-                                                                   : "GET"));
+                                                : rest == "render" ? "GET, HEAD, POST"
+                                                                   : kGet));
       return;
     }
     if (is_picture && !CountPicture()) {
@@ -378,12 +379,6 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
   void AnswerMesh() {
     absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
-    if (query.ok() && request_.is_head) {
-      HttpResponse response = MeshAnswer::Header();
-      response.has_unknown_length = true;
-      Respond(std::move(response));
-      return;
-    }
     if (!query.ok()) {
       RespondError(query.status());
       return;
@@ -398,14 +393,31 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     mesh_ = *std::move(mesh);
     client_->Export(
         query->request, call_,
+        // The answer of a HEAD is known with the first piece: the export ends there.
         [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) {
-          return self->mesh_->Add(chunk);
+          self->has_mesh_begun_ = true;
+          return self->request_.is_head ? absl::CancelledError("the answer is known")
+                                        : self->mesh_->Add(chunk);
         },
         [self = shared_from_this()](const absl::Status& exported) {
-          absl::StatusOr<HttpResponse> response = exported.ok() ? self->mesh_->Finish() : exported;
+          absl::StatusOr<HttpResponse> response = self->MeshResponse(exported);
           self->mesh_.reset();  // an answer that failed removes its file first
           self->Respond(response.ok() ? *std::move(response) : ErrorResponse(response.status()));
         });
+  }
+
+  // `exported`: how the export ended. A HEAD has ended it with the first piece.
+  absl::StatusOr<HttpResponse> MeshResponse(const absl::Status& exported) {
+    if (!request_.is_head || (!exported.ok() && !has_mesh_begun_)) {
+      return exported.ok() ? mesh_->Finish() : exported;
+    }
+    if (!has_mesh_begun_) {  // the mesh is empty
+      ISOSCOPE_ASSIGN_OR_RETURN(const HttpResponse empty, mesh_->Finish());
+      RemoveTemporaryFile(empty.file_path);
+    }
+    HttpResponse response = MeshAnswer::Header();
+    response.has_unknown_length = true;
+    return response;
   }
 
   const ApiOptions options_;
@@ -421,6 +433,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   bool is_by_id_ = false;
   v1::RenderIsosurfaceRequest render_;
   std::unique_ptr<MeshAnswer> mesh_;
+  bool has_mesh_begun_ = false;
 };
 
 }  // namespace

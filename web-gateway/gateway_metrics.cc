@@ -52,8 +52,11 @@ std::vector<MetricFamily> GatewayMetrics::Collect(const GatewayGauges& gauges) c
   families.push_back(Of(Type::kGauge, "isoscope_http_limit_connections",
                         "Most connections (--max-connections).", {Value(gauges.max_connections)}));
   families.push_back(Of(Type::kCounter, "isoscope_http_refused_connections_total",
-                        "Connections that were refused because there were too many.",
+                        "Connections and requests that were refused because too many were at work.",
                         {Value(static_cast<double>(refused.value()))}));
+  families.push_back(Of(Type::kCounter, "isoscope_http_dropped_connections_total",
+                        "Connections without a request that were dropped, to make room for others.",
+                        {Value(static_cast<double>(gauges.dropped_connections))}));
   families.push_back(Of(Type::kGauge, "isoscope_pictures_in_work",
                         "Pictures, picks and meshes in work.", {Value(gauges.pictures)}));
   families.push_back(Of(Type::kGauge, "isoscope_limit_pictures",

@@ -20,6 +20,7 @@ namespace isoscope::gateway {
 struct GatewayGauges {
   int connections = 0;
   int max_connections = 0;
+  std::int64_t dropped_connections = 0;  // that waited, for others
   int pictures = 0;
   int max_pictures = 0;
   double certificate_days_left = 0;  // of the certificate for browsers
@@ -32,7 +33,7 @@ struct GatewayMetrics {
   void CountRequest(int status, absl::Duration duration);
 
   std::atomic<int> viewers{0};    // open WebSockets
-  base::Counter refused;          // connections beyond --max-connections
+  base::Counter refused;          // connections and requests that found no place
   base::Counter sent_frames;      // to viewers
   base::Counter replaced_frames;  // by newer ones, because the viewer was slow
 

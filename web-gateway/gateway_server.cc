@@ -5,7 +5,9 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -16,11 +18,13 @@
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
+#include "core/http/peer_address.h"
+#include "core/http/peer_listener.h"
+#include "core/http/tls_context.h"
 #include "core/rpc/certificate_watch.h"
 #include "core/rpc/host_port.h"
 #include "web-gateway/http_session.h"
-#include "web-gateway/peer_listener.h"
-#include "web-gateway/tls_context.h"
+#include "web-gateway/known_tokens.h"
 #include "web-gateway/url.h"
 
 namespace isoscope::gateway {
@@ -38,7 +42,7 @@ constexpr absl::string_view kTooManyConnections =
 class GatewayServerImpl final : public GatewayServer {
  public:
   explicit GatewayServerImpl(const GatewayOptions& options)
-      : connections_(options.limits.max_connections),
+      : connections_(ConnectionLimitsFor(options)),
         client_({.channel = options.channel,
                  .address = options.coordinator_address,
                  .token = options.coordinator_token,
@@ -47,7 +51,9 @@ class GatewayServerImpl final : public GatewayServer {
                .access = AccessRules(AccessFor(options)),
                .client = &client_,
                .api = &api_,
-               .metrics = &metrics_},
+               .metrics = &metrics_,
+               .tokens = &tokens_,
+               .proxies = options.trusted_proxies},
         api_({.max_pictures = options.limits.max_pictures,
               .max_caller_meshes = options.limits.max_caller_meshes,
               .max_mesh_bytes = options.limits.max_mesh_bytes,
@@ -55,16 +61,17 @@ class GatewayServerImpl final : public GatewayServer {
               .passes_tokens = !parts_.access.has_token()},
              &client_),
         certificate_(options.certificate_file),
-        listener_(PeerListener::Make()) {}
+        listener_(http::PeerListener::Make()) {}
   ~GatewayServerImpl() override {
     Shutdown(absl::ZeroDuration());
     client_.AwaitCalls();
   }
 
   absl::Status Listen(const GatewayOptions& options) {
-    std::unique_ptr<TlsContext> tls;
+    std::unique_ptr<http::TlsContext> tls;
     if (!options.certificate_file.empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(tls, TlsContext::Make(options.certificate_file, options.key_file));
+      ISOSCOPE_ASSIGN_OR_RETURN(tls,
+                                http::TlsContext::Make(options.certificate_file, options.key_file));
     }
     // The resolver would take 99999 for another port.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
@@ -75,9 +82,9 @@ class GatewayServerImpl final : public GatewayServer {
       host = host.substr(1, host.size() - 2);
     }
     has_tls_ = tls != nullptr;
-    return listener_->Listen(host, address.substr(colon + 1), address, std::move(tls),
-                             options.thread_count,
-                             [this](const std::shared_ptr<PeerStream>& stream) { Serve(stream); });
+    return listener_->Listen(
+        host, address.substr(colon + 1), address, std::move(tls), options.thread_count,
+        [this](const std::shared_ptr<http::PeerStream>& stream) { Serve(stream); });
   }
 
   [[nodiscard]] int port() const override { return listener_->port(); }
@@ -85,6 +92,7 @@ class GatewayServerImpl final : public GatewayServer {
   std::vector<base::MetricFamily> CollectMetrics() override {
     return metrics_.Collect({.connections = connections_.count(),
                              .max_connections = parts_.limits.max_connections,
+                             .dropped_connections = connections_.dropped_count(),
                              .pictures = api_.pictures_in_work(),
                              .max_pictures = parts_.limits.max_pictures,
                              .certificate_days_left = certificate_.DaysLeft(),
@@ -107,8 +115,27 @@ class GatewayServerImpl final : public GatewayServer {
     return access;
   }
 
-  void Serve(const std::shared_ptr<PeerStream>& stream) {
-    std::shared_ptr<Connections::Lease> lease = connections_.TryAdd();
+  static http::ConnectionLimits ConnectionLimitsFor(const GatewayOptions& options) {
+    const int count = options.limits.max_connections;
+    http::ConnectionLimits limits{.max_count = count, .max_entering = 16 + count / 16};
+    // Where the gateway asks for tokens, a quarter of the places is kept for those who show one,
+    // and a stranger's address gets a quarter. Where it asks for none, nobody is known, and all may
+    // come through one proxy.
+    const bool asks_token = !options.access.token.empty() || options.access.has_user_tokens;
+    limits.max_strangers = asks_token ? count - count / 4 : count;
+    limits.max_of_address = std::max(asks_token ? count / 4 : count - count / 4, 1);
+    return limits;
+  }
+
+  // The connections of a proxy are those of many callers, so each counts by itself.
+  std::string AddressOf(const http::PeerStream& stream) {
+    const std::string address = stream.RemoteAddress();
+    return parts_.proxies.Contains(address) ? absl::StrCat("proxy ", next_proxied_++)
+                                            : http::PeerKey(address);
+  }
+
+  void Serve(const std::shared_ptr<http::PeerStream>& stream) {
+    std::shared_ptr<http::Connections::Lease> lease = connections_.TryAdd(AddressOf(*stream));
     if (lease != nullptr) {
       ServeHttp(stream, &parts_, std::move(lease));
       return;
@@ -123,13 +150,15 @@ class GatewayServerImpl final : public GatewayServer {
   }
 
   GatewayMetrics metrics_;
-  Connections connections_;
+  KnownTokens tokens_;
+  http::Connections connections_;
+  std::int64_t next_proxied_ = 0;  // for the acceptor alone
   CoordinatorClient client_;
   GatewayParts parts_;
   Api api_;
   bool has_tls_ = false;
   rpc::CertificateWatch certificate_;
-  std::unique_ptr<PeerListener> listener_;  // ends first: its threads use the parts
+  std::unique_ptr<http::PeerListener> listener_;  // ends first: its threads use the parts
 };
 
 }  // namespace

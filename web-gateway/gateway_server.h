@@ -12,6 +12,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/metrics.h"
+#include "core/http/peer_address.h"
 #include "web-gateway/access.h"
 
 namespace grpc {
@@ -22,7 +23,9 @@ namespace isoscope::gateway {
 
 // Limits of a client's resources and costs.
 struct GatewayLimits {
-  int max_connections = 256;  // of all kinds; more are answered with 503
+  // Connections at work, of all kinds; more are answered with 503. Those that wait for a request
+  // make room (core/http/connections.h).
+  int max_connections = 256;
   int max_pictures = 16;      // pictures, picks and meshes in work; more are answered with 429
   int max_caller_meshes = 2;  // meshes of a caller, until they are sent; more: 429
   // Disk space of all meshes, until they are sent; a mesh that needs more: 429.
@@ -36,6 +39,8 @@ struct GatewayLimits {
   absl::Duration idle_timeout = absl::Seconds(60);
   // A client must take a piece of an answer, or a frame, within this time.
   absl::Duration write_timeout = absl::Seconds(20);
+  // Of an answer, on average, after write_timeout.
+  double min_bytes_per_second = 4 * 1024;
 };
 
 struct GatewayOptions {
@@ -47,6 +52,8 @@ struct GatewayOptions {
   std::string certificate_file = {};
   std::string key_file = {};
   AccessOptions access = {};  // listens_on_loopback is set from the address
+  // Proxies in front, whose X-Forwarded-For names the callers.
+  http::TrustedProxies trusted_proxies = {};
   GatewayLimits limits = {};
   int thread_count = 2;
 };

@@ -18,15 +18,15 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
-#include "web-gateway/http_reader.h"
-#include "web-gateway/transport.h"
+#include "core/http/http_reader.h"
+#include "core/http/transport.h"
 
 namespace isoscope::gateway {
 namespace {
 
 namespace asio = boost::asio;
 namespace beast = boost::beast;
-namespace http = beast::http;
+namespace beast_http = beast::http;
 using asio::ip::tcp;
 using boost::system::error_code;
 
@@ -57,7 +57,7 @@ class Questioner {
     if (request_.has_tls) {
       ISOSCOPE_RETURN_IF_ERROR(SetUpTls());
       ISOSCOPE_RETURN_IF_ERROR(ToStatus(
-          "no TLS", Run([&](ErrorDone done) {
+          "no TLS", Run([&](http::ErrorDone done) {
             transport_.Handshake(&context_, asio::ssl::stream_base::client, std::move(done));
           })));
     }
@@ -67,7 +67,7 @@ class Questioner {
     for (asio::const_buffer unsent = asio::buffer(kRequest.data(), kRequest.size());
          unsent.size() > 0;) {
       ISOSCOPE_RETURN_IF_ERROR(ToStatus(
-          "can't ask", Run([&](const ErrorDone& done) {
+          "can't ask", Run([&](const http::ErrorDone& done) {
             transport_.Write({unsent}, [&unsent, done](error_code failed, std::size_t size) {
               unsent += size;
               done(failed);
@@ -75,12 +75,13 @@ class Questioner {
           })));
     }
     beast::flat_buffer buffer;
-    http::response_parser<http::string_body> reply;
+    beast_http::response_parser<beast_http::string_body> reply;
     reply.body_limit(kMaxReplyBytes);
     reply.eager(true);
-    ISOSCOPE_RETURN_IF_ERROR(ToStatus("no answer", Run([&](const ErrorDone& done) {
-                                        ReadMessagePart<false>(&transport_, &buffer, &reply,
-                                                               MessagePart::kWhole, done);
+    ISOSCOPE_RETURN_IF_ERROR(ToStatus("no answer", Run([&](const http::ErrorDone& done) {
+                                        http::ReadMessagePart<false>(&transport_, &buffer, &reply,
+                                                                     http::MessagePart::kWhole,
+                                                                     done);
                                       })));
     const unsigned status = reply.get().result_int();
     return status == 200 ? absl::OkStatus()
@@ -91,7 +92,7 @@ class Questioner {
 
  private:
   // Starts an operation and waits for its end, or for its time limit.
-  error_code Run(const std::function<void(ErrorDone)>& start) {
+  error_code Run(const std::function<void(http::ErrorDone)>& start) {
     error_code result = asio::error::timed_out;
     start([&result](error_code error) { result = error; });
     io_.restart();
@@ -103,7 +104,7 @@ class Questioner {
   error_code Connect(const tcp::resolver::results_type& found) {
     error_code error = asio::error::not_found;
     for (const auto& entry : found) {
-      error = Run([&](ErrorDone done) {
+      error = Run([&](http::ErrorDone done) {
         transport_.next_layer().async_connect(entry.endpoint(), std::move(done));
       });
       if (!error || error == asio::error::timed_out) {
@@ -134,7 +135,7 @@ class Questioner {
   const std::chrono::steady_clock::time_point end_;
   asio::io_context io_;
   asio::ssl::context context_;
-  Transport transport_;
+  http::Transport transport_;
 };
 
 }  // namespace

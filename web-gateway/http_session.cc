@@ -1,7 +1,9 @@
 // One connection of HTTP/1.1. Requests are answered one after the other:
 //
 //   state     under way                                  ends by
-//   reading   the next request's header, then its body   the request, an error, a time-out
+//   reading   the header of the next request             the header, an error, a time-out
+//   taking    its body, if the caller may ask and        the body, an error, a time-out
+//             finds a place (core/http/connections.h)
 //   working   the Api answers; the socket is watched     the answer, or the client leaves
 //   writing   the answer, piece by piece                 the last piece, a time-out of one piece
 //
@@ -13,15 +15,19 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "core/base/version.h"
+#include "core/http/peer_address.h"
+#include "core/http/request_rules.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -31,8 +37,8 @@ constexpr absl::Duration kDrainTime = absl::Seconds(1);
 
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
  public:
-  HttpSession(std::shared_ptr<PeerStream> stream, GatewayParts* parts,
-              std::shared_ptr<Connections::Lease> lease)
+  HttpSession(std::shared_ptr<http::PeerStream> stream, GatewayParts* parts,
+              std::shared_ptr<http::Connections::Lease> lease)
       : parts_(parts), lease_(std::move(lease)), stream_(std::move(stream)) {}
 
   void Run() {
@@ -47,9 +53,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
  private:
-  // Ends the session when the gateway shuts down.
+  // Ends the session when the gateway shuts down, or when another connection needs its place.
   void End(bool at_once) {
     is_ending_ = true;
+    is_shutting_down_ = true;
     if (at_once && cancellation_ != nullptr) {
       cancellation_->Cancel();
     }
@@ -73,50 +80,66 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     });
   }
 
-  void Read(absl::Duration timeout) {
+  void Read(absl::Duration idle_timeout) {
     if (is_ending_) {
       Close();
       return;
     }
     is_reading_ = true;
-    stream_->ReadRequest(timeout, parts_->limits.request_timeout,
-                         [self = shared_from_this()](ReadError error, const std::string& message) {
-                           self->OnRead(error, message);
-                         });
+    stream_->ReadHeader(
+        idle_timeout, parts_->limits.request_timeout,
+        [self = shared_from_this()](http::ReadError error, const std::string& message) {
+          self->OnHeader(error, message);
+        });
   }
 
-  void OnRead(ReadError error, const std::string& message) {
+  void OnHeader(http::ReadError error, const std::string& message) {
     is_reading_ = false;
-    if (error != ReadError::kNone) {
+    started_ = base::MonotonicNow();
+    origin_ = Field("Origin");
+    IdentifyRequest();
+    is_head_ = request().method == "HEAD";
+    if (error != http::ReadError::kNone) {
       OnReadError(error, message);
+      return;
+    }
+    // An answer that comes before the body ends the connection.
+    has_unread_bytes_ = request().has_body;
+    is_ending_ = is_ending_ || !request().keeps_alive || request().has_body;
+    if (const std::optional<http::Refusal> refusal = http::CheckRequest(request())) {
+      is_ending_ = true;
+      WriteResponse(ErrorResponse(absl::InvalidArgumentError(refusal->reason), refusal->status));
     } else if (request().asks_websocket) {
       Upgrade();
+    } else if (request().method == "OPTIONS") {
+      OnOptions();
     } else {
       OnRequest();
     }
   }
 
   // A client that has left gets no answer; one that did not send HTTP gets an error.
-  void OnReadError(ReadError error, const std::string& message) {
-    if (error == ReadError::kEnd) {
+  void OnReadError(http::ReadError error, const std::string& message) {
+    if (error == http::ReadError::kEnd) {
       Close();
       return;
     }
     is_ending_ = true;
     has_unread_bytes_ = true;
-    const int status = error == ReadError::kLongHeader ? 431
-                       : error == ReadError::kLongBody ? 413
-                                                       : 400;
+    const int status = error == http::ReadError::kLongHeader     ? 431
+                       : error == http::ReadError::kLongBody     ? 413
+                       : error == http::ReadError::kWrongVersion ? 505
+                                                                 : 400;
     const std::string reason =
-        status == 431
-            ? absl::StrCat("the header is longer than ", PeerStream::kMaxHeaderBytes, " bytes")
+        status == 431 ? absl::StrCat("the header is longer than ",
+                                     http::PeerStream::kMaxHeaderBytes, " bytes")
         : status == 413
-            ? absl::StrCat("the body is longer than ", PeerStream::kMaxBodyBytes, " bytes")
+            ? absl::StrCat("the body is longer than ", http::PeerStream::kMaxBodyBytes, " bytes")
             : absl::StrCat("this is no HTTP/1.1: ", message);
     WriteResponse(ErrorResponse(absl::InvalidArgumentError(reason), status));
   }
 
-  [[nodiscard]] PeerRequest& request() const { return *stream_->request(); }
+  [[nodiscard]] http::PeerRequest& request() const { return *stream_->request(); }
   [[nodiscard]] std::string Field(absl::string_view name) const {
     return std::string(request().Field(name));
   }
@@ -132,9 +155,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   absl::StatusOr<Target> Admit() {
     user_token_.clear();
     is_allowed_page_ = false;
-    ISOSCOPE_ASSIGN_OR_RETURN(Target target, ParseTarget(request().target));
+    ISOSCOPE_ASSIGN_OR_RETURN(Target target, ParseTarget(http::WithoutHost(request().target)));
     const std::string token = target.TakeParameter("token");
-    const std::string host = Field("Host");
+    const std::string host = http::HostOf(request());
     const std::string referer = Field("Referer");
     is_allowed_page_ = parts_->access.IsAllowedOrigin(origin_) ||
                        (origin_.empty() && parts_->access.IsAllowedReferer(referer));
@@ -153,29 +176,59 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
   // Returns "Bearer TOKEN": the header, or the token in the protocols of a WebSocket.
   [[nodiscard]] std::string Authorization() const {
-    std::string token = TokenOfProtocols(Field("Sec-WebSocket-Protocol"));
+    std::string token = TokenOfProtocols(request().List("Sec-WebSocket-Protocol"));
     return token.empty() ? Field("Authorization") : absl::StrCat("Bearer ", token);
+  }
+
+  // The address that counts for limits.
+  std::string CallerAddress() {
+    return http::PeerKey(
+        parts_->proxies.CallerOf(stream_->RemoteAddress(), request().List("X-Forwarded-For")));
   }
 
   // Identifies the caller, for limits by user: by token, else by address.
   std::string Caller() {
-    return user_token_.empty() ? absl::StrCat("address ", stream_->RemoteAddress())
+    return user_token_.empty() ? absl::StrCat("address ", CallerAddress())
                                : absl::StrCat("token ", user_token_);
   }
 
+  [[nodiscard]] http::Caller KindOf(const Target& target) const {
+    if (target.segments == std::vector<std::string>{"healthz"}) {
+      return http::Caller::kHealth;
+    }
+    const bool is_known = target.segments.empty() || target.segments[0] != "v1"
+                              ? false
+                              : parts_->access.has_token() || parts_->tokens->Knows(user_token_);
+    return is_known ? http::Caller::kKnown : http::Caller::kStranger;
+  }
+
+  // Takes a place for work. False: the answer says why there is none, or the connection was
+  // dropped.
+  bool TakePlace(const Target& target) {
+    const http::Placement placement = lease_->BeginWork(KindOf(target), CallerAddress());
+    if (placement == http::Placement::kTaken) {
+      return true;
+    }
+    if (placement == http::Placement::kDropped) {
+      Close();
+      return false;
+    }
+    parts_->metrics->refused.Add();
+    is_ending_ = true;
+    const bool is_of_address = placement == http::Placement::kAddressFull;
+    WriteResponse(ErrorResponse(base::WithRetryDelay(
+        is_of_address
+            ? absl::ResourceExhaustedError(
+                  "too many requests of this address are in work (--max-connections): ask "
+                  "again later")
+            : absl::UnavailableError(
+                  "too many connections are at work (--max-connections): ask again later"),
+        absl::Seconds(1))));
+    return false;
+  }
+
   void OnRequest() {
-    started_ = base::MonotonicNow();
-    origin_ = Field("Origin");
-    IdentifyRequest();
-    is_head_ = request().method == "HEAD";
-    if (!request().keeps_alive) {
-      is_ending_ = true;
-    }
     absl::StatusOr<Target> target = Admit();
-    if (request().method == "OPTIONS" && parts_->access.IsAllowedOrigin(origin_)) {
-      WritePreflight();
-      return;
-    }
     if (!target.ok()) {
       WriteResponse(ErrorResponse(target.status()));
       return;
@@ -185,12 +238,48 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
           absl::FailedPreconditionError("/v1/interact is a WebSocket: open it as one"), 426));
       return;
     }
+    if (!TakePlace(*target)) {
+      return;
+    }
+    if (!request().has_body) {
+      Answer(*std::move(target));
+      return;
+    }
+    const auto read = [self = shared_from_this(), target = *std::move(target)](bool is_ok) {
+      if (is_ok) {
+        self->ReadBody(target);
+      } else {
+        self->Close();
+      }
+    };
+    if (http::WaitsToContinue(request())) {
+      stream_->WriteContinue(parts_->limits.write_timeout, read);
+    } else {
+      read(true);
+    }
+  }
+
+  void ReadBody(Target target) {
+    stream_->ReadBody(parts_->limits.request_timeout,
+                      [self = shared_from_this(), target = std::move(target)](
+                          http::ReadError error, const std::string& message) mutable {
+                        if (error != http::ReadError::kNone) {
+                          self->OnReadError(error, message);
+                          return;
+                        }
+                        self->has_unread_bytes_ = false;
+                        self->is_ending_ = self->is_shutting_down_ || !self->request().keeps_alive;
+                        self->Answer(std::move(target));
+                      });
+  }
+
+  void Answer(Target target) {
     HttpRequest asked{.method = is_head_ ? "GET" : request().method,
                       .is_head = is_head_,
-                      .target = *std::move(target),
+                      .target = std::move(target),
                       .token = user_token_,
                       .caller = Caller(),
-                      .if_none_match = Field("If-None-Match"),
+                      .if_none_match = request().List("If-None-Match"),
                       .body = std::move(request().body)};
     cancellation_ = std::make_shared<RequestScope>(identity_);
     stream_->WatchPeer([cancellation = cancellation_] { cancellation->Cancel(); });
@@ -205,12 +294,27 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   void OnAnswer(HttpResponse response) {
     cancellation_ = nullptr;
     stream_->StopWatch();
+    if (!user_token_.empty() && (response.status == 200 || response.status == 304)) {
+      parts_->tokens->Learn(user_token_);
+    }
     WriteResponse(std::move(response));
   }
 
+  // A browser asks which requests a page of another origin may send; others ask for methods.
+  void OnOptions() {
+    http::PeerAnswer answer{.status = 204, .fields = MakeFields()};
+    if (parts_->access.IsAllowedOrigin(origin_)) {
+      http::SetField("Access-Control-Allow-Methods", "GET, HEAD, POST", &answer.fields);
+      http::SetField("Access-Control-Allow-Headers",
+                     "Authorization, Content-Type, If-None-Match, traceparent", &answer.fields);
+      http::SetField("Access-Control-Max-Age", "600", &answer.fields);
+    } else {
+      http::SetField("Allow", "GET, HEAD, POST, OPTIONS", &answer.fields);
+    }
+    Write(std::move(answer), /*hold=*/nullptr);
+  }
+
   void Upgrade() {
-    origin_ = Field("Origin");
-    IdentifyRequest();
     is_ending_ = true;  // an error ends the connection
     absl::StatusOr<Target> target = Admit();
     if (!target.ok()) {
@@ -219,7 +323,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
       WriteResponse(ErrorResponse(absl::NotFoundError(
           "there is no WebSocket at this address: it is /v1/interact, without parameters but "
           "token")));
-    } else {
+    } else if (TakePlace(*target)) {
       is_upgraded_ = true;
       ServeWebSocket(stream_, user_token_, identity_, parts_, std::move(lease_));
     }
@@ -230,8 +334,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     return target;
   }
 
-  [[nodiscard]] PeerFields MakeFields() const {
-    PeerFields fields;
+  [[nodiscard]] http::PeerFields MakeFields() const {
+    http::PeerFields fields;
     fields.emplace_back("Server", absl::StrCat("isoscope-gateway/", base::Version()));
     fields.emplace_back("X-Request-Id", identity_.request_id());
     fields.emplace_back("traceresponse", identity_.MakeTraceparent());
@@ -252,15 +356,6 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     return fields;
   }
 
-  void WritePreflight() {
-    PeerAnswer answer{.status = 204, .fields = MakeFields()};
-    SetField("Access-Control-Allow-Methods", "GET, POST", &answer.fields);
-    SetField("Access-Control-Allow-Headers",
-             "Authorization, Content-Type, If-None-Match, traceparent", &answer.fields);
-    SetField("Access-Control-Max-Age", "600", &answer.fields);
-    Write(std::move(answer), /*hold=*/nullptr);
-  }
-
   void WriteResponse(HttpResponse response) {
     parts_->metrics->CountRequest(response.status, base::MonotonicNow() - started_);
     base::LogDebug("http_request",
@@ -268,9 +363,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
                     {"method", request().method},
                     {"status", response.status},
                     {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - started_)}});
-    PeerAnswer answer{.status = response.status};
+    http::PeerAnswer answer{.status = response.status};
     if (!response.file_path.empty()) {
-      absl::StatusOr<AnswerFile> file = AnswerFile::Open(response.file_path);
+      absl::StatusOr<http::AnswerFile> file = http::AnswerFile::Open(response.file_path);
       RemoveTemporaryFile(response.file_path);
       if (!file.ok()) {
         WriteResponse(ErrorResponse(absl::InternalError(
@@ -281,17 +376,17 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     }
     answer.fields = MakeFields();
     for (const auto& [name, value] : response.headers) {
-      SetField(name, value, &answer.fields);
+      http::SetField(name, value, &answer.fields);
     }
     if (!response.content_type.empty()) {
-      SetField("Content-Type", response.content_type, &answer.fields);
+      http::SetField("Content-Type", response.content_type, &answer.fields);
     }
     const bool has_body = answer.file.is_open() || (!is_head_ && response.status != 304);
     if (has_body || (response.status != 304 && !response.has_unknown_length)) {
-      SetField("Content-Length",
-               answer.file.is_open() ? absl::StrCat(answer.file.size())
-                                     : absl::StrCat(response.body.size()),
-               &answer.fields);
+      http::SetField("Content-Length",
+                     answer.file.is_open() ? absl::StrCat(answer.file.size())
+                                           : absl::StrCat(response.body.size()),
+                     &answer.fields);
     }
     if (has_body && !answer.file.is_open()) {
       answer.body = std::move(response.body);
@@ -300,10 +395,13 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   // `hold` lives until the answer is sent.
-  void Write(PeerAnswer answer, std::shared_ptr<void> hold) {
-    stream_->WriteAnswer(std::move(answer), parts_->limits.write_timeout,
+  void Write(http::PeerAnswer answer, std::shared_ptr<void> hold) {
+    stream_->WriteAnswer(std::move(answer),
+                         {.piece_timeout = parts_->limits.write_timeout,
+                          .min_bytes_per_second = parts_->limits.min_bytes_per_second},
                          [self = shared_from_this(), hold = std::move(hold)](bool is_ok) {
                            if (is_ok && !self->is_ending_) {
+                             self->lease_->EndWork();
                              self->Read(self->parts_->limits.idle_timeout);
                            } else {
                              self->Close();
@@ -318,8 +416,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   GatewayParts* const parts_;
-  std::shared_ptr<Connections::Lease> lease_;
-  const std::shared_ptr<PeerStream> stream_;
+  std::shared_ptr<http::Connections::Lease> lease_;
+  const std::shared_ptr<http::PeerStream> stream_;
   std::shared_ptr<RequestScope> cancellation_;  // of the answer in work
   std::string origin_;
   std::string user_token_;                                      // of the request in work
@@ -331,12 +429,13 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   bool has_unread_bytes_ = false;
   bool is_upgraded_ = false;  // stream_ belongs to a WebSocket
   bool is_ending_ = false;    // no further request is read
+  bool is_shutting_down_ = false;
 };
 
 }  // namespace
 
-void ServeHttp(std::shared_ptr<PeerStream> stream, GatewayParts* parts,
-               std::shared_ptr<Connections::Lease> lease) {
+void ServeHttp(std::shared_ptr<http::PeerStream> stream, GatewayParts* parts,
+               std::shared_ptr<http::Connections::Lease> lease) {
   std::make_shared<HttpSession>(std::move(stream), parts, std::move(lease))->Run();
 }
 

@@ -7,13 +7,15 @@
 #include <string>
 
 #include "core/base/trace_context.h"
+#include "core/http/connections.h"
+#include "core/http/peer_address.h"
+#include "core/http/peer_stream.h"
 #include "web-gateway/access.h"
 #include "web-gateway/api.h"
-#include "web-gateway/connections.h"
 #include "web-gateway/coordinator_client.h"
 #include "web-gateway/gateway_metrics.h"
 #include "web-gateway/gateway_server.h"
-#include "web-gateway/peer_stream.h"
+#include "web-gateway/known_tokens.h"
 
 namespace isoscope::gateway {
 
@@ -24,17 +26,19 @@ struct GatewayParts {
   CoordinatorClient* client = nullptr;
   Api* api = nullptr;
   GatewayMetrics* metrics = nullptr;
+  KnownTokens* tokens = nullptr;
+  http::TrustedProxies proxies = {};
 };
 
 // Serves a connection until its end.
-void ServeHttp(std::shared_ptr<PeerStream> stream, GatewayParts* parts,
-               std::shared_ptr<Connections::Lease> lease);
+void ServeHttp(std::shared_ptr<http::PeerStream> stream, GatewayParts* parts,
+               std::shared_ptr<http::Connections::Lease> lease);
 
 // Serves a WebSocket of /v1/interact on the strand of `stream`, whose request was checked and asks
 // for it. `token`: the user's, for the coordinator; empty: none.
-void ServeWebSocket(std::shared_ptr<PeerStream> stream, std::string token,
+void ServeWebSocket(std::shared_ptr<http::PeerStream> stream, std::string token,
                     const base::TraceContext& identity, GatewayParts* parts,
-                    std::shared_ptr<Connections::Lease> lease);
+                    std::shared_ptr<http::Connections::Lease> lease);
 
 }  // namespace isoscope::gateway
 

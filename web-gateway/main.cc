@@ -25,9 +25,10 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/flag_set.h"
+#include "core/http/metrics_server.h"
+#include "core/http/peer_address.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/host_port.h"
-#include "core/rpc/metrics_server.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/server_program.h"
 #include "web-gateway/gateway_server.h"
@@ -47,6 +48,7 @@ struct Flags {
   std::string old_token;
   bool has_no_token = false;
   std::vector<std::string> allowed_origins;
+  std::vector<std::string> trusted_proxies;
   int max_connections = GatewayLimits().max_connections;
   int max_pictures = GatewayLimits().max_pictures;
   int max_caller_meshes = GatewayLimits().max_caller_meshes;
@@ -126,8 +128,13 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
                 "Pages of this origin may ask too, as https://HOST[:PORT]; repeatable",
                 /*splits_at_spaces=*/true)
       .Environment("ISOSCOPE_ALLOW_ORIGIN");
+  set->AddTexts("--trusted-proxy", "ADDRESS[/BITS]", &flags->trusted_proxies,
+                "A proxy in front, whose X-Forwarded-For names the callers for the limits by "
+                "address; repeatable",
+                /*splits_at_spaces=*/true)
+      .Environment("ISOSCOPE_TRUSTED_PROXY");
   set->AddInteger("--max-connections", &flags->max_connections, 1, kMaxConnections,
-                  "Connections at a time")
+                  "Connections at work at a time, viewers included; those that wait make room")
       .Environment("ISOSCOPE_MAX_CONNECTIONS");
   set->AddInteger("--max-pictures", &flags->max_pictures, 1, kMaxConnections,
                   "Pictures and meshes in work at a time, viewers apart; more are refused")
@@ -203,7 +210,19 @@ absl::StatusOr<Tokens> ReadTokens(const Flags& flags) {
   return tokens;
 }
 
+absl::StatusOr<http::TrustedProxies> ProxiesOf(const Flags& flags) {
+  http::TrustedProxies proxies;
+  for (const std::string& text : flags.trusted_proxies) {
+    const absl::Status added = proxies.Add(text);
+    if (!added.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat("--trusted-proxy: ", added.message()));
+    }
+  }
+  return proxies;
+}
+
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
+  ISOSCOPE_RETURN_IF_ERROR(ProxiesOf(flags).status());
   if (flags.https_certificate_file.empty() != flags.https_key_file.empty()) {
     return absl::InvalidArgumentError(
         "--https-cert and --https-key belong together: give both or neither");
@@ -248,6 +267,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   for (const std::string& origin : flags.allowed_origins) {
     ISOSCOPE_ASSIGN_OR_RETURN(options.access.allowed_origins.emplace_back(), ParseOrigin(origin));
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(options.trusted_proxies, ProxiesOf(flags));
   options.access.token = tokens.asked;
   if (tokens.asked.empty() && !flags.has_no_token && !flags.has_user_tokens) {
     options.access.token = MakeToken();
@@ -258,10 +278,10 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.limits.max_mesh_bytes = flags.max_mesh_bytes;
   options.limits.max_picture_duration = absl::Seconds(flags.max_picture_seconds);
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<GatewayServer> server, GatewayServer::Start(options));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
-                            rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
-                              return server->CollectMetrics();
-                            }));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::shared_ptr<http::MetricsServer> metrics,
+      http::MetricsServer::StartIfAsked(server_flags.metrics_listen,
+                                        [server] { return server->CollectMetrics(); }));
   base::LogInfo("gateway_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
                  // A token from the operator stays out of the log.

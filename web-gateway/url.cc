@@ -46,20 +46,10 @@ absl::StatusOr<std::string> Decode(absl::string_view text, bool plus_is_space) {
     }
     decoded += c;
   }
-  return decoded;
-}
-
-// "http://host/path?query": returns the part after the host. Other targets are returned unchanged.
-absl::string_view WithoutHost(absl::string_view target) {
-  for (const absl::string_view scheme :
-       {absl::string_view("http://"), absl::string_view("https://")}) {
-    if (absl::StartsWithIgnoreCase(target, scheme)) {
-      const absl::string_view rest = target.substr(scheme.size());
-      const std::size_t slash = rest.find('/');
-      return slash == absl::string_view::npos ? absl::string_view("/") : rest.substr(slash);
-    }
+  if (base::ValidUtf8(decoded) != decoded) {
+    return absl::InvalidArgumentError(absl::StrCat("the address is no UTF-8: ", Quoted(text)));
   }
-  return target;
+  return decoded;
 }
 
 absl::StatusOr<QueryParameters> ParseQuery(absl::string_view text) {
@@ -98,12 +88,11 @@ std::string Target::TakeParameter(absl::string_view name) {
 }
 
 absl::StatusOr<Target> ParseTarget(absl::string_view target) {
-  const absl::string_view local = WithoutHost(target);
-  if (!absl::StartsWith(local, "/")) {
+  if (!absl::StartsWith(target, "/")) {
     return absl::InvalidArgumentError(
         absl::StrCat("the address ", Quoted(target), " is not /PATH or /PATH?QUERY"));
   }
-  const std::vector<absl::string_view> parts = absl::StrSplit(local, absl::MaxSplits('?', 1));
+  const std::vector<absl::string_view> parts = absl::StrSplit(target, absl::MaxSplits('?', 1));
   Target parsed;
   for (const absl::string_view segment : absl::StrSplit(parts[0], '/', absl::SkipEmpty())) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::string decoded, Decode(segment, /*plus_is_space=*/false));

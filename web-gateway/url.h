@@ -28,8 +28,8 @@ struct Target {
   std::string TakeParameter(absl::string_view name);
 };
 
-// Parses "/path?query", or the same after "http://host". INVALID_ARGUMENT, with the target quoted,
-// for another form, a broken percent escape, a control character, a segment that is "." or "..", or
+// Parses "/path?query". INVALID_ARGUMENT, with the target quoted, for another form, a broken
+// percent escape, a control character, bytes that are no UTF-8, a segment that is "." or "..", or
 // more than kMaxQueryParameters parameters.
 absl::StatusOr<Target> ParseTarget(absl::string_view target);
 

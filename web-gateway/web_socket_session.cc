@@ -58,9 +58,9 @@ absl::string_view FittingPart(absl::string_view text, std::size_t max_bytes) {
 
 class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
  public:
-  WebSocketSession(std::shared_ptr<PeerStream> socket, std::string token,
+  WebSocketSession(std::shared_ptr<http::PeerStream> socket, std::string token,
                    base::TraceContext identity, GatewayParts* parts,
-                   std::shared_ptr<Connections::Lease> lease)
+                   std::shared_ptr<http::Connections::Lease> lease)
       : parts_(parts),
         token_(std::move(token)),
         identity_(std::move(identity)),
@@ -73,9 +73,9 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
         session->socket_->Post([session, at_once] { session->End(at_once); });
       }
     });
-    WebSocketOptions options{.handshake_timeout = kHandshakeTimeout,
-                             .idle_timeout = parts_->limits.idle_timeout,
-                             .max_message_bytes = kMaxRequestBytes};
+    http::WebSocketOptions options{.handshake_timeout = kHandshakeTimeout,
+                                   .idle_timeout = parts_->limits.idle_timeout,
+                                   .max_message_bytes = kMaxRequestBytes};
     if (OffersInteractProtocol(socket_->request()->Field("Sec-WebSocket-Protocol"))) {
       options.protocol = std::string(kInteractProtocol);
     }
@@ -214,7 +214,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       stream_->Cancel();
     }
     DropAfter(kCloseTimeout);
-    socket_->CloseWebSocket(code, FittingPart(text, PeerStream::kMaxReasonBytes),
+    socket_->CloseWebSocket(code, FittingPart(text, http::PeerStream::kMaxReasonBytes),
                             [self = shared_from_this()] { self->Finish(); });
   }
 
@@ -239,8 +239,8 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
   GatewayParts* const parts_;
   const std::string token_;
   const base::TraceContext identity_;
-  std::shared_ptr<Connections::Lease> lease_;
-  const std::shared_ptr<PeerStream> socket_;  // its timer: of the write, or of the close
+  std::shared_ptr<http::Connections::Lease> lease_;
+  const std::shared_ptr<http::PeerStream> socket_;  // its timer: of the write, or of the close
   std::shared_ptr<InteractStream> stream_;
   FrameSlot slot_;
   std::int64_t sent_count_ = 0;
@@ -252,9 +252,9 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
 
 }  // namespace
 
-void ServeWebSocket(std::shared_ptr<PeerStream> stream, std::string token,
+void ServeWebSocket(std::shared_ptr<http::PeerStream> stream, std::string token,
                     const base::TraceContext& identity, GatewayParts* parts,
-                    std::shared_ptr<Connections::Lease> lease) {
+                    std::shared_ptr<http::Connections::Lease> lease) {
   std::make_shared<WebSocketSession>(std::move(stream), std::move(token), identity, parts,
                                      std::move(lease))
       ->Run();

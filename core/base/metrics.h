@@ -1,5 +1,5 @@
 // Numbers about a running process, for monitoring: counters and histograms that many threads update
-// by atomics alone, and samples for a scrape. rpc::MetricsServer serves them.
+// by atomics alone, and samples for a scrape. http::MetricsServer serves them.
 //
 // A program has one file with all of its metrics (server/coordinator_metrics,
 // partition-agent/agent_metrics, web-gateway/gateway_metrics). Names and units follow Prometheus:

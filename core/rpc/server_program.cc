@@ -1,6 +1,7 @@
 // The main() of a server, step by step (ParseAndServe):
 //
-// 1. Set up the process, before any thread runs, and block the signals (ShutdownSignal).
+// 1. Set up the process, before any thread runs: logs of libraries, the limit of open files. Block
+//    the signals (ShutdownSignal).
 // 2. Declare the flags. Answer --man-page and --completion, which need the declarations alone.
 // 3. Parse. Wrong usage ends with 2; --help and --version print and end with 0.
 // 4. With --probe, ask a running server and end with 0 or 1.
@@ -29,6 +30,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
+#include "google/protobuf/stubs/logging.h"
+#include <sys/resource.h>
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
@@ -65,6 +68,25 @@ void SilenceGrpcLog() {
   constexpr int kKeepExisting = 0;
   // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet.
   setenv("GRPC_VERBOSITY", "NONE", kKeepExisting);
+}
+
+// Protobuf complains of messages that are none, which strangers may send.
+void LogProtobuf(google::protobuf::LogLevel level, const char* /*file*/, int /*line*/,
+                 const std::string& message) {
+  base::Log(level == google::protobuf::LOGLEVEL_INFO    ? base::LogLevel::kDebug
+            : level == google::protobuf::LOGLEVEL_FATAL ? base::LogLevel::kError
+                                                        : base::LogLevel::kWarning,
+            "protobuf", {{"note", message}});
+}
+
+// Each connection is an open file. Most systems begin with a limit of 1024, so that strangers who
+// connect and say nothing could shut others out.
+void RaiseFileLimit() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
+    limit.rlim_cur = limit.rlim_max;
+    setrlimit(RLIMIT_NOFILE, &limit);
+  }
 }
 
 // REQUIRES: one of the names that --log-level takes.
@@ -320,6 +342,8 @@ std::optional<int> DescribeItself(const ServerProgram& program, const cli::FlagS
 int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   base::SetUpProcess();
   SilenceGrpcLog();
+  google::protobuf::SetLogHandler(LogProtobuf);
+  RaiseFileLimit();
   base::ShutdownSignal shutdown_signal;
   cli::FlagSet set({.name = program.name,
                     .summary = program.summary,

@@ -39,6 +39,7 @@
 #include "core/base/mutex.h"
 #include "core/io/file.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -449,7 +450,7 @@ TEST_F(GatewayTest, HostileRequestsAreRefusedAndHarmNobody) {
                     "Content-Length: 2000000\r\n\r\n",
                     std::string(2000, 'a')),
        "HTTP/1.1 413"},
-      {"no host", "GET /healthz HTTP/1.1\r\nConnection: close\r\n\r\n", "HTTP/1.1 403"},
+      {"no host", "GET /healthz HTTP/1.1\r\nConnection: close\r\n\r\n", "HTTP/1.1 400"},
       {"foreign host", "GET /v1/datasets HTTP/1.1\r\nHost: evil.org\r\nConnection: close\r\n\r\n",
        "HTTP/1.1 403"},
       {"other method",
@@ -1085,17 +1086,22 @@ http::response<http::string_body> GetUntilNot(unsigned status, const std::string
   return response;
 }
 
-TEST(GatewayServerTest, HeadOfAMeshExportsNothing) {
-  FakeBackedGateway fakes({});
+TEST(GatewayServerTest, HeadOfAMeshEndsItsExportWithTheFirstPiece) {
+  FakeBackedGateway fakes({.max_caller_meshes = 1});
+  fakes.endless.mesh_pieces = 1;
   const auto ask = [&](const std::string& target) {
     return Connection(fakes.address)
         .Ask(MakeRequest(fakes.address, http::verb::head, target, {}, ""));
   };
-  EXPECT_EQ(ask(kMesh).result_int(), 200U);
-  EXPECT_EQ(HeaderOf(ask(kMesh), "Content-Type"), "model/gltf-binary");
   EXPECT_EQ(ask("/v1/datasets/d/mesh.glb").result_int(), 400U);
   EXPECT_EQ(ask("/v1/datasets/e/mesh.glb?isovalue=1").result_int(), 404U);
   EXPECT_EQ(fakes.endless.started(), 0);
+  const auto answer = ask(kMesh);
+  EXPECT_EQ(answer.result_int(), 200U);
+  EXPECT_EQ(HeaderOf(answer, "Content-Type"), "model/gltf-binary");
+  fakes.endless.AwaitCancelled(1);
+  // Its place among the caller's meshes is free.
+  EXPECT_EQ(ask(kMesh).result_int(), 200U);
 }
 
 TEST(GatewayServerTest, ACallerHasFewMeshesInWorkAndOthersTheirOwn) {
@@ -1169,18 +1175,38 @@ TEST(GatewayServerTest, AMeshThatIsNotReadYetCountsUntilItIsSent) {
   EXPECT_EQ(GetUntilNot(429, fakes.address, kMesh).result_int(), 200U);
 }
 
-TEST(GatewayServerTest, MoreConnectionsThanTheLimitAreRefused) {
+// Each piece is taken in time, but all of them would take hours.
+TEST(GatewayServerTest, AClientThatTakesAnAnswerByTheByteIsDropped) {
+  FakeBackedGateway fakes({.write_timeout = absl::Milliseconds(500), .min_bytes_per_second = 1e9});
+  fakes.endless.mesh_pieces = 40;
+  fakes.endless.meshes_end = true;
+  Connection slow(fakes.address);
+  slow.socket().set_option(tcp::socket::receive_buffer_size(4096));
+  slow.Send(GetMesh("Connection: close\r\n"));
+  std::size_t taken = 0;
+  error_code error;
+  std::string byte(1000, ' ');
+  while (!error && taken < 40 * EndlessService::kPieceVertices * 24) {
+    taken += slow.socket().read_some(asio::buffer(byte), error);
+    absl::SleepFor(absl::Milliseconds(5));
+  }
+  EXPECT_TRUE(error);
+}
+
+TEST(GatewayServerTest, MoreWorkThanTheLimitIsRefusedAndConnectionsThatWaitAreNoWork) {
   FakeBackedGateway fakes({.max_connections = 2});
-  Connection first(fakes.address);
-  Connection second(fakes.address);
-  const auto ask = [&](Connection* connection) {
-    return connection->Ask(MakeRequest(fakes.address, http::verb::get, "/", {}, ""));
-  };
-  EXPECT_EQ(ask(&first).result_int(), 200U);
-  EXPECT_EQ(ask(&second).result_int(), 200U);
-  EXPECT_THAT(Connection(fakes.address).ReadAll(),
-              AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("--max-connections")));
-  EXPECT_EQ(ask(&first).result_int(), 200U);
+  Connection waiting(fakes.address);
+  Connection other(fakes.address);
+  EXPECT_EQ(Get(fakes.address, "/").result_int(), 200U);
+  auto first = std::make_unique<Viewer>(fakes.address);
+  auto second = std::make_unique<Viewer>(fakes.address);
+  const auto refused = Get(fakes.address, "/");
+  EXPECT_EQ(refused.result_int(), 429U);
+  EXPECT_THAT(refused.body(), HasSubstr("--max-connections"));
+  EXPECT_NE(HeaderOf(refused, "Retry-After"), "");
+  EXPECT_EQ(Get(fakes.address, "/healthz").result_int(), 503U) << "which is the coordinator's";
+  first->Drop();
+  EXPECT_EQ(GetUntilNot(429, fakes.address, "/").result_int(), 200U);
 }
 
 TEST(GatewayServerTest, SlowRequestsAreDropped) {

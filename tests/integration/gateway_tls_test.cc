@@ -35,6 +35,7 @@
 #include "tests/support/certificates.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
+#include "tests/support/raw_connection.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -223,6 +224,23 @@ TEST_F(GatewayTlsTest, PlaintextAndOtherAuthoritiesGetNothing) {
   EXPECT_TRUE(SecureConnection(gateway_.address, other.ca_file()).error());
   EXPECT_TRUE(SecureConnection(gateway_.address, authority_.ca_file(), "view.example").error());
   EXPECT_EQ(Get("/healthz").body(), "ok\n");
+}
+
+TEST_F(GatewayTlsTest, HandshakesThatNeverFinishShutNobodyOut) {
+  testing::RaiseFileLimit();
+  std::vector<testing::RawConnection> silent;
+  for (int i = 0; i < 600; ++i) {
+    // The second half has the beginning of a ClientHello.
+    silent.emplace_back(testing::PortOf(gateway_.address))
+        .Send(i < 300 ? "" : std::string("\x16\x03\x01\x02\x00\x01\x00", 7));
+  }
+  SecureConnection stranger(gateway_.address, authority_.ca_file());
+  EXPECT_EQ(stranger.Get("/healthz").result_int(), 200U);
+  SecureConnection user(gateway_.address, authority_.ca_file());
+  EXPECT_EQ(user.Get("/v1/datasets", "Bearer user").result_int(), 200U);
+  const testing::CommandResult probe = testing::RunCommand(
+      Flags{ISOSCOPE_TEST_GATEWAY, "--probe", "--listen", gateway_.address} + gateway_flags_, {});
+  EXPECT_EQ(probe.exit_code, 0) << probe.err;
 }
 
 TEST_F(GatewayTlsTest, ANewCertificateIsShownToNewConnections) {

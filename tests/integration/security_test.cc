@@ -16,6 +16,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "absl/synchronization/notification.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -41,6 +42,7 @@
 #include "tests/support/certificates.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
+#include "tests/support/raw_connection.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -631,6 +633,71 @@ TEST_F(SecurityTest, WhatAPeerSendsHasLimits) {
     rendered = caller.Render("ball").status();
   } while (absl::IsUnavailable(rendered) && base::MonotonicNow() < deadline);
   EXPECT_THAT(rendered, IsOk());
+}
+
+// Symptom: a call with a dataset name of 900 kB was a line of 900 kB in the log and in the audit,
+// before anybody knew who called, and 1.8 MB for one that was let in.
+TEST_F(SecurityTest, LongAndSteeringTextsOfCallersAreBoundedAndEscaped) {
+  WriteTokens(TokenEntry("all", R"("*")"));
+  ASSERT_NO_FATAL_FAILURE(StartAgent({}));
+  const std::string audit = suite_->folder.Sub("audit.json");
+  ASSERT_NO_FATAL_FAILURE(StartCoordinator({}, {"--tokens", TokensFile(), "--audit-log", audit}));
+  const std::string evil = "\x1b[2Jforged\n\u202e\u2028level=info \"";
+  for (const std::string& name : {std::string(900'000, 'x'), evil + std::string(900'000, 'y')}) {
+    for (const char* token : {"", "all"}) {
+      const Caller caller(coordinator_.address, {}, token);
+      v1::GetDatasetRequest get;
+      get.set_name(name);
+      v1::GetHistogramRequest histogram;
+      histogram.set_dataset(name);
+      for (const absl::Status& status :
+           {caller.Render(name).status(),
+            caller
+                .Call(v1::DatasetService::NewStub(caller.channel()),
+                      &v1::DatasetService::Stub::GetDataset, get)
+                .status(),
+            caller
+                .Call(v1::DatasetService::NewStub(caller.channel()),
+                      &v1::DatasetService::Stub::GetHistogram, histogram)
+                .status()}) {
+        EXPECT_FALSE(status.ok());
+        EXPECT_LT(status.message().size(), 1000U);
+        EXPECT_THAT(std::string(status.message()),
+                    AllOf(Not(HasSubstr("\x1b")), Not(HasSubstr("\n")), Not(HasSubstr("\u202e"))));
+      }
+    }
+  }
+  const std::string log = coordinator_.process->err();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string audited, io::ReadWholeFile(audit, 1 << 24));
+  for (const std::string& text : {log, audited}) {
+    EXPECT_THAT(text, HasSubstr("... (cut, 900000 bytes)"));
+    EXPECT_THAT(text, HasSubstr("\\u001b[2Jforged\\n\\u202e\\u2028"));
+    EXPECT_THAT(text, AllOf(Not(HasSubstr("\x1b")), Not(HasSubstr("\u202e"))));
+    for (const absl::string_view line : absl::StrSplit(text, '\n')) {
+      EXPECT_LT(line.size(), 1500U) << line.substr(0, 300);
+    }
+  }
+}
+
+// Connections that never begin HTTP/2: gRPC ends them after its time for a handshake.
+TEST_F(SecurityTest, ConnectionsThatBeginNothingShutNobodyOutAndEnd) {
+  testing::RaiseFileLimit();
+  ASSERT_NO_FATAL_FAILURE(StartAgent({}));
+  ASSERT_NO_FATAL_FAILURE(StartCoordinator({}));
+  for (const std::string& address : {coordinator_.address, agent_.address}) {
+    std::vector<testing::RawConnection> silent;
+    for (int i = 0; i < 1500; ++i) {
+      silent.emplace_back(testing::PortOf(address))
+          .Send(i % 3 == 0   ? ""
+                : i % 3 == 1 ? "PRI * HTTP/2.0\r\n\r\n"
+                             : "GET / HTTP/1.1\r\n");
+    }
+    EXPECT_THAT(rpc::ProbeHealth(address, {}, kPatience), IsOk()) << address;
+    EXPECT_THAT(Caller(coordinator_.address).Render("ball"), IsOk());
+    for (testing::RawConnection& connection : silent) {
+      connection.ReadAll();
+    }
+  }
 }
 
 TEST_F(SecurityTest, ADatasetIsFoundByNameAndNeverByPath) {

@@ -4,25 +4,36 @@
 #include <unistd.h>
 
 #include <cstdint>
+#include <cstdlib>
+#include <string>
 
-#include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
 namespace isoscope::testing {
 namespace {
 
+constexpr char kPreload[] = "LD_PRELOAD";
+constexpr char kOffsetFile[] = "ISOSCOPE_TEST_DATE_OFFSET";
 constexpr char kFile[] = "date_offset";
 
 }  // namespace
 
-std::vector<std::string> JumpingClock::environment() const {
-  return {absl::StrCat("LD_PRELOAD=", ISOSCOPE_TEST_DATE_FUNCTIONS),
-          absl::StrCat("ISOSCOPE_TEST_DATE_OFFSET=", dir_.path(), "/", kFile)};
+// NOLINTBEGIN(concurrency-mt-unsafe): before the test has threads that read the environment
+JumpingClock::JumpingClock() {
+  SetOffset(absl::ZeroDuration());
+  setenv(kPreload, ISOSCOPE_TEST_DATE_FUNCTIONS, /*overwrite=*/1);
+  setenv(kOffsetFile, dir_.Sub(kFile).c_str(), /*overwrite=*/1);
 }
+
+JumpingClock::~JumpingClock() {
+  unsetenv(kPreload);
+  unsetenv(kOffsetFile);
+}
+// NOLINTEND(concurrency-mt-unsafe)
 
 void JumpingClock::SetOffset(absl::Duration offset) {
   const std::int64_t seconds = absl::ToInt64Seconds(offset);
-  const std::string path = absl::StrCat(dir_.path(), "/", kFile);
+  const std::string path = dir_.Sub(kFile);
   const int file = open(path.c_str(), O_CREAT | O_WRONLY | O_CLOEXEC, 0600);
   EXPECT_EQ(pwrite(file, &seconds, sizeof(seconds), 0), ssize_t{sizeof(seconds)}) << path;
   close(file);

@@ -1,14 +1,11 @@
 // A date that jumps in programs that a test starts.
 //
 //   testing::JumpingClock clock;
-//   Process::Start(argv, {.environment = clock.environment()});
+//   StartCoordinator(...);
 //   clock.SetOffset(-absl::Hours(1));
 
 #ifndef ISOSCOPE_TESTS_SUPPORT_JUMPING_CLOCK_H_
 #define ISOSCOPE_TESTS_SUPPORT_JUMPING_CLOCK_H_
-
-#include <string>
-#include <vector>
 
 #include "absl/time/time.h"
 
@@ -16,14 +13,16 @@
 
 namespace isoscope::testing {
 
-// Thread-compatible. Lives as long as the programs.
+// Programs that start while it lives have its date: date_functions.cc is preloaded into them. One
+// at a time; it sets variables of the environment. Outlives the programs.
 class JumpingClock {
  public:
-  JumpingClock() { SetOffset(absl::ZeroDuration()); }
+  JumpingClock();
+  ~JumpingClock();
+  JumpingClock(const JumpingClock&) = delete;
+  JumpingClock& operator=(const JumpingClock&) = delete;
 
-  // "NAME=VALUE": preloads date_functions.cc into a program.
-  [[nodiscard]] std::vector<std::string> environment() const;
-  // Sets the date of all programs that have the environment: the machine's and `offset`.
+  // Sets their date: the machine's and `offset`, in whole seconds.
   void SetOffset(absl::Duration offset);
 
  private:

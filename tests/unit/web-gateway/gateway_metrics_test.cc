@@ -22,6 +22,7 @@ TEST(GatewayMetricsTest, RequestsAreCountedByStatusAndGaugesAreThoseThatWereGive
   std::map<std::string, double> values;
   for (const base::MetricFamily& family : metrics.Collect({.connections = 9,
                                           .max_connections = 256,
+                                          .dropped_connections = 5,
                                           .pictures = 1,
                                           .certificate_days_left = 6.5,
                                           .certificate_failures = 2})) {
@@ -37,6 +38,7 @@ TEST(GatewayMetricsTest, RequestsAreCountedByStatusAndGaugesAreThoseThatWereGive
   EXPECT_EQ(values["isoscope_http_requests_total 200"], 1);
   EXPECT_EQ(values["isoscope_http_requests_total 304"], 2);
   EXPECT_EQ(values["isoscope_http_connections"], 9);
+  EXPECT_EQ(values["isoscope_http_dropped_connections_total"], 5);
   EXPECT_EQ(values["isoscope_viewers"], 2);
   EXPECT_EQ(values["isoscope_certificate_days_left"], 6.5);
   EXPECT_EQ(values["isoscope_reload_failures_total certificate"], 2);

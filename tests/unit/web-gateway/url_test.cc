@@ -29,8 +29,6 @@ TEST(UrlTest, SplitsAndDecodes) {
       {"/?a=1&b=&c&a=2", {.query = {{"a", "1"}, {"b", ""}, {"c", ""}, {"a", "2"}}}},
       {"/?x=a+b%2B%3D=c", {.query = {{"x", "a b+==c"}}}},
       {"/?&&a=1&", {.query = {{"a", "1"}}}},
-      {"http://host:80/v1?x=1", {.segments = {"v1"}, .query = {{"x", "1"}}}},
-      {"HTTPS://host", {}},
       {"/%C3%BC", {.segments = {"\xC3\xBC"}}},
   };
   for (const auto& c : cases) {
@@ -41,9 +39,13 @@ TEST(UrlTest, SplitsAndDecodes) {
 }
 
 TEST(UrlTest, RefusesWhatIsNoTarget) {
-  for (const std::string& target : std::vector<std::string>{
-           "", "*", "v1", "ftp://host/", "host:80", "/%", "/%2", "/%zz", "/a?b=%g0", "/%00",
-           "/a%0Ab", "/?a=%0d", "/..", "/a/%2e%2E/b", "/./a", std::string("/a\0b", 4), "/\x7f"}) {
+  for (const std::string& target :
+       std::vector<std::string>{"",         "*",           "v1",     "ftp://host/",
+                                "host:80",  "/%",          "/%2",    "/%zz",
+                                "/a?b=%g0", "/%00",        "/a%0Ab", "/?a=%0d",
+                                "/%ff",     "/?a=%c3",     "/\xff",  "http://host/",
+                                "/..",      "/a/%2e%2E/b", "/./a",   std::string("/a\0b", 4),
+                                "/\x7f"}) {
     EXPECT_THAT(ParseTarget(target).status(), StatusIs(absl::StatusCode::kInvalidArgument))
         << target;
   }
@@ -53,7 +55,7 @@ TEST(UrlTest, QuotesWithoutControlCharactersAndNotWithoutEnd) {
   const std::string message(
       ParseTarget(absl::StrCat("/\x1b[2J", std::string(10000, 'x'))).status().message());
   EXPECT_EQ(message.find('\x1b'), std::string::npos);
-  EXPECT_LT(message.size(), 300U);
+  EXPECT_LT(message.size(), 400U);
 }
 
 TEST(UrlTest, LimitsTheNumberOfParameters) {
@@ -74,11 +76,9 @@ TEST(UrlTest, TakesAParameterOutWhereverItStands) {
 }
 
 TEST(UrlTest, EscapedValuesComeBack) {
-  std::string all;
-  for (int byte = 32; byte < 256; ++byte) {
-    if (byte != 127) {
-      all += static_cast<char>(byte);
-    }
+  std::string all = "\u00e4\u2013\U0001f480";
+  for (int byte = 32; byte < 127; ++byte) {
+    all += static_cast<char>(byte);
   }
   const absl::StatusOr<Target> parsed = ParseTarget(absl::StrCat("/?x=", EscapeQueryValue(all)));
   ASSERT_THAT(parsed, IsOk());

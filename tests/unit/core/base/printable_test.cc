@@ -86,7 +86,7 @@ TEST(PrintableTest, NoCharacterIsCutInTwo) {
   EXPECT_EQ(CutText("a\u00e4bc", 3), "a\u00e4... (cut, 5 bytes)");
   EXPECT_EQ(CutText("a\u2013bc", 3), "a... (cut, 6 bytes)");
   EXPECT_EQ(CutText("a\u2013bc", 4), "a\u2013... (cut, 6 bytes)");
-  for (const std::size_t bytes : {1, 2, 3, 4}) {
+  for (const std::size_t bytes : {1U, 2U, 3U, 4U}) {
     EXPECT_EQ(CutText("a\U0001f480bc", bytes), "a... (cut, 7 bytes)") << bytes;
   }
   EXPECT_EQ(CutText("a\U0001f480bc", 5), "a\U0001f480... (cut, 7 bytes)");

@@ -6,8 +6,8 @@
 //
 // They compile slowly, so only sources include this header.
 
-#ifndef ISOSCOPE_WEB_GATEWAY_TRANSPORT_H_
-#define ISOSCOPE_WEB_GATEWAY_TRANSPORT_H_
+#ifndef ISOSCOPE_CORE_HTTP_TRANSPORT_H_
+#define ISOSCOPE_CORE_HTTP_TRANSPORT_H_
 
 #include <array>
 #include <cstddef>
@@ -26,7 +26,7 @@
 #include <boost/beast/core/role.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 using ErrorDone = std::function<void(boost::system::error_code)>;
 using IoDone = std::function<void(boost::system::error_code, std::size_t)>;
@@ -107,6 +107,6 @@ class Transport {
   std::optional<boost::asio::ssl::stream<boost::beast::tcp_stream&>> tls_;
 };
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http
 
-#endif  // ISOSCOPE_WEB_GATEWAY_TRANSPORT_H_
+#endif  // ISOSCOPE_CORE_HTTP_TRANSPORT_H_

@@ -1,6 +1,6 @@
 // Requests that come in pieces over a real socket, and what is read.
 
-#include "web-gateway/http_reader.h"
+#include "core/http/http_reader.h"
 
 #include <optional>
 #include <string>
@@ -17,17 +17,17 @@
 #include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/string_body.hpp>
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 namespace {
 
 namespace asio = boost::asio;
-namespace http = boost::beast::http;
+namespace beast_http = boost::beast::http;
 using asio::ip::tcp;
 using boost::system::error_code;
 
 std::string NameOf(ReadError error) {
-  static const std::vector<std::string> names = {"read", "end", "long header", "long body",
-                                                 "no request"};
+  static const std::vector<std::string> names = {"read",      "end",           "long header",
+                                                 "long body", "wrong version", "no request"};
   return names.at(static_cast<std::size_t>(error));
 }
 
@@ -43,7 +43,7 @@ class Connection {
 
   // Reads a request: header limit 64 bytes, body limit 16. Returns what was read.
   std::string Read() {
-    http::request_parser<http::string_body> parser;
+    beast_http::request_parser<beast_http::string_body> parser;
     parser.header_limit(64);
     parser.body_limit(16);
     parser.eager(false);
@@ -60,7 +60,8 @@ class Connection {
   }
 
  private:
-  ReadError ReadPart(http::request_parser<http::string_body>* parser, MessagePart part) {
+  ReadError ReadPart(beast_http::request_parser<beast_http::string_body>* parser,
+                     MessagePart part) {
     std::optional<error_code> result;
     ReadMessagePart<true>(&*transport_, &buffer_, parser, part,
                           [&](error_code error) { result = error; });
@@ -114,7 +115,9 @@ TEST(HttpReaderTest, EachWrongRequestIsNamed) {
       {absl::StrCat("GET /", std::string(120, 'a')), "long header"},
       {absl::StrCat("POST / HTTP/1.1\r\nContent-Length: 17\r\n\r\n", std::string(17, 'a')),
        "long body"},
-      {"GET / SPDY/9\r\n\r\n", "no request"},
+      {"GET / HTTP/2.0\r\n\r\n", "wrong version"},
+      {"GET / SPDY/9\r\n\r\n", "wrong version"},
+      {"GET /\r\n\r\n", "no request"},
       {std::string("\0\1\2\3\r\n\r\n", 8), "no request"},
       {"GET / HTTP/1.1\r\nno field\r\n\r\n", "no request"},
   };
@@ -135,12 +138,13 @@ TEST(ReadErrorTest, ErrorsOfTheConnectionAreItsEnd) {
       {asio::error::eof, ReadError::kEnd},
       {asio::error::connection_reset, ReadError::kEnd},
       {boost::beast::error::timeout, ReadError::kEnd},
-      {http::error::end_of_stream, ReadError::kEnd},
-      {http::error::partial_message, ReadError::kEnd},
-      {http::error::header_limit, ReadError::kLongHeader},
-      {http::error::body_limit, ReadError::kLongBody},
-      {http::error::buffer_overflow, ReadError::kNoHttpRequest},
-      {http::error::bad_version, ReadError::kNoHttpRequest},
+      {beast_http::error::end_of_stream, ReadError::kEnd},
+      {beast_http::error::partial_message, ReadError::kEnd},
+      {beast_http::error::header_limit, ReadError::kLongHeader},
+      {beast_http::error::body_limit, ReadError::kLongBody},
+      {beast_http::error::buffer_overflow, ReadError::kNoHttpRequest},
+      {beast_http::error::bad_version, ReadError::kWrongVersion},
+      {beast_http::error::bad_field, ReadError::kNoHttpRequest},
   };
   for (const Case& c : cases) {
     EXPECT_EQ(ReadErrorOf(c.error), c.read) << c.error.message();
@@ -148,4 +152,4 @@ TEST(ReadErrorTest, ErrorsOfTheConnectionAreItsEnd) {
 }
 
 }  // namespace
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

@@ -8,10 +8,11 @@
 //
 // Two loops here and in http_reader write answers and parse requests, as Beast's own do.
 
-#include "web-gateway/peer_stream.h"
+#include "core/http/peer_stream.h"
 
 #include <poll.h>
 
+#include <algorithm>
 #include <chrono>
 #include <optional>
 #include <utility>
@@ -26,15 +27,16 @@
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <boost/beast/websocket/stream.hpp>
 
-#include "web-gateway/http_reader.h"
-#include "web-gateway/transport.h"
+#include "core/base/monotonic_time.h"
+#include "core/http/http_reader.h"
+#include "core/http/transport.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 namespace {
 
 namespace asio = boost::asio;
 namespace beast = boost::beast;
-namespace http = beast::http;
+namespace beast_http = beast::http;
 namespace websocket = beast::websocket;
 using asio::ip::tcp;
 using boost::system::error_code;
@@ -43,6 +45,8 @@ using boost::system::error_code;
 constexpr std::chrono::milliseconds kWatchPause{200};
 // Bytes of a refused request that are read at a time.
 constexpr std::size_t kDrainPieceBytes = 4096;
+constexpr std::size_t kFirstReadBytes = 4096;
+constexpr absl::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
 
 class PeerStreamImpl final : public PeerStream,
                              public std::enable_shared_from_this<PeerStreamImpl> {
@@ -75,29 +79,51 @@ class PeerStreamImpl final : public PeerStream,
         [self = shared_from_this(), done = std::move(done)](error_code error) { done(!error); });
   }
 
-  void ReadRequest(absl::Duration header_timeout, absl::Duration body_timeout,
-                   RequestDone done) override {
+  void ReadHeader(absl::Duration idle_timeout, absl::Duration header_timeout,
+                  RequestDone done) override {
     parser_.emplace();
     parser_->header_limit(kMaxHeaderBytes);
     parser_->body_limit(kMaxBodyBytes);
     parser_->eager(false);
     request_ = PeerRequest();
-    transport_->ExpireAfter(header_timeout);
-    Read(MessagePart::kHeader, [this, body_timeout, done = std::move(done)](error_code error) {
+    const auto read = [this, header_timeout, done](error_code error) {
       if (error) {
         FinishRead(error, done);
         return;
       }
-      request_.asks_websocket = websocket::is_upgrade(parser_->get());
-      if (request_.asks_websocket) {
-        FinishRead(error, done);
-        return;
+      transport_->ExpireAfter(header_timeout);
+      Read(MessagePart::kHeader, [this, done](error_code failed) { FinishHeader(failed, done); });
+    };
+    if (buffer_.size() > 0) {  // of a client that did not wait for the last answer
+      read({});
+      return;
+    }
+    transport_->ExpireAfter(idle_timeout);
+    transport_->Read(buffer_.prepare(kFirstReadBytes),
+                     [self = shared_from_this(), read](error_code error, std::size_t size) {
+                       self->buffer_.commit(size);
+                       read(error);
+                     });
+  }
+
+  void ReadBody(absl::Duration timeout, RequestDone done) override {
+    transport_->ExpireAfter(timeout);
+    parser_->eager(true);
+    Read(MessagePart::kWhole, [this, done = std::move(done)](error_code error) {
+      if (!error) {
+        request_.body = std::move(parser_->get().body());
       }
-      transport_->ExpireAfter(body_timeout);
-      parser_->eager(true);
-      Read(MessagePart::kWhole,
-           [this, done](error_code body_error) { FinishRead(body_error, done); });
+      FinishRead(error, done);
     });
+  }
+
+  void WriteContinue(absl::Duration timeout, Done done) override {
+    if (buffer_.size() > 0) {
+      done(true);
+      return;
+    }
+    transport_->ExpireAfter(timeout);
+    WriteAll(asio::const_buffer(kContinue.data(), kContinue.size()), std::move(done));
   }
 
   PeerRequest* request() override { return &request_; }
@@ -117,9 +143,11 @@ class PeerStreamImpl final : public PeerStream,
     watch_timer_.cancel();
   }
 
-  void WriteAnswer(PeerAnswer answer, absl::Duration piece_timeout, Done done) override {
+  void WriteAnswer(PeerAnswer answer, const WriteLimits& limits, Done done) override {
     unsent_.emplace(std::move(answer));
-    WriteNext(piece_timeout, std::move(done));
+    write_end_ = base::MonotonicNow() + limits.piece_timeout +
+                 absl::Seconds(static_cast<double>(unsent_->size()) / limits.min_bytes_per_second);
+    WriteNext(limits.piece_timeout, std::move(done));
   }
 
   void End(bool has_unread_bytes, absl::Duration timeout, std::function<void()> done) override {
@@ -160,7 +188,7 @@ class PeerStreamImpl final : public PeerStream,
     if (!options.protocol.empty()) {
       websocket_->set_option(websocket::stream_base::decorator(
           [protocol = options.protocol](websocket::response_type& response) {
-            response.set(http::field::sec_websocket_protocol, protocol);
+            response.set(beast_http::field::sec_websocket_protocol, protocol);
           }));
     }
     websocket_->async_accept(parser_->get(), ToErrorDone(std::move(done)));
@@ -214,20 +242,46 @@ class PeerStreamImpl final : public PeerStream,
         [self = shared_from_this(), done = std::move(done)](error_code error) { done(error); });
   }
 
-  void FinishRead(error_code error, const RequestDone& done) {
-    http::request<http::string_body>& read = parser_->get();
-    request_.method = std::string(read.method_string());
+  void FinishHeader(error_code error, const RequestDone& done) {
     if (!error) {
-      request_.target = std::string(read.target());
+      beast_http::request<beast_http::string_body>& read = parser_->get();
       for (const auto& field : read) {
         request_.fields.emplace_back(field.name_string(), field.value());
       }
-      request_.body = std::move(read.body());
+      // Beast looks at the first field of a name.
+      for (const beast_http::field list :
+           {beast_http::field::connection, beast_http::field::upgrade,
+            beast_http::field::sec_websocket_protocol,
+            beast_http::field::sec_websocket_extensions}) {
+        if (read.count(list) > 1) {
+          read.set(list, request_.List(absl::string_view(beast_http::to_string(list).data(),
+                                                         beast_http::to_string(list).size())));
+        }
+      }
+      request_.target = std::string(read.target());
+      request_.is_http_1_0 = read.version() == 10;
+      request_.has_body = parser_->chunked() || parser_->content_length().value_or(0) > 0;
       request_.keeps_alive = read.keep_alive();
-      done(ReadError::kNone, "");
-      return;
+      request_.asks_websocket = websocket::is_upgrade(read);
     }
-    done(ReadErrorOf(error), error.message());
+    FinishRead(error, done);
+  }
+
+  void FinishRead(error_code error, const RequestDone& done) {
+    request_.method = std::string(parser_->get().method_string());
+    done(ReadErrorOf(error), error ? error.message() : "");
+  }
+
+  void WriteAll(asio::const_buffer bytes, Done done) {
+    transport_->Write({bytes}, [self = shared_from_this(), bytes, done = std::move(done)](
+                                   error_code error, std::size_t size) mutable {
+      bytes += size;
+      if (error || bytes.size() == 0) {
+        done(!error);
+      } else {
+        self->WriteAll(bytes, std::move(done));
+      }
+    });
   }
 
   void Watch() {
@@ -272,7 +326,7 @@ class PeerStreamImpl final : public PeerStream,
       Finish(/*is_ok=*/true, done);
       return;
     }
-    transport_->ExpireAfter(timeout);
+    transport_->ExpireAfter(std::min(timeout, write_end_ - base::MonotonicNow()));
     transport_->Write(
         {asio::buffer(head.data(), head.size()), asio::buffer(body.data(), body.size())},
         [self = shared_from_this(), timeout, done = std::move(done)](error_code error,
@@ -310,12 +364,13 @@ class PeerStreamImpl final : public PeerStream,
   asio::steady_timer watch_timer_;
 
   beast::flat_buffer buffer_{kMaxHeaderBytes + kMaxBodyBytes};
-  std::optional<http::request_parser<http::string_body>> parser_;
+  std::optional<beast_http::request_parser<beast_http::string_body>> parser_;
   PeerRequest request_;
   std::function<void()> on_left_;
   int watch_number_ = 0;  // of the last watch
 
   std::optional<UnsentAnswer> unsent_;
+  base::MonotonicTime write_end_;  // of the whole answer
 
   // Compression is off, and its code is not compiled.
   std::optional<websocket::stream<Transport&, /*deflateSupported=*/false>> websocket_;
@@ -330,4 +385,4 @@ std::shared_ptr<PeerStream> PeerStream::Make(std::unique_ptr<Transport> transpor
   return std::make_shared<PeerStreamImpl>(std::move(transport), std::move(context));
 }
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

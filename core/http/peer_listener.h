@@ -1,7 +1,7 @@
 // The socket that takes the connections of browsers.
 
-#ifndef ISOSCOPE_WEB_GATEWAY_PEER_LISTENER_H_
-#define ISOSCOPE_WEB_GATEWAY_PEER_LISTENER_H_
+#ifndef ISOSCOPE_CORE_HTTP_PEER_LISTENER_H_
+#define ISOSCOPE_CORE_HTTP_PEER_LISTENER_H_
 
 #include <functional>
 #include <memory>
@@ -9,10 +9,10 @@
 
 #include "absl/status/status.h"
 
-#include "web-gateway/peer_stream.h"
-#include "web-gateway/tls_context.h"
+#include "core/http/peer_stream.h"
+#include "core/http/tls_context.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 // The listening socket and the threads of connections.
 class PeerListener {
@@ -34,6 +34,6 @@ class PeerListener {
   virtual void Close() = 0;
 };
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http
 
-#endif  // ISOSCOPE_WEB_GATEWAY_PEER_LISTENER_H_
+#endif  // ISOSCOPE_CORE_HTTP_PEER_LISTENER_H_

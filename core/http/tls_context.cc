@@ -1,4 +1,4 @@
-#include "web-gateway/tls_context.h"
+#include "core/http/tls_context.h"
 
 #include "absl/strings/str_cat.h"
 #include <boost/asio/ssl/context.hpp>
@@ -9,7 +9,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 namespace ssl = boost::asio::ssl;
 using boost::system::error_code;
@@ -80,4 +80,4 @@ std::shared_ptr<ssl::context> TlsContext::Get(base::MonotonicTime now) {
   return context_;
 }
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

@@ -1,8 +1,8 @@
 // The certificate that browsers see. Before a connection is accepted, at most once a second, its
 // files are checked, and read again when they have changed.
 
-#ifndef ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
-#define ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
+#ifndef ISOSCOPE_CORE_HTTP_TLS_CONTEXT_H_
+#define ISOSCOPE_CORE_HTTP_TLS_CONTEXT_H_
 
 #include <memory>
 #include <string>
@@ -18,7 +18,7 @@ namespace boost::asio::ssl {
 class context;
 }  // namespace boost::asio::ssl
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 // Thread-compatible.
 class TlsContext {
@@ -47,6 +47,6 @@ class TlsContext {
   base::MonotonicTime looked_;
 };
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http
 
-#endif  // ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
+#endif  // ISOSCOPE_CORE_HTTP_TLS_CONTEXT_H_

@@ -1,19 +1,19 @@
-#include "web-gateway/http_reader.h"
+#include "core/http/http_reader.h"
 
 #include <boost/asio/error.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/beast/core/read_size.hpp>
 #include <boost/beast/http/error.hpp>
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 namespace beast = boost::beast;
-namespace http = beast::http;
+namespace beast_http = beast::http;
 using boost::system::error_code;
 
 template <bool is_request>
 void ReadMessagePart(Transport* transport, beast::flat_buffer* buffer,
-                     http::basic_parser<is_request>* parser, MessagePart part,
+                     beast_http::basic_parser<is_request>* parser, MessagePart part,
                      const ErrorDone& done, bool has_read) {
   constexpr std::size_t kMaxReadBytes = 64 * 1024;  // from a socket at a time
   const auto is_done = [&] {
@@ -23,7 +23,7 @@ void ReadMessagePart(Transport* transport, beast::flat_buffer* buffer,
   while (!is_done() && buffer->size() > 0 && !error) {
     buffer->consume(parser->put(buffer->data(), error));
   }
-  if (error == http::error::need_more) {
+  if (error == beast_http::error::need_more) {
     error = {};
   }
   if (error || is_done()) {
@@ -36,7 +36,7 @@ void ReadMessagePart(Transport* transport, beast::flat_buffer* buffer,
   }
   const std::size_t size = beast::read_size(*buffer, kMaxReadBytes);
   if (size == 0) {
-    done(http::error::buffer_overflow);
+    done(beast_http::error::buffer_overflow);
     return;
   }
   transport->Read(buffer->prepare(size), [=](error_code failed, std::size_t read) {
@@ -50,29 +50,33 @@ void ReadMessagePart(Transport* transport, beast::flat_buffer* buffer,
       if (parser->got_some()) {
         parser->put_eof(failed);
       } else {
-        failed = http::error::end_of_stream;
+        failed = beast_http::error::end_of_stream;
       }
     }
     done(failed);
   });
 }
 
-template void ReadMessagePart<true>(Transport*, beast::flat_buffer*, http::basic_parser<true>*,
-                                    MessagePart, const ErrorDone&, bool);
-template void ReadMessagePart<false>(Transport*, beast::flat_buffer*, http::basic_parser<false>*,
-                                     MessagePart, const ErrorDone&, bool);
+template void ReadMessagePart<true>(Transport*, beast::flat_buffer*,
+                                    beast_http::basic_parser<true>*, MessagePart, const ErrorDone&,
+                                    bool);
+template void ReadMessagePart<false>(Transport*, beast::flat_buffer*,
+                                     beast_http::basic_parser<false>*, MessagePart,
+                                     const ErrorDone&, bool);
 
 ReadError ReadErrorOf(const error_code& error) {
   if (!error) {
     return ReadError::kNone;
   }
-  const bool is_of_http = error.category() == error_code(http::error::bad_method).category();
-  if (!is_of_http || error == http::error::end_of_stream || error == http::error::partial_message) {
+  const bool is_of_http = error.category() == error_code(beast_http::error::bad_method).category();
+  if (!is_of_http || error == beast_http::error::end_of_stream ||
+      error == beast_http::error::partial_message) {
     return ReadError::kEnd;
   }
-  return error == http::error::header_limit ? ReadError::kLongHeader
-         : error == http::error::body_limit ? ReadError::kLongBody
-                                            : ReadError::kNoHttpRequest;
+  return error == beast_http::error::header_limit  ? ReadError::kLongHeader
+         : error == beast_http::error::body_limit  ? ReadError::kLongBody
+         : error == beast_http::error::bad_version ? ReadError::kWrongVersion
+                                                   : ReadError::kNoHttpRequest;
 }
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

@@ -1,16 +1,16 @@
 // Reads messages of HTTP/1.1 from a transport, as Beast's own loop would: it is compiled for one
 // stream and one handler (transport.h).
 
-#ifndef ISOSCOPE_WEB_GATEWAY_HTTP_READER_H_
-#define ISOSCOPE_WEB_GATEWAY_HTTP_READER_H_
+#ifndef ISOSCOPE_CORE_HTTP_HTTP_READER_H_
+#define ISOSCOPE_CORE_HTTP_HTTP_READER_H_
 
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/basic_parser.hpp>
 
-#include "web-gateway/peer_stream.h"
-#include "web-gateway/transport.h"
+#include "core/http/peer_stream.h"
+#include "core/http/transport.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 enum class MessagePart { kHeader, kWhole };
 
@@ -30,6 +30,6 @@ extern template void ReadMessagePart<false>(Transport*, boost::beast::flat_buffe
 // Returns what an error of ReadMessagePart means for the connection.
 ReadError ReadErrorOf(const boost::system::error_code& error);
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http
 
-#endif  // ISOSCOPE_WEB_GATEWAY_HTTP_READER_H_
+#endif  // ISOSCOPE_CORE_HTTP_HTTP_READER_H_

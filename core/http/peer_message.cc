@@ -1,4 +1,4 @@
-#include "web-gateway/peer_message.h"
+#include "core/http/peer_message.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -13,7 +13,7 @@
 #include <boost/beast/http/status.hpp>
 #include <sys/stat.h>
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 void SetField(absl::string_view name, absl::string_view value, PeerFields* fields) {
   const auto is_named = [&](const auto& field) {
@@ -30,6 +30,16 @@ absl::string_view PeerRequest::Field(absl::string_view name) const {
     }
   }
   return "";
+}
+
+std::string PeerRequest::List(absl::string_view name) const {
+  std::string list;
+  for (const auto& [found, value] : fields) {
+    if (absl::EqualsIgnoreCase(found, name)) {
+      absl::StrAppend(&list, list.empty() ? "" : ", ", value);
+    }
+  }
+  return list;
 }
 
 int PeerRequest::CountFields(absl::string_view name) const {
@@ -61,8 +71,8 @@ absl::StatusOr<AnswerFile> AnswerFile::Open(const std::string& path) {
 }
 
 UnsentAnswer::UnsentAnswer(PeerAnswer answer) : answer_(std::move(answer)) {
-  namespace http = boost::beast::http;
-  const auto reason = http::obsolete_reason(static_cast<http::status>(answer_.status));
+  namespace beast_http = boost::beast::http;
+  const auto reason = beast_http::obsolete_reason(static_cast<beast_http::status>(answer_.status));
   head_ = absl::StrCat("HTTP/1.1 ", answer_.status, " ",
                        absl::string_view(reason.data(), reason.size()), "\r\n");
   for (const auto& [name, value] : answer_.fields) {
@@ -99,4 +109,4 @@ void UnsentAnswer::Consume(std::size_t size) {
   unsent_body_.remove_prefix(size - of_head);
 }
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

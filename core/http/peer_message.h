@@ -1,7 +1,7 @@
 // The requests and answers of a browser's connection, as HTTP/1.1 has them.
 
-#ifndef ISOSCOPE_WEB_GATEWAY_PEER_MESSAGE_H_
-#define ISOSCOPE_WEB_GATEWAY_PEER_MESSAGE_H_
+#ifndef ISOSCOPE_CORE_HTTP_PEER_MESSAGE_H_
+#define ISOSCOPE_CORE_HTTP_PEER_MESSAGE_H_
 
 #include <cstddef>
 #include <cstdint>
@@ -12,7 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 // Names and values of a header, in order.
 using PeerFields = std::vector<std::pair<std::string, std::string>>;
@@ -21,15 +21,21 @@ using PeerFields = std::vector<std::pair<std::string, std::string>>;
 void SetField(absl::string_view name, absl::string_view value, PeerFields* fields);
 
 struct PeerRequest {
-  std::string method;
-  std::string target;
-  PeerFields fields;
-  std::string body;
+  std::string method = {};
+  std::string target = {};
+  PeerFields fields = {};
+  std::string body = {};
+  bool is_http_1_0 = false;
+  bool has_body = false;
   bool keeps_alive = false;     // another request may follow
   bool asks_websocket = false;  // requests a WebSocket
 
-  // Returns the first value of a field; "" without it.
+  // Returns the value of a field that a request has once (request_rules.h), else its first value;
+  // "" without it.
   [[nodiscard]] absl::string_view Field(absl::string_view name) const;
+  // Returns the values of all fields of the name, with ", " between. A list may come in parts (RFC
+  // 9110, 5.3).
+  [[nodiscard]] std::string List(absl::string_view name) const;
   [[nodiscard]] int CountFields(absl::string_view name) const;
 };
 
@@ -72,6 +78,12 @@ class UnsentAnswer {
   static constexpr std::size_t kPieceBytes = 64 * 1024;
 
   explicit UnsentAnswer(PeerAnswer answer);
+  // Bytes of the whole answer.
+  [[nodiscard]] std::int64_t size() const {
+    return static_cast<std::int64_t>(head_.size()) +
+           (answer_.file.is_open() ? answer_.file.size()
+                                   : static_cast<std::int64_t>(answer_.body.size()));
+  }
   UnsentAnswer(const UnsentAnswer&) = delete;
   UnsentAnswer& operator=(const UnsentAnswer&) = delete;
 
@@ -93,6 +105,6 @@ class UnsentAnswer {
   std::int64_t file_offset_ = 0;
 };
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http
 
-#endif  // ISOSCOPE_WEB_GATEWAY_PEER_MESSAGE_H_
+#endif  // ISOSCOPE_CORE_HTTP_PEER_MESSAGE_H_

@@ -1,4 +1,4 @@
-#include "web-gateway/peer_listener.h"
+#include "core/http/peer_listener.h"
 
 #include <chrono>
 #include <thread>
@@ -16,9 +16,9 @@
 
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
-#include "web-gateway/transport.h"
+#include "core/http/transport.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 namespace {
 
 namespace asio = boost::asio;
@@ -96,7 +96,9 @@ class PeerListenerImpl final : public PeerListener {
         return;
       }
       if (error) {
-        base::LogWarning("accept_failed", {{"error", error.message()}});
+        if (!std::exchange(is_failing_, true)) {
+          base::LogWarning("accept_failed", {{"error", error.message()}});
+        }
         timer_.expires_after(kAcceptPause);
         timer_.async_wait(ErrorDone([this](error_code waited) {
           if (!waited && acceptor_.is_open()) {
@@ -104,6 +106,9 @@ class PeerListenerImpl final : public PeerListener {
           }
         }));
         return;
+      }
+      if (std::exchange(is_failing_, false)) {
+        base::LogInfo("accept_works_again");
       }
       error_code ignored;
       accepted_->set_option(tcp::no_delay(true), ignored);
@@ -121,6 +126,7 @@ class PeerListenerImpl final : public PeerListener {
   asio::steady_timer timer_;
   std::unique_ptr<tcp::socket> accepted_;
   int port_ = 0;
+  bool is_failing_ = false;  // the last accept; a line of the log is for the change
   std::vector<std::thread> threads_;
 };
 
@@ -128,4 +134,4 @@ class PeerListenerImpl final : public PeerListener {
 
 std::unique_ptr<PeerListener> PeerListener::Make() { return std::make_unique<PeerListenerImpl>(); }
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

@@ -1,4 +1,4 @@
-#include "web-gateway/peer_message.h"
+#include "core/http/peer_message.h"
 
 #include <cstdio>
 #include <filesystem>
@@ -14,7 +14,7 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 namespace {
 
 using ::isoscope::testing::StatusIs;
@@ -165,4 +165,4 @@ TEST_F(AnswerTest, AFileIsClosedOnceByItsLastOwner) {
 }
 
 }  // namespace
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

@@ -1,8 +1,8 @@
-#include "web-gateway/transport.h"
+#include "core/http/transport.h"
 
 #include <boost/beast/websocket/teardown.hpp>
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 void Transport::Handshake(boost::asio::ssl::context* context,
                           boost::asio::ssl::stream_base::handshake_type type, ErrorDone done) {
@@ -41,4 +41,4 @@ void Transport::TearDown(boost::beast::role_type role, ErrorDone done) {
   }
 }
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http

@@ -2,53 +2,45 @@
 // scrape reads atomics and asks the program for gauges; it holds no lock for longer than that, so
 // no frame waits for it.
 //
-// The HTTP server (civetweb, in prometheus-cpp) has no TLS and no authentication, so it listens on
-// loopback unless another host is given.
+// There is no TLS and no authentication, so it listens on loopback unless another host is given.
+// Connections without a request make room for others (connections.h).
 
-#ifndef ISOSCOPE_CORE_RPC_METRICS_SERVER_H_
-#define ISOSCOPE_CORE_RPC_METRICS_SERVER_H_
+#ifndef ISOSCOPE_CORE_HTTP_METRICS_SERVER_H_
+#define ISOSCOPE_CORE_HTTP_METRICS_SERVER_H_
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
 #include "core/base/metrics.h"
 
-namespace prometheus {  // NOLINT(readability-identifier-naming): theirs
-class Collectable;
-class Exposer;
-}  // namespace prometheus
-
-namespace isoscope::rpc {
+namespace isoscope::http {
 
 // Thread-safe.
 class MetricsServer {
  public:
   // listen: "HOST:PORT", ":PORT" or "PORT"; without a host 127.0.0.1. HOST is an address of this
-  // machine, as a number, or localhost; PORT 0 takes a free one. INVALID_ARGUMENT: malformed.
-  // UNAVAILABLE: can't be bound. `collect` must work until the server is destroyed.
+  // machine, of IPv6 in brackets, or a name of one; PORT 0 takes a free one. INVALID_ARGUMENT:
+  // malformed. UNAVAILABLE: can't be bound. `collect` must work until the server is destroyed.
   static absl::StatusOr<std::unique_ptr<MetricsServer>> Start(absl::string_view listen,
                                                               base::CollectMetrics collect);
   // The same, and logs the address; null if `listen` is empty.
   static absl::StatusOr<std::shared_ptr<MetricsServer>> StartIfAsked(absl::string_view listen,
                                                                      base::CollectMetrics collect);
   // Waits for scrapes in work.
-  ~MetricsServer();
+  virtual ~MetricsServer() = default;
 
-  [[nodiscard]] int port() const;
+  [[nodiscard]] virtual int port() const = 0;
   // "HOST:PORT" that it is bound to.
-  [[nodiscard]] const std::string& address() const { return address_; }
-
- private:
-  MetricsServer(const std::string& host, int port, base::CollectMetrics collect);
-
-  const std::shared_ptr<prometheus::Collectable> source_;
-  const std::unique_ptr<prometheus::Exposer> exposer_;
-  const std::string address_;
+  [[nodiscard]] virtual const std::string& address() const = 0;
 };
 
-}  // namespace isoscope::rpc
+// Returns the families in Prometheus' text format, version 0.0.4.
+std::string MetricsText(const std::vector<base::MetricFamily>& families);
 
-#endif  // ISOSCOPE_CORE_RPC_METRICS_SERVER_H_
+}  // namespace isoscope::http
+
+#endif  // ISOSCOPE_CORE_HTTP_METRICS_SERVER_H_

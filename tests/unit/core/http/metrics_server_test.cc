@@ -1,8 +1,5 @@
-#include "core/rpc/metrics_server.h"
+#include "core/http/metrics_server.h"
 
-#include <unistd.h>
-
-#include <array>
 #include <string>
 #include <thread>
 #include <vector>
@@ -11,13 +8,11 @@
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 
+#include "tests/support/raw_connection.h"
 #include "tests/support/status_matchers.h"
 
-namespace isoscope::rpc {
+namespace isoscope::http {
 namespace {
 
 using ::testing::AllOf;
@@ -28,23 +23,12 @@ using testing::StatusIs;
 
 // Sends `request` to 127.0.0.1 and returns the whole answer.
 std::string Ask(int port, const std::string& request) {
-  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
-  EXPECT_GE(socket, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<std::uint16_t>(port));
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof(address)), 0);
-  EXPECT_EQ(::send(socket, request.data(), request.size(), MSG_NOSIGNAL),
-            static_cast<ssize_t>(request.size()));
-  std::string answer;
-  std::array<char, 4096> piece{};
-  for (ssize_t count = 0; (count = ::recv(socket, piece.data(), piece.size(), 0)) > 0;) {
-    answer.append(piece.data(), static_cast<std::size_t>(count));
-  }
-  ::close(socket);
-  return answer;
+  testing::RawConnection connection(port);
+  connection.Send(request);
+  return connection.ReadAll();
 }
+
+constexpr char kScrape[] = "GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n";
 
 std::string Scrape(int port) {
   return Ask(port, "GET /metrics HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
@@ -107,10 +91,79 @@ TEST(MetricsServerTest, ScrapesSideBySideAreAllAnsweredAndOtherPathsAreNot) {
   }
 }
 
+TEST(MetricsServerTest, ConnectionsWithoutARequestShutNobodyOut) {
+  const base::DurationHistogram histogram;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server,
+                                MetricsServer::Start("0", [&] { return Families(histogram); }));
+  testing::RawConnection scraper(server->port(), "127.0.0.2");
+  scraper.Send(kScrape);
+  EXPECT_THAT(scraper.ReadAnswer(), StartsWith("HTTP/1.1 200"));
+  std::vector<testing::RawConnection> idle;
+  for (int i = 0; i < 200; ++i) {
+    idle.emplace_back(server->port()).Send(i % 2 == 0 ? "" : "GET /metrics HTTP/1.1\r\nHo");
+  }
+  EXPECT_THAT(Scrape(server->port()), HasSubstr("isoscope_things_total"));
+  testing::RawConnection other(server->port(), "127.0.0.3");
+  other.Send(kScrape);
+  EXPECT_THAT(other.ReadAnswer(), HasSubstr("isoscope_things_total"));
+  scraper.Send(kScrape);  // on the connection that it has kept
+  EXPECT_THAT(scraper.ReadAnswer(), HasSubstr("isoscope_things_total"));
+}
+
+TEST(MetricsServerTest, OtherRequestsAreAnsweredByTheirRules) {
+  const base::DurationHistogram histogram;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server,
+                                MetricsServer::Start("0", [&] { return Families(histogram); }));
+  const struct {
+    std::string request;
+    const char* answer;
+  } cases[] = {
+      {"POST /metrics HTTP/1.1\r\nHost: x\r\nContent-Length: 1\r\n\r\n", "HTTP/1.1 405"},
+      {"GET /metrics HTTP/1.1\r\n\r\n", "HTTP/1.1 400"},
+      {"GET /metrics HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n", "HTTP/1.1 400"},
+      {"garbage\r\n\r\n", "HTTP/1.1 400"},
+      {"GET /metrics HTTP/1.1\r\nHost: x\r\nConnection: close\r\nExpect: tea\r\n\r\n",
+       "HTTP/1.1 417"},
+      {"GET /metrics?name=x HTTP/1.0\r\n\r\n", "HTTP/1.1 200"},
+      {"GET http://x/metrics HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n", "HTTP/1.1 200"},
+  };
+  for (const auto& c : cases) {
+    EXPECT_THAT(Ask(server->port(), c.request), StartsWith(c.answer)) << c.request;
+  }
+  testing::RawConnection head(server->port());
+  head.Send("HEAD /metrics HTTP/1.1\r\nHost: x\r\n\r\nGET /no HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(head.ReadAnswer(/*is_of_head=*/true),
+              AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("version=0.0.4")));
+  EXPECT_THAT(head.ReadAnswer(), StartsWith("HTTP/1.1 404"));
+}
+
+TEST(MetricsServerTest, ItEndsWhileConnectionsAreOpen) {
+  const base::DurationHistogram histogram;
+  auto server = MetricsServer::Start("0", [&] { return Families(histogram); });
+  ISOSCOPE_ASSERT_OK(server);
+  testing::RawConnection idle((*server)->port());
+  testing::RawConnection half((*server)->port());
+  half.Send("GET /met");
+  server->reset();
+  EXPECT_EQ(idle.ReadAll(), "");
+  EXPECT_EQ(half.ReadAll(), "");
+}
+
+TEST(MetricsServerTest, NumbersAreReadBackAsTheyWere) {
+  using Type = base::MetricFamily::Type;
+  const std::string text =
+      MetricsText({{.name = "a",
+                    .help = "A \\ b\nc.",
+                    .type = Type::kGauge,
+                    .samples = {base::MetricSample::Of(0.1), base::MetricSample::Of(1e300),
+                                base::MetricSample::Of(1.0 / 0.0)}}});
+  EXPECT_EQ(text, "# HELP a A \\\\ b\\nc.\n# TYPE a gauge\na 0.1\na 1e+300\na +Inf\n");
+}
+
 TEST(MetricsServerTest, AMalformedOrTakenAddressIsRefusedWithTheFlagsName) {
   const base::DurationHistogram histogram;
   const auto collect = [&] { return Families(histogram); };
-  for (const char* bad : {"host:", "1.2.3.4:x", ":", "127.0.0.1:65536", "-1", "a,b:1"}) {
+  for (const char* bad : {"host:", "1.2.3.4:x", ":", "127.0.0.1:65536", "-1", "a,b:1", "::1:0"}) {
     EXPECT_THAT(MetricsServer::Start(bad, collect),
                 StatusIs(absl::StatusCode::kInvalidArgument,
                          AllOf(HasSubstr("--metrics-listen"), HasSubstr(bad))))
@@ -129,4 +182,4 @@ TEST(MetricsServerTest, NobodyListensUnlessAsked) {
 }
 
 }  // namespace
-}  // namespace isoscope::rpc
+}  // namespace isoscope::http

@@ -1,8 +1,8 @@
 // A browser's connection: HTTP/1.1 and WebSockets, over TCP or TLS. Boost.Asio and Boost.Beast
 // compile slowly, so no header that others include has their templates.
 
-#ifndef ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
-#define ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
+#ifndef ISOSCOPE_CORE_HTTP_PEER_STREAM_H_
+#define ISOSCOPE_CORE_HTTP_PEER_STREAM_H_
 
 #include <cstddef>
 #include <cstdint>
@@ -13,13 +13,13 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
-#include "web-gateway/peer_message.h"
+#include "core/http/peer_message.h"
 
 namespace boost::asio::ssl {
 class context;
 }  // namespace boost::asio::ssl
 
-namespace isoscope::gateway {
+namespace isoscope::http {
 
 class Transport;
 
@@ -29,7 +29,15 @@ enum class ReadError {
   kEnd,            // the peer left, or the time limit passed
   kLongHeader,     // longer than kMaxHeaderBytes
   kLongBody,       // longer than kMaxBodyBytes
+  kWrongVersion,   // HTTP, but not HTTP/1.0 or HTTP/1.1
   kNoHttpRequest,  // no HTTP/1.1
+};
+
+// How slowly a peer may take an answer.
+struct WriteLimits {
+  absl::Duration piece_timeout;  // for each piece, as the socket takes it
+  // On average, after `piece_timeout`. So nobody holds a connection by taking a byte at a time.
+  double min_bytes_per_second = 4 * 1024;
 };
 
 struct WebSocketOptions {
@@ -70,18 +78,20 @@ class PeerStream {
 
   // REQUIRES: has_tls().
   virtual void Handshake(absl::Duration timeout, Done done) = 0;
-  // Reads a request into request(). Its header must be complete within `header_timeout`, its body
-  // within `body_timeout`. A request for a WebSocket has no body. The message describes an error in
-  // the request.
-  virtual void ReadRequest(absl::Duration header_timeout, absl::Duration body_timeout,
-                           RequestDone done) = 0;
+  // Reads the header of a request into request(). Its first byte must come within `idle_timeout`,
+  // the rest within `header_timeout` from then on. The message describes an error in the request.
+  virtual void ReadHeader(absl::Duration idle_timeout, absl::Duration header_timeout,
+                          RequestDone done) = 0;
+  // Reads the body that follows, within `timeout`.
+  virtual void ReadBody(absl::Duration timeout, RequestDone done) = 0;
+  // Tells a client that waits for it that its body may come (100), unless the body comes already.
+  virtual void WriteContinue(absl::Duration timeout, Done done) = 0;
   virtual PeerRequest* request() = 0;
   // Calls `on_left` once if the peer leaves before StopWatch. REQUIRES: no other operation is
   // pending.
   virtual void WatchPeer(std::function<void()> on_left) = 0;
   virtual void StopWatch() = 0;
-  // `piece_timeout`: the peer must take each piece of the answer within it.
-  virtual void WriteAnswer(PeerAnswer answer, absl::Duration piece_timeout, Done done) = 0;
+  virtual void WriteAnswer(PeerAnswer answer, const WriteLimits& limits, Done done) = 0;
   // Tells the peer that no more data comes. `has_unread_bytes`: the peer may still send, and its
   // bytes are read for at most `timeout`. A socket closed with unread bytes may drop the answer.
   // The socket closes with the stream.
@@ -106,6 +116,6 @@ class PeerStream {
   static constexpr std::size_t kMaxReasonBytes = 123;
 };
 
-}  // namespace isoscope::gateway
+}  // namespace isoscope::http
 
-#endif  // ISOSCOPE_WEB_GATEWAY_PEER_STREAM_H_
+#endif  // ISOSCOPE_CORE_HTTP_PEER_STREAM_H_
