@@ -40,7 +40,8 @@ absl::StatusOr<Scene> FindScene(const client::RequestFlags& flags, const std::st
 absl::StatusOr<Stage> OpenStage(const cli::SessionFlags& session, const client::RequestFlags& flags,
                                 const cli::Context& context) {
   Stage stage;
-  ISOSCOPE_ASSIGN_OR_RETURN(stage.session, cli::Session::Open(session, flags.viewport(), context));
+  ISOSCOPE_ASSIGN_OR_RETURN(stage.session,
+                            cli::Session::Open(session, nullptr, flags.viewport(), context));
   client::ServiceClient& client = stage.session->client();
   ISOSCOPE_ASSIGN_OR_RETURN(stage.scene, FindScene(flags, stage.session->dataset_name(), &client));
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,

@@ -16,6 +16,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -120,7 +121,7 @@ class OpeningLog {
     constexpr absl::Duration kInterval = absl::Seconds(10);
     absl::Duration wait = kFirst;
     const base::MutexLock lock(&mutex_);
-    while (!changed_.AwaitUntil(&mutex_, absl::Now() + wait,
+    while (!changed_.AwaitUntil(&mutex_, base::MonotonicNow() + wait,
                                 [this]()
                                     ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return has_ended_; })) {
       base::LogInfo("agent_opening", {{"address", started.address},

@@ -29,6 +29,25 @@ std::size_t BytesOf(const Shard& shard) {
          (kBytesPerBlock + range_bytes) * static_cast<std::size_t>(reader.layout().block_count());
 }
 
+// Says which volumes are missing: a copy is under way, or a folder was lost. Steps without them are
+// not drawn, and the last step may be an earlier one than that of the manifest.
+void WarnIfIncomplete(const SeriesShard::Served& served, const std::string& directory) {
+  const std::vector<store::ScalarVolume>& named = served.manifest.volumes;
+  if (served.volumes.size() == named.size()) {
+    return;
+  }
+  const auto missing = std::find_if(named.begin(), named.end(), [&](const auto& volume) {
+    return std::none_of(served.volumes.begin(), served.volumes.end(),
+                        [&](const auto& found) { return found.key == volume.key; });
+  });
+  base::LogWarning("series_lacks_volumes",
+                   {{"dataset", served.manifest.name},
+                    {"directory", directory},
+                    {"missing", named.size() - served.volumes.size()},
+                    {"of", named.size()},
+                    {"first", store::ScalarVolumeDirectoryName(missing->key)}});
+}
+
 std::string ManifestPath(const std::string& directory) {
   return absl::StrCat(directory, "/", store::kManifestFileName);
 }
@@ -86,6 +105,7 @@ absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
   series->shard_index_ = shard.shard_index;
   const base::MutexLock lock(&series->mutex_);
   series->served_ = series->FindVolumes(std::move(shard));
+  WarnIfIncomplete(*series->served_, directory);
   return series;
 }
 
@@ -153,6 +173,7 @@ void SeriesShard::RefreshAlone() {
                                      {"volumes_before", before->volumes.size()},
                                      {"volumes", after->volumes.size()},
                                      {"steps", after->manifest.step_count()}});
+    WarnIfIncomplete(*after, directory_);
   }
   const base::MutexLock lock(&mutex_);
   served_ = std::move(after);

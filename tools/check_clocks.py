@@ -16,6 +16,8 @@ import sys
 DATED = {
     "core/base/absl_waits.cc": "abseil gives the ends of its waits as dates",
     "core/base/metrics.cc": "Prometheus asks for the date of a process's start",
+    "core/io/work_folder.cc": "times of files, and of the machine's start",
+    "core/source/source_stamps.cc": "times of files",
     "core/rpc/certificate_watch.cc": "certificates end at a date",
     "core/rpc/certificate_watch.h": "certificates end at a date",
     "core/rpc/transport.cc": "certificates have dates",

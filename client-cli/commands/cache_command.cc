@@ -17,11 +17,12 @@
 #include "client-cli/session/cache_entry.h"
 #include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/session.h"
-#include "client-cli/session/work_folder.h"
 #include "clients/cpp/request/json_text.h"
 #include "core/base/status_macros.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
+#include "core/io/work_folder.h"
+#include "core/source/source_stamps.h"
 
 namespace isoscope::cli {
 namespace {
@@ -72,7 +73,7 @@ std::string ToText(const std::string& folder, std::int64_t limit_bytes,
 }
 
 absl::Status RunList(const ListFlags& flags, const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string folder, CacheDirectory());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string folder, CacheDirectory(context.err));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t limit_bytes,
                             CacheLimitBytes(flags.limit_bytes, folder));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<CacheEntry> entries, ListEntries(folder));
@@ -91,7 +92,7 @@ absl::StatusOr<std::vector<CacheEntry>> SelectEntries(const std::vector<std::str
   }
   std::vector<bool> is_selected(entries.size());
   for (const std::string& name : names) {
-    const std::string path = AbsolutePath(name).value_or(name);
+    const std::string path = source::ResolvedPath(name).value_or(name);
     bool is_known = false;
     for (std::size_t i = 0; i < entries.size(); ++i) {
       if (entries[i].name == name || entries[i].source == path) {
@@ -114,8 +115,8 @@ absl::StatusOr<std::vector<CacheEntry>> SelectEntries(const std::vector<std::str
 }
 
 absl::Status RunClear(const std::vector<std::string>& names, const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string folder, CacheDirectory());
-  RemoveLeftovers(folder);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string folder, CacheDirectory(context.err));
+  io::RemoveLeftovers(folder, kWorkPrefix);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<CacheEntry> entries, SelectEntries(names, folder));
   std::int64_t freed_bytes = 0;
   std::vector<std::string> in_use;

@@ -257,11 +257,14 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   ExportFlags flags = given;
   ISOSCOPE_ASSIGN_OR_RETURN(client::MeshFileOptions file_options, FileOptions(flags));
   ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
+  const WantedVolumes wanted{.selection = flags.selection};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, std::nullopt, context));
+                            Session::Open(flags.session, &wanted, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  session->AdaptSelection(&flags.selection);
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &flags.selection));
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
       dataset, flags.selection, session->question_timeout(), &session->client(), &flags.label));
   ISOSCOPE_ASSIGN_OR_RETURN(file_options, FileOptions(flags));

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -27,10 +26,10 @@
 #include "client-cli/output/series_json.h"
 #include "client-cli/output/source_json.h"
 #include "client-cli/session/connection_flags.h"
-#include "client-cli/session/series_flags.h"
 #include "client-cli/session/session.h"
 #include "client-cli/session/source_flags.h"
 #include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/json_text.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/selection_flags.h"
@@ -39,6 +38,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/flags.h"
+#include "core/cli/format.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
@@ -47,6 +47,7 @@
 #include "core/render/renderer_factory.h"
 #include "core/rpc/host_port.h"
 #include "core/source/dicom_folder.h"
+#include "core/source/open_request.h"
 #include "core/source/value_range.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
@@ -115,52 +116,7 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
 
 // The input, with the flags that its volumes need, as one types them.
 std::string InputAsTyped(const InfoFlags& flags) {
-  const SourceFlags& source = flags.source;
-  std::string text = base::ShellWord(*flags.input);
-  if (source.dims) {
-    absl::StrAppend(&text, " --dims ", source.dims->x, ",", source.dims->y, ",", source.dims->z,
-                    " --type ", volume::NameOf(source.type.value_or(volume::ScalarType::kUint8)));
-    if (source.is_big_endian.value_or(false)) {
-      absl::StrAppend(&text, " --endian big");
-    }
-    if (source.header_bytes) {
-      absl::StrAppend(&text, " --header-bytes ", *source.header_bytes);
-    }
-    if (source.spacing) {
-      absl::StrAppend(&text, " --spacing ", source.spacing->x, ",", source.spacing->y, ",",
-                      source.spacing->z);
-    }
-    if (source.origin) {
-      absl::StrAppend(&text, " --origin ", source.origin->x, ",", source.origin->y, ",",
-                      source.origin->z);
-    }
-  }
-  if (source.dicom_series) {
-    absl::StrAppend(&text, " --series ", *source.dicom_series);
-  }
-  if (source.format) {
-    absl::StrAppend(&text, " --format ", *source.format);
-  }
-  if (source.crop) {
-    const auto end = [](std::int64_t last) {
-      return last == std::numeric_limits<std::int64_t>::max() ? "" : absl::StrCat(last);
-    };
-    absl::StrAppend(&text, " --crop ", source.crop->begin.x, ":", end(source.crop->end.x), ",",
-                    source.crop->begin.y, ":", end(source.crop->end.y), ",", source.crop->begin.z,
-                    ":", end(source.crop->end.z));
-  }
-  if (source.stride) {
-    absl::StrAppend(&text, " --stride ", *source.stride);
-  }
-  if (source.fill) {
-    absl::StrAppend(&text, " --fill ", *source.fill);
-  }
-  if (source.label_names) {
-    absl::StrAppend(&text, " --label-names ", base::ShellWord(*source.label_names));
-  }
-  absl::StrAppend(&text, source.ignores_shear ? " --ignore-shear" : "",
-                  source.resamples ? " --resample" : "");
-  return text;
+  return absl::StrCat(base::ShellWord(*flags.input), AsTyped(flags.source));
 }
 
 // The series of a folder, if it has several and none is chosen; else an empty object.
@@ -229,9 +185,10 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
     return folder;
   }
   // SourceFiles has the error message for a folder without a volume.
-  ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
+  const source::OpenRequest request = RequestOf(flags.source, *flags.input);
+  ISOSCOPE_RETURN_IF_ERROR(SourceFiles(request).status());
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
-                            OpenSourceSeries(flags.source, {}, *flags.input));
+                            source::Open(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             series->Open(0, 0, 0));
   const bool is_single = !partition::NeedsSeries(*series);
@@ -263,7 +220,7 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   AddSource(*series, *source, ranges, InputAsTyped(flags), &volume);
   volume["is_single"] = is_single;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
-                            LabelsOfSource(flags.source, *flags.input, context.err));
+                            LabelsOfSource(request, context.err));
   AddLabels(labels, &volume);
   if (is_single && !labels.empty()) {
     volume["commands"].push_back(
@@ -280,7 +237,7 @@ absl::StatusOr<Json> DescribeServer(const InfoFlags& flags, const Context& conte
   session_flags.server = flags.server;
   session_flags.connection = flags.connection;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(session_flags, std::nullopt, context));
+                            Session::Open(session_flags, nullptr, std::nullopt, context));
   client::ServiceClient& client = session->client();
   ISOSCOPE_ASSIGN_OR_RETURN(const auto capabilities, client.GetCapabilities(timeout));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto datasets, client.ListDatasets(timeout));
@@ -322,8 +279,9 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
   if (flags.input) {
     session_flags.renderer = render::RendererKind::kCpu;  // nothing is drawn
   }
+  const WantedVolumes wanted{.selection = flags.selection};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(session_flags, std::nullopt, context));
+                            Session::Open(session_flags, &wanted, std::nullopt, context));
   HistogramOfDataset result;
   ISOSCOPE_ASSIGN_OR_RETURN(
       result.dataset,
@@ -335,7 +293,10 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
     request.mutable_value_range()->set_min(flags.value_range->min);
     request.mutable_value_range()->set_max(flags.value_range->max);
   }
-  if (const auto selection = client::ToProto(flags.selection)) {
+  client::SelectionFlags chosen = flags.selection;
+  session->AdaptSelection(&chosen);
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(result.dataset, &chosen));
+  if (const auto selection = client::ToProto(chosen)) {
     *request.mutable_selection() = *selection;
   }
   const WaitingLine waiting(context.err, context.err_is_terminal, "counting");

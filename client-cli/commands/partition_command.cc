@@ -23,6 +23,7 @@
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
+#include "core/source/open_request.h"
 #include "core/source/series_format.h"
 #include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
@@ -145,18 +146,18 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   partition::PartitionOptions options = OptionsOf(flags);
   const base::MonotonicTime start = base::MonotonicNow();
+  if (flags.append) {
+    WarnIfIncomplete(options.output_directory, context);
+  }
+  const source::OpenRequest request = RequestOf(flags.source, flags.series, *flags.input);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
-                            OpenSourceSeries(flags.source, flags.series, *flags.input));
+                            source::OpenIdentified(request));
   if (!flags.append) {
-    ISOSCOPE_ASSIGN_OR_RETURN(options.labels,
-                              LabelsOfSource(flags.source, *flags.input, context.err));
+    ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
   }
   if (!flags.append && !partition::NeedsSeries(*source)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
-                              source->Open(0, 0, 0));
-    PrintNote(*volume, context);
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
-                              PartitionVolume(*volume, options, context));
+                              PartitionVolume(*source, options, context));
     *context.out << Summarize(manifest, options.output_directory, base::MonotonicNow() - start);
     return absl::OkStatus();
   }
@@ -164,11 +165,6 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     return UsageError(
         "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
         "or time steps, has its blocks in the same shard in every volume: --distribution random");
-  }
-  if (flags.source.ignores_shear || flags.source.resamples) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
-                              source->Open(0, 0, 0));
-    PrintNote(*first, context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       const store::SeriesManifest series,

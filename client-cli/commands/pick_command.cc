@@ -185,12 +185,16 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   if (flags.view.save_camera_file) {
     ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
   }
+  const WantedVolumes wanted{.selection = flags.request.selection,
+                             .needs_all_fields = flags.all_fields};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, std::nullopt, context));
+                            Session::Open(flags.session, &wanted, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   client::RequestFlags of_frame = flags.request;
+  session->AdaptSelection(&of_frame.selection);
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &of_frame.selection));
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, of_frame.selection,
                                                  session->question_timeout(), &session->client(),
                                                  &of_frame.label));

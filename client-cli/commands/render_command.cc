@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <ostream>
 #include <string>
@@ -327,6 +328,8 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   const v1::Dataset& dataset = subject.dataset;
   ISOSCOPE_RETURN_IF_ERROR(client::CheckColorFields(given.look, dataset));
   RenderFlags flags = given;
+  session->AdaptSelection(&flags.request.selection);
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &flags.request.selection, &flags.look));
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, flags.request.selection,
                                                  session->question_timeout(), &session->client(),
                                                  &flags.request.label));
@@ -392,6 +395,40 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   return absl::OkStatus();
 }
 
+WantedVolumes WantedOf(const RenderFlags& flags) {
+  WantedVolumes wanted{.selection = flags.request.selection};
+  if (flags.sweep.is_step_sweep()) {
+    wanted.steps = [range = *flags.sweep.step_range](int step_count) {
+      std::vector<int> all(static_cast<std::size_t>(step_count));
+      std::iota(all.begin(), all.end(), 0);
+      return StepsOf(range, all, "the source");
+    };
+  }
+  AddColors(flags.look, flags.request.caps, &wanted);
+  return wanted;
+}
+
+// Of the record of a picture.
+WantedVolumes WantedOf(const v1::RenderIsosurfaceRequest& request) {
+  WantedVolumes wanted;
+  const v1::FieldSelection& selection = request.selection();
+  if (!selection.field().empty()) {
+    wanted.selection.field = client::FieldValue{selection.field(), selection.component()};
+  }
+  if (selection.has_time_step()) {
+    wanted.selection.step = selection.time_step();
+  } else if (selection.has_time()) {
+    wanted.selection.time = selection.time();
+  }
+  for (const v1::Surface& surface : request.surfaces()) {
+    if (!surface.color_by().field().empty()) {
+      wanted.colors.push_back(
+          {.text = surface.color_by().field(), .needs_all_steps = !surface.color_by().has_range()});
+    }
+  }
+  return wanted;
+}
+
 absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, set, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
@@ -408,14 +445,16 @@ absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& co
     ISOSCOPE_ASSIGN_OR_RETURN(const frame::FrameSpec spec,
                               rpc::FrameSpecFromProto(recorded.record.request));
     session_flags.expected_layers = frame::HasLayers(spec) ? spec.max_layers : 0;
+    const WantedVolumes wanted = WantedOf(recorded.record.request);
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<Session> session,
-        Session::Open(session_flags, frame::DrawnWindowOf(spec).image_size(), context));
-    return RunLike(flags, recorded, display, session.get(), context);
+        Session::Open(session_flags, &wanted, frame::DrawnWindowOf(spec).image_size(), context));
+    return session->Finish(RunLike(flags, recorded, display, session.get(), context));
   }
+  const WantedVolumes wanted = WantedOf(flags);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(session_flags, flags.drawn_size(), context));
-  return RunFrames(flags, display, session.get(), context);
+                            Session::Open(session_flags, &wanted, flags.drawn_size(), context));
+  return session->Finish(RunFrames(flags, display, session.get(), context));
 }
 
 Action RegisterRenderFlags(FlagSet* set) {

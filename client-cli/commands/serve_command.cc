@@ -55,7 +55,8 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   if (!secure.ok()) {
     return UsageError(secure.message());
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const CachedDataset dataset, PrepareInput(flags.session, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(const CachedDataset dataset,
+                            PrepareInput(flags.session, nullptr, context));
   options.dataset_directory = dataset.directory;
   options.transport = flags.transport;
   options.token_file = flags.token_file;

@@ -79,7 +79,8 @@ class Top {
     SessionFlags session_flags;
     session_flags.server = flags_.server;
     session_flags.connection = flags_.connection;
-    ISOSCOPE_ASSIGN_OR_RETURN(session_, Session::Open(session_flags, std::nullopt, context_));
+    ISOSCOPE_ASSIGN_OR_RETURN(session_,
+                              Session::Open(session_flags, nullptr, std::nullopt, context_));
     ISOSCOPE_RETURN_IF_ERROR(Sample());  // a server that can't be reached is reported in plain text
     if (flags_.is_once) {
       Print();

@@ -104,17 +104,11 @@ absl::StatusOr<StepRange> ParseSteps(absl::string_view text) {
   return range;
 }
 
-absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range,
-                                         const isoscope::v1::Dataset& dataset) {
-  const std::vector<int> served = ServedSteps(dataset);
-  if (served.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat("--step: dataset \"", dataset.name(),
-                                                   "\" has one step, without a number; leave "
-                                                   "--step out"));
-  }
+absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range, const std::vector<int>& served,
+                                         const std::string& name) {
   const int first = NumberOf(range.first, served);
   if (!range.last) {
-    return std::vector<int>{first};  // the server says if it is not served
+    return std::vector<int>{first};  // whoever has the steps says if it is not served
   }
   const int last = NumberOf(*range.last, served);
   std::vector<int> steps;
@@ -127,11 +121,19 @@ absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range,
     }
   }
   if (steps.empty()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("--step names no step that is served: dataset \"", dataset.name(), "\" has ",
-                     served.front(), " to ", served.back()));
+    return absl::InvalidArgumentError(absl::StrCat("--step names no step that is served: ", name,
+                                                   " has ", served.front(), " to ", served.back()));
   }
   return steps;
+}
+
+absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range,
+                                         const isoscope::v1::Dataset& dataset) {
+  std::vector<int> served = ServedSteps(dataset);
+  if (served.empty()) {
+    served = {0};
+  }
+  return StepsOf(range, served, absl::StrCat("dataset \"", dataset.name(), "\""));
 }
 
 double IsovalueRange::At(int i) const {

@@ -59,9 +59,12 @@ struct StepRange {
 // "N", "first", "last", "A:B" or "A:B:STRIDE".
 absl::StatusOr<StepRange> ParseSteps(absl::string_view text);
 
-// The numbers of the steps that `range` names, of those that the dataset serves: not all numbers
-// between are. INVALID_ARGUMENT if the dataset has no steps, or if none of those served is meant
-// (says which are).
+// The numbers of the steps that `range` names, of those that are served, which ascend: not all
+// numbers between are. `name` is for messages. INVALID_ARGUMENT if none of those served is meant
+// (says which are). REQUIRES: there are some.
+absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range, const std::vector<int>& served,
+                                         const std::string& name);
+// The same of a dataset; one without numbers of steps has step 0.
 absl::StatusOr<std::vector<int>> StepsOf(const StepRange& range,
                                          const isoscope::v1::Dataset& dataset);
 

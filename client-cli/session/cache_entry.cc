@@ -28,11 +28,12 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "client-cli/session/work_folder.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/work_folder.h"
 #include "core/store/manifest.h"
+#include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::cli {
@@ -41,6 +42,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr absl::string_view kEntryFileName = ".cache-entry";
+constexpr absl::string_view kNoteName = ".cache-note";
+constexpr absl::string_view kDamagedName = ".cache-damaged";
 constexpr std::size_t kDigestLength = 16;
 constexpr std::int64_t kMaxSourceBytes = 64 * base::kKiB;
 constexpr std::int64_t kMaxManifestBytes = 64 * base::kMiB;
@@ -98,21 +101,41 @@ bool IsInUse(const std::string& directory) {
   return Lock(descriptor, LOCK_EX | LOCK_NB) == EWOULDBLOCK;
 }
 
+// The file name of the source, from a manifest that can be read, of a series or of one volume,
+// whose shards are there.
+absl::StatusOr<std::string> SourceNameOf(const std::string& directory) {
+  if (store::IsSeriesDirectory(directory)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesDescription series, store::OpenSeries(directory));
+    ISOSCOPE_RETURN_IF_ERROR(store::CheckComplete(series));
+    return std::move(series.manifest.source);
+  }
+  const std::string path = absl::StrCat(directory, "/", store::kManifestFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, io::ReadWholeFile(path, kMaxManifestBytes));
+  ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest, store::DecodeManifest(bytes, path));
+  for (std::size_t shard = 0; shard < manifest.shards.size(); ++shard) {
+    const std::string folder =
+        absl::StrCat(directory, "/",
+                     store::ShardDirectoryName(static_cast<int>(shard),
+                                               static_cast<int>(manifest.shards.size())));
+    if (!io::IsDirectory(folder)) {
+      return absl::NotFoundError(absl::StrCat(folder, ": the shard is not there"));
+    }
+  }
+  return std::move(manifest.source);
+}
+
 CacheEntry DescribeEntry(const fs::path& path) {
   const std::string directory = path.string();
   const std::string entry_file = EntryFile(directory);
   CacheEntry entry{.name = path.filename().string(), .size_bytes = SizeOfTree(path)};
   entry.last_used = TimeOfChange(io::PathExists(entry_file) ? entry_file : directory);
   entry.is_in_use = IsInUse(directory);
-  const std::string manifest_file = absl::StrCat(directory, "/", store::kManifestFileName);
-  const absl::StatusOr<std::string> bytes = io::ReadWholeFile(manifest_file, kMaxManifestBytes);
-  const absl::StatusOr<store::Manifest> manifest =
-      bytes.ok() ? store::DecodeManifest(*bytes, manifest_file) : bytes.status();
-  entry.is_damaged = !manifest.ok();
+  const absl::StatusOr<std::string> file_name = SourceNameOf(directory);
+  entry.is_damaged = !file_name.ok() || IsMarkedDamaged(directory);
   const absl::StatusOr<std::string> source = io::ReadWholeFile(entry_file, kMaxSourceBytes);
   entry.source = std::string(absl::StripSuffix(source.value_or(""), "\n"));
-  if (entry.source.empty() && manifest.ok()) {
-    entry.source = manifest->source;
+  if (entry.source.empty()) {
+    entry.source = file_name.value_or("");
   }
   return entry;
 }
@@ -160,6 +183,26 @@ absl::StatusOr<EntryLock> UseEntry(const std::string& directory, absl::string_vi
     futimens(descriptor, nullptr);
     return lock;
   }
+}
+
+void MarkDamaged(const std::string& directory) {
+  const int descriptor = open(absl::StrCat(directory, "/", kDamagedName).c_str(),
+                              O_WRONLY | O_CREAT | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (descriptor >= 0) {
+    close(descriptor);
+  }
+}
+
+bool IsMarkedDamaged(const std::string& directory) {
+  return io::PathExists(absl::StrCat(directory, "/", kDamagedName));
+}
+
+absl::Status WriteNote(const std::string& directory, absl::string_view note) {
+  return io::WriteWholeFile(absl::StrCat(directory, "/", kNoteName), note);
+}
+
+std::string ReadNote(const std::string& directory) {
+  return io::ReadWholeFile(absl::StrCat(directory, "/", kNoteName), kMaxSourceBytes).value_or("");
 }
 
 absl::StatusOr<std::vector<CacheEntry>> ListEntries(const std::string& cache_directory) {
@@ -211,7 +254,8 @@ absl::StatusOr<bool> RemoveEntry(const std::string& cache_directory, const std::
       return true;  // by another process
     }
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const WorkFolder work, WorkFolder::Make(cache_directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::WorkFolder work,
+                            io::WorkFolder::Make(cache_directory, std::string(kWorkPrefix)));
   const std::string target = work.path() + "/removed";
   if (rename(directory.c_str(), target.c_str()) != 0) {
     return io::ErrnoToStatus(errno, "can't remove", directory);

@@ -5,6 +5,8 @@
 //                               time of change: the last use of the entry
 //                               flock: shared by every process that uses the entry, exclusive for
 //                               the one that removes it
+//     .cache-note               text: a line that each use of the entry prints; not always there
+//     .cache-damaged            there if a block or a page of the index was found to be damaged
 //     manifest.json, ...
 //
 // To remove an entry, a process locks it exclusively and renames it into a work folder. A process
@@ -24,6 +26,9 @@
 #include "absl/time/time.h"
 
 namespace isoscope::cli {
+
+// Folders of the cache in which an entry is made or removed (io::WorkFolder) begin so.
+inline constexpr absl::string_view kWorkPrefix = ".making-";
 
 // Returns true if `name` has the form of CacheKey, "...-" and 16 hexadecimal digits. Other names in
 // the cache's folder are never removed.
@@ -59,12 +64,20 @@ struct CacheEntry {
   std::int64_t size_bytes = 0;
   absl::Time last_used = {};
   bool is_in_use = false;
-  bool is_damaged = false;  // it has no manifest that can be read
+  bool is_damaged = false;  // it has no manifest that can be read, or lacks what that names
 };
 
 // Returns all entries, most recently used first. Errors as of reading the folder.
 absl::StatusOr<std::vector<CacheEntry>> ListEntries(const std::string& cache_directory);
 std::int64_t TotalBytes(const std::vector<CacheEntry>& entries);
+
+// Marks an entry as damaged, so that the next process that wants it makes it anew.
+void MarkDamaged(const std::string& directory);
+bool IsMarkedDamaged(const std::string& directory);
+
+// A line for people about an entry, which each use of it prints. "": there is none.
+absl::Status WriteNote(const std::string& directory, absl::string_view note);
+std::string ReadNote(const std::string& directory);
 
 // Removes an entry. False: a process uses it, and it stays. True: it is gone, by this or another
 // process.

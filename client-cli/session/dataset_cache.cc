@@ -8,12 +8,14 @@
 //
 // The key of an entry is SHA-256 over text, so that a changed source gets another entry:
 //
-//   /data/head.nii.gz            the source's path; then, for each of its files:
-//   /data/head.nii.gz            its path,
-//   7654321                      its size in bytes
-//   1700000000.123456789         and its time of change
-//   isoscope-cache-6             the version of this scheme
-//   ...                          the parameters of the partitioning
+//   isoscope source 1             source::Describe: the program's version, and a line for each
+//   program 0.1.0                 member of the request
+//   path "/data/head.nii.gz"
+//   ...
+//   /data/head.nii.gz             source::StampsOf: for each file its path,
+//   7654321 1700000000.5 ...      its size, and the times of the last change of bytes and of status
+//   isoscope-cache-7              the version of this scheme
+//   ...                           the parameters of the partitioning
 
 #include "client-cli/session/dataset_cache.h"
 
@@ -26,6 +28,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <ostream>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -37,7 +40,6 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "client-cli/session/work_folder.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
@@ -45,6 +47,8 @@
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
+#include "core/io/work_folder.h"
+#include "core/source/source_stamps.h"
 
 namespace isoscope::cli {
 namespace {
@@ -52,7 +56,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised when the same source and parameters would give another dataset than before.
-constexpr absl::string_view kKeyVersion = "isoscope-cache-6";
+constexpr absl::string_view kKeyVersion = "isoscope-cache-7";
 constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
 constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
 constexpr std::int64_t kDefaultShareOfFileSystem = 10;  // one tenth
@@ -62,34 +66,30 @@ std::string Environment(const char* name) {
   return value == nullptr ? "" : value;
 }
 
+enum class Links { kRefused, kTaken };
+
 // Creates `directory` with its parents, for this user alone; the error has the reason.
-absl::Status MakeOwnDirectory(const std::string& directory) {
+absl::Status MakeOwnDirectory(const std::string& directory, Links links) {
   std::error_code error;
   fs::create_directories(fs::path(directory).parent_path(), error);
   if (mkdir(directory.c_str(), S_IRWXU) != 0 && errno != EEXIST) {
     return io::ErrnoToStatus(errno, "can't make folder", directory);
   }
-  struct stat info {};
-  if (lstat(directory.c_str(), &info) != 0) {
+  struct stat named {};
+  if (lstat(directory.c_str(), &named) != 0) {
     return io::ErrnoToStatus(errno, "can't look at", directory);
   }
-  // Another user could have created a folder in /tmp.
-  if (!S_ISDIR(info.st_mode) || info.st_uid != geteuid() || access(directory.c_str(), W_OK) != 0) {
+  struct stat info = named;
+  if (S_ISLNK(named.st_mode) && links == Links::kTaken && stat(directory.c_str(), &info) != 0) {
+    return io::ErrnoToStatus(errno, "can't follow the link", directory);
+  }
+  // Another user could have created a folder, or a link, in /tmp.
+  if (!S_ISDIR(info.st_mode) || named.st_uid != geteuid() || info.st_uid != geteuid() ||
+      access(directory.c_str(), W_OK) != 0) {
     return absl::PermissionDeniedError(
         absl::StrCat("'", directory, "' is no folder of this user that can be written"));
   }
   return absl::OkStatus();
-}
-
-absl::StatusOr<std::string> StampOf(const std::string& file) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(file));
-  struct stat info {};
-  if (stat(path.c_str(), &info) != 0) {
-    return io::ErrnoToStatus(errno, "can't look at", path);
-  }
-  return absl::StrCat(path, "\n", std::int64_t{info.st_size}, "\n",
-                      std::int64_t{info.st_mtim.tv_sec}, ".", std::int64_t{info.st_mtim.tv_nsec},
-                      "\n");
 }
 
 // Returns the name of a file without folders and suffixes, in the characters of a dataset's name.
@@ -109,23 +109,24 @@ std::string ReadableStem(const std::string& path) {
 
 }  // namespace
 
-absl::StatusOr<std::string> CacheDirectory() {
-  std::vector<std::string> candidates;
+absl::StatusOr<CacheFolder> FindCacheFolder() {
   const std::string xdg = Environment("XDG_CACHE_HOME");
   const std::string home = Environment("HOME");
   const std::string temporary = Environment("TMPDIR");
+  std::vector<std::pair<std::string, Links>> candidates;
   if (absl::StartsWith(xdg, "/")) {  // the XDG specification ignores relative paths
-    candidates.push_back(xdg + "/isoscope");
+    candidates.emplace_back(xdg + "/isoscope", Links::kTaken);
   } else if (absl::StartsWith(home, "/")) {
-    candidates.push_back(home + "/.cache/isoscope");
+    candidates.emplace_back(home + "/.cache/isoscope", Links::kTaken);
   }
-  candidates.push_back(
-      absl::StrCat(absl::StartsWith(temporary, "/") ? temporary : "/tmp", "/isoscope-", geteuid()));
+  candidates.emplace_back(
+      absl::StrCat(absl::StartsWith(temporary, "/") ? temporary : "/tmp", "/isoscope-", geteuid()),
+      Links::kRefused);
   std::vector<std::string> reasons;
-  for (const std::string& candidate : candidates) {
-    const absl::Status status = MakeOwnDirectory(candidate);
+  for (const auto& [path, links] : candidates) {
+    const absl::Status status = MakeOwnDirectory(path, links);
     if (status.ok()) {
-      return candidate;
+      return CacheFolder{.path = path, .passed_over = absl::StrJoin(reasons, "; ")};
     }
     reasons.emplace_back(status.message());
   }
@@ -134,26 +135,25 @@ absl::StatusOr<std::string> CacheDirectory() {
                    "; set XDG_CACHE_HOME, or partition the volume first"));
 }
 
-absl::StatusOr<std::string> AbsolutePath(const std::string& path) {
-  std::error_code error;
-  std::string absolute = fs::weakly_canonical(path, error).string();
-  if (error) {
-    return io::ErrnoToStatus(error.value(), "can't resolve", path);
+absl::StatusOr<std::string> CacheDirectory(std::ostream* err) {
+  ISOSCOPE_ASSIGN_OR_RETURN(CacheFolder folder, FindCacheFolder());
+  if (!folder.passed_over.empty()) {
+    *err << "isoscope: the cache of datasets is in " << folder.path << ", because "
+         << folder.passed_over << "; XDG_CACHE_HOME can name another folder" << std::endl;
   }
-  return absolute;
+  return std::move(folder.path);
 }
 
-absl::StatusOr<std::string> CacheKey(const std::string& source_path,
+absl::StatusOr<std::string> CacheKey(const source::OpenRequest& request,
                                      const std::vector<std::string>& files,
                                      absl::string_view parameters) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(source_path));
-  std::string text = path + "\n";
-  for (const std::string& file : files) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamp, StampOf(file));
-    text += stamp;
-  }
-  absl::StrAppend(&text, kKeyVersion, "\n", parameters);
-  return absl::StrCat(ReadableStem(path), "-", base::Sha256Hex(text).substr(0, 16));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, source::ResolvedPath(request.path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string description, source::Describe(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamps, source::StampsOf(files));
+  return absl::StrCat(
+      ReadableStem(path), "-",
+      base::Sha256Hex(absl::StrCat(description, stamps, kKeyVersion, "\n", parameters))
+          .substr(0, 16));
 }
 
 absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directory,
@@ -171,8 +171,9 @@ absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directo
   if (io::PathExists(dataset.directory) && find()) {
     return dataset;
   }
-  RemoveLeftovers(cache_directory);
-  ISOSCOPE_ASSIGN_OR_RETURN(const WorkFolder work, WorkFolder::Make(cache_directory));
+  io::RemoveLeftovers(cache_directory, kWorkPrefix);
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::WorkFolder work,
+                            io::WorkFolder::Make(cache_directory, std::string(kWorkPrefix)));
   const std::string made = absl::StrCat(work.path(), "/", key);
   ISOSCOPE_RETURN_IF_ERROR(make(made));
   // Locked before other processes can see it.

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -17,23 +18,29 @@
 
 #include "client-cli/session/cache_entry.h"
 #include "core/base/units.h"
+#include "core/source/open_request.h"
 
 namespace isoscope::cli {
 
+// The folder of the cache.
+struct CacheFolder {
+  std::string path;
+  // Why a folder that goes before it was not taken, a sentence without its end; "": it is the
+  // first.
+  std::string passed_over = {};
+};
 // Returns the folder of the cache, and creates it if needed: $XDG_CACHE_HOME/isoscope, else
 // $HOME/.cache/isoscope, else isoscope-<user id> in $TMPDIR or /tmp. The first that can be created
-// and belongs to this user is taken. FAILED_PRECONDITION lists the attempts.
-absl::StatusOr<std::string> CacheDirectory();
+// and belongs to this user is taken. It may be a link of this user to a folder of this user, but
+// for the one in $TMPDIR, where others can make links. FAILED_PRECONDITION lists the attempts.
+absl::StatusOr<CacheFolder> FindCacheFolder();
+// Its path; prints on `err` what was passed over.
+absl::StatusOr<std::string> CacheDirectory(std::ostream* err);
 
-// Resolves links as far as the path exists: `path` need not be a file.
-absl::StatusOr<std::string> AbsolutePath(const std::string& path);
-
-// Returns the name of a source volume's entry: the dataset's name from the file name, '-', and 16
-// hexadecimal digits of SHA-256. The digest covers the absolute path, then path, size and time of
-// change of each of the `files` (SourceFiles), then `parameters` (all else that the dataset depends
-// on). The source path may also name a dataset of an HDF5 file, or a pattern. NOT_FOUND,
-// PERMISSION_DENIED.
-absl::StatusOr<std::string> CacheKey(const std::string& source_path,
+// Returns the name of a source's entry: the dataset's name from the file name, '-', and 16
+// hexadecimal digits of SHA-256. The digest covers all that decides the dataset: source::Describe,
+// source::StampsOf the files (SourceFiles), and `parameters`, all else. Errors as those three.
+absl::StatusOr<std::string> CacheKey(const source::OpenRequest& request,
                                      const std::vector<std::string>& files,
                                      absl::string_view parameters);
 
@@ -46,7 +53,9 @@ using VerifyDataset = absl::FunctionRef<absl::Status(const std::string& director
 struct CachedDataset {
   std::string directory = {};
   EntryLock lock = {};
-  bool was_made = false;  // by this call
+  bool was_made = false;        // by this call
+  bool is_cached = false;       // of the cache, not a folder of the user
+  bool is_only_volume = false;  // of a source that has no other
 };
 
 // Returns the dataset directory `cache_directory`/`key`: as it is if `verify` accepts it, else made

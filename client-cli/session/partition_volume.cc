@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <memory>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -38,13 +39,22 @@ absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text) {
   return client::ParseInteger(text, 1, store::kMaxShardCount);
 }
 
-absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
-                                                partition::PartitionOptions options,
-                                                const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
-                            OpenSource(flags, input));
-  PrintNote(*source, context);
-  return PartitionVolume(*source, std::move(options), context);
+void WarnIfIncomplete(const std::string& directory, const Context& context) {
+  const absl::StatusOr<store::SeriesDescription> series = store::IsSeriesDirectory(directory)
+                                                              ? store::OpenSeries(directory)
+                                                              : absl::NotFoundError("no series");
+  const std::vector<store::MissingVolume> missing =
+      series.ok() ? store::MissingVolumes(*series) : std::vector<store::MissingVolume>();
+  if (missing.empty()) {
+    return;  // whoever opens it reports errors
+  }
+  *context.err << "isoscope: "
+               << base::Printable(absl::StrCat(
+                      "'", directory, "' lacks volumes that its manifest names: ",
+                      store::DescribeMissing(missing, series->manifest),
+                      "; they can't be drawn, and the last step is the last that is whole: copy "
+                      "them again, or partition anew"))
+               << std::endl;
 }
 
 void PrintNote(const source::VolumeSource& source, const Context& context) {
@@ -54,13 +64,17 @@ void PrintNote(const source::VolumeSource& source, const Context& context) {
   }
 }
 
-absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSource& source,
+absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSeries& source,
                                                 partition::PartitionOptions options,
                                                 const Context& context) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
+                            source.Open(0, 0, 0));
+  PrintNote(*volume, context);
   ProgressLine line(context.err, context.err_is_terminal);
   ShowProgress(&line, &options);
+  options.check_source = [&source] { return source.IdentityOfStep(0).status(); };
   absl::StatusOr<store::Manifest> manifest =
-      partition::Partition(source, options, context.interrupt->cancellation());
+      partition::Partition(*volume, options, context.interrupt->cancellation());
   if (!manifest.ok() && context.interrupt->cancellation().is_cancelled()) {
     return absl::CancelledError("interrupted while partitioning; nothing was left behind");
   }
@@ -71,6 +85,11 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,
                                                       source::VolumeSeries& source,
                                                       partition::SeriesPartitionOptions options,
                                                       const Context& context) {
+  {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
+                              source.Open(0, 0, 0));
+    PrintNote(*first, context);
+  }
   ProgressLine line(context.err, context.err_is_terminal);
   ShowProgress(&line, &options.volume);
   const base::Cancellation& cancellation = context.interrupt->cancellation();

@@ -2,7 +2,8 @@
 //
 //   --server       ServiceClient on a channel to it; nothing is opened here
 //   DIR            the dataset directory, as it is
-//   volume file    an entry of the cache, made by PartitionVolume unless it is there and intact
+//   a source       an entry of the cache, made by PartitionVolume or PartitionSeries unless it is
+//                  there and intact; of a source of several volumes with those that are wanted
 //
 // For the last two an EmbeddedCluster serves the directory. The lock on a cache entry outlives it,
 // so no other process removes the files of an open session.
@@ -10,21 +11,21 @@
 #include "client-cli/session/session.h"
 
 #include <ostream>
+#include <set>
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/session/cache_entry.h"
 #include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/embedded_cluster.h"
 #include "client-cli/session/partition_volume.h"
-#include "client-cli/session/series_flags.h"
 #include "clients/cpp/connection/connect.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/log.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
@@ -32,6 +33,10 @@
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/host_port.h"
+#include "core/source/open_request.h"
+#include "core/source/series_format.h"
+#include "core/source/series_selection.h"
+#include "core/source/source_stamps.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
@@ -46,21 +51,39 @@ absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
   return client::ParseInteger(text, 1, kMaxThreadCount);
 }
 
-// Opens all files that agents will open.
+absl::Status VerifyShard(const std::string& directory, std::uint32_t* manifest_crc32c) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const agent::Shard> opened,
+                            agent::OpenShard(directory));
+  *manifest_crc32c = opened->reader->manifest_crc32c();
+  return opened->reader->ReadHistogram().status();
+}
+
+// Opens all files that a frame can touch: of a series, of all volumes that its manifest names.
+// Their sizes and checksums are looked at, but for the blocks and the pages of the index.
 absl::Status VerifyDatasetDirectory(const std::string& directory) {
+  if (IsMarkedDamaged(directory)) {
+    return absl::DataLossError(absl::StrCat("'", directory, "' was found to be damaged"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
                             store::ShardDirectoriesOf(directory));
   for (const std::string& shard : shards) {
     if (shard.empty()) {
       return absl::NotFoundError(absl::StrCat("'", directory, "' lacks a shard"));
     }
-    if (store::IsSeriesDirectory(shard)) {
-      ISOSCOPE_RETURN_IF_ERROR(store::OpenSeriesShard(shard).status());
+    std::uint32_t crc32c = 0;
+    if (!store::IsSeriesDirectory(shard)) {
+      ISOSCOPE_RETURN_IF_ERROR(VerifyShard(shard, &crc32c));
       continue;
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const agent::Shard> opened,
-                              agent::OpenShard(shard));
-    ISOSCOPE_RETURN_IF_ERROR(opened->reader->ReadHistogram().status());
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesShard series, store::OpenSeriesShard(shard));
+    for (const store::ScalarVolume& volume : series.manifest.volumes) {
+      const std::string path =
+          absl::StrCat(shard, "/", store::ScalarVolumeDirectoryName(volume.key));
+      ISOSCOPE_RETURN_IF_ERROR(VerifyShard(path, &crc32c));
+      if (crc32c != volume.manifest_crc32c) {
+        return absl::DataLossError(absl::StrCat("'", path, "' holds another volume"));
+      }
+    }
   }
   return absl::OkStatus();
 }
@@ -83,36 +106,74 @@ void TrimAfterMaking(const std::string& cache_directory, std::int64_t limit_byte
   }
 }
 
-// The cached dataset of a source volume, which is read from `files`.
-absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
+// The volumes that are wanted. Opens the source only if that is needed to know them.
+absl::StatusOr<ChosenVolumes> ChooseOf(const source::OpenRequest& request,
+                                       const WantedVolumes* wanted) {
+  if (wanted != nullptr && wanted->is_default()) {
+    return ChosenVolumes();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
+                            source::Open(request));
+  return wanted != nullptr ? ChooseVolumes(*wanted, *series)
+                           : absl::StatusOr<ChosenVolumes>(ChooseAllVolumes(*series));
+}
+
+// Makes the dataset of an entry of the cache: of the only volume of a source, or a series with the
+// volumes that are wanted.
+absl::Status MakeDatasetOf(const source::OpenRequest& request, const WantedVolumes* wanted,
+                           partition::PartitionOptions options, const Context& context) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<source::VolumeSeries> series,
+                            source::OpenIdentified(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
+  if (source::IsOneVolume(*series)) {
+    return PartitionVolume(*series, options, context).status();
+  }
+  ChosenVolumes chosen = ChooseAllVolumes(*series);
+  if (wanted != nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(chosen, ChooseVolumes(*wanted, *series));
+  }
+  // By the fields that are left: their numbers count these alone.
+  std::set<std::pair<std::string, int>> names;
+  for (const auto& [field, step] : chosen.volumes) {
+    names.emplace(series->fields()[static_cast<std::size_t>(field)].name, step);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      series, source::SelectFrom(std::move(series), {.fields = std::move(chosen.fields)}));
+  const auto wants = [&](int field, int step) {
+    return names.contains({series->fields()[static_cast<std::size_t>(field)].name, step});
+  };
+  const std::string directory = options.output_directory;
+  ISOSCOPE_RETURN_IF_ERROR(PartitionSeries(SeriesAction::kMake, *series,
+                                           {.volume = std::move(options), .wants = wants}, context)
+                               .status());
+  return chosen.note.empty() ? absl::OkStatus()
+                             : WriteNote(directory, absl::StrCat(request.path, ": ", chosen.note));
+}
+
+// The cached dataset of a source, which is read from `files`.
+absl::StatusOr<CachedDataset> PrepareSource(const SessionFlags& flags, const WantedVolumes* wanted,
+                                            const source::OpenRequest& request,
                                             const std::vector<std::string>& files,
                                             const Context& context) {
-  const std::string& input = *flags.input;
   partition::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
+  ISOSCOPE_ASSIGN_OR_RETURN(const ChosenVolumes chosen, ChooseOf(request, wanted));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::string key,
-      CacheKey(input, files,
-               absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count)));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory());
+      CacheKey(request, files, absl::StrCat(options.shard_count, "\n", chosen.text)));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory(context.err));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t limit_bytes,
                             CacheLimitBytes(flags.cache_limit_bytes, cache_directory));
   const auto make = [&](const std::string& directory) -> absl::Status {
     if (context.err_is_terminal) {
-      *context.err << "partitioning '" << input << "' into the cache, " << cache_directory
+      *context.err << "partitioning '" << request.path << "' into the cache, " << cache_directory
                    << std::endl;
     }
     options.output_directory = directory;
     options.name = key.substr(0, key.rfind('-'));  // the user knows this name
-    ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(flags.source, input, context.err));
-    if (!flags.source.dims && absl::EndsWithIgnoreCase(input, ".pvd")) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
-                                OpenSourceSeries(flags.source, {}, input));
-      return PartitionSeries(SeriesAction::kMake, *series, {.volume = options}, context).status();
-    }
-    return PartitionVolume(flags.source, input, options, context).status();
+    return MakeDatasetOf(request, wanted, options, context);
   };
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, AbsolutePath(input));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, source::ResolvedPath(request.path));
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, FindOrMakeDataset(cache_directory, key, source,
                                                                      make, VerifyDatasetDirectory));
   if (dataset.was_made) {
@@ -120,13 +181,19 @@ absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
   } else if (context.err_is_terminal) {
     *context.err << "using the cached dataset " << dataset.directory << std::endl;
   }
+  if (const std::string note = ReadNote(dataset.directory); wanted != nullptr && !note.empty()) {
+    *context.err << "isoscope: " << base::Printable(note) << std::endl;
+  }
+  dataset.is_cached = true;
+  dataset.is_only_volume = !store::IsSeriesDirectory(dataset.directory);
   return dataset;
 }
 
 // A dataset directory, as it is.
-absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
+absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags, const Context& context) {
   const std::string& input = *flags.input;
   ISOSCOPE_RETURN_IF_ERROR(CheckUsageWithDataset(flags.source, input));
+  WarnIfIncomplete(input, context);
   if (flags.shard_count) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
                               store::ShardDirectoriesOf(input));
@@ -141,13 +208,14 @@ absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
 
 }  // namespace
 
-absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context) {
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const WantedVolumes* wanted,
+                                           const Context& context) {
   if (store::IsDatasetDirectory(*flags.input)) {
-    return PrepareDataset(flags);
+    return PrepareDataset(flags, context);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files,
-                            SourceFiles(flags.source, *flags.input));
-  return PrepareVolume(flags, files, context);
+  const source::OpenRequest request = RequestOf(flags.source, *flags.input);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files, SourceFiles(request));
+  return PrepareSource(flags, wanted, request, files, context);
 }
 
 void AddInputFlags(FlagSet* set, SessionFlags* flags, const std::string& format_flag) {
@@ -223,8 +291,8 @@ Session::Session() : frame_timeout_(client::kAnswerTimeout) {}
 Session::~Session() = default;
 
 absl::StatusOr<std::unique_ptr<Session>> Session::Open(
-    const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
-    const Context& context) {
+    const SessionFlags& flags, const WantedVolumes* wanted,
+    const std::optional<view::Viewport>& expected_viewport, const Context& context) {
   base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
   std::unique_ptr<Session> session(new Session());
   session->timeout_ = flags.timeout;
@@ -238,10 +306,9 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
                                               context.interrupt));
     return session;
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
-  session->dataset_lock_ = std::move(dataset.lock);
+  ISOSCOPE_ASSIGN_OR_RETURN(session->dataset_, PrepareInput(flags, wanted, context));
   EmbeddedClusterOptions options;
-  options.dataset_directory = dataset.directory;
+  options.dataset_directory = session->dataset_.directory;
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
@@ -259,6 +326,22 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
 }
 
 const std::shared_ptr<grpc::Channel>& Session::channel() const { return client_->channel(); }
+
+void Session::AdaptSelection(client::SelectionFlags* selection) const {
+  if (dataset_.is_only_volume) {
+    *selection = client::SelectionFlags();
+  }
+}
+
+absl::Status Session::Finish(const absl::Status& status) {
+  if (!absl::IsDataLoss(status) || !dataset_.is_cached) {
+    return status;
+  }
+  MarkDamaged(dataset_.directory);
+  return {status.code(), absl::StrCat(status.message(),
+                                      "; the copy in the cache is damaged: run the command again, "
+                                      "and it is made anew")};
+}
 
 void Session::SetGatewayAddress(const std::string& address) {
   if (cluster_ != nullptr) {

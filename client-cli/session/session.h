@@ -19,6 +19,8 @@
 #include "client-cli/session/connection_flags.h"
 #include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/source_flags.h"
+#include "client-cli/session/wanted_volumes.h"
+#include "clients/cpp/request/selection_flags.h"
 #include "core/cli/command.h"
 #include "core/cli/flag_set.h"
 #include "core/render/renderer_kind.h"
@@ -68,21 +70,23 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
 
-// Returns the dataset directory of flags.input: itself, or the cache entry of a volume, which is
-// partitioned first if needed. UsageError if --shards differs from the dataset's. Other errors as
-// partition::Partition.
-absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context);
+// Returns the dataset directory of flags.input: itself, or the cache entry of a source, which is
+// partitioned first if needed. Of a source of several volumes it has those that are `wanted`; null:
+// all. Says on standard error what a dataset directory lacks, and what is taken of a source without
+// a choice. UsageError if --shards differs from the dataset's. Other errors as
+// source::OpenIdentified, ChooseVolumes and partition::Partition.
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const WantedVolumes* wanted,
+                                           const Context& context);
 
 // Requests frames of one dataset. Thread-safe.
 class Session {
  public:
-  // Connects to a server, or starts an embedded cluster for a dataset directory or a source volume.
-  // A volume is partitioned into the cache first unless it is there already. Memory is allocated
-  // early for frames of `expected_viewport`; null: none are expected. UsageError if --shards
-  // differs from the dataset's. Other errors as partition::Partition and EmbeddedCluster::Start.
+  // Connects to a server, or starts an embedded cluster for a dataset directory or a source, as
+  // PrepareInput. Memory is allocated early for frames of `expected_viewport`; null: none are
+  // expected. Other errors as PrepareInput and EmbeddedCluster::Start.
   static absl::StatusOr<std::unique_ptr<Session>> Open(
-      const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
-      const Context& context);
+      const SessionFlags& flags, const WantedVolumes* wanted,
+      const std::optional<view::Viewport>& expected_viewport, const Context& context);
 
   ~Session();
   Session(const Session&) = delete;
@@ -96,6 +100,12 @@ class Session {
   [[nodiscard]] const std::string& token() const { return token_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
+  // Takes out what chooses the only volume of a source: its dataset has neither fields nor steps.
+  // That the choice is right was checked when the source was opened.
+  void AdaptSelection(client::SelectionFlags* selection) const;
+  // The status of the command, or that with a hint if files of the cache were damaged: then the
+  // next call makes them anew.
+  absl::Status Finish(const absl::Status& status);
   // Sets a web gateway's address for GetCapabilities, if the coordinator is in this process.
   // Otherwise its operator does that.
   void SetGatewayAddress(const std::string& address);
@@ -114,7 +124,7 @@ class Session {
  private:
   Session();
 
-  EntryLock dataset_lock_;                    // of a cached dataset; outlives the cluster
+  CachedDataset dataset_;                     // its lock outlives the cluster
   std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
   std::unique_ptr<client::ServiceClient> client_;
   std::string token_;

@@ -1,20 +1,25 @@
 #include "client-cli/session/source_flags.h"
 
+#include <cstddef>
 #include <limits>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
+#include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
-#include "core/source/dicom_folder.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/label_names.h"
 #include "core/source/refused_formats.h"
@@ -54,6 +59,75 @@ absl::StatusOr<std::string> ParseFormatName(absl::string_view text) {
       absl::StrCat("'", text, "' is no format; known are ", absl::StrJoin(names, ", ")));
 }
 
+// Letters, each once, or -, those of TIFF's pages with counts; the reader checks what its file can
+// have.
+absl::StatusOr<std::string> ParseAxes(absl::string_view text) {
+  std::string letters;
+  bool is_good = !text.empty();
+  for (const char c : text) {
+    const bool is_digit = absl::ascii_isdigit(static_cast<unsigned char>(c));
+    is_good =
+        is_good &&
+        (is_digit ? !letters.empty()
+                  : c == '-' || (absl::string_view("TCZYX").find(c) != absl::string_view::npos &&
+                                 letters.find(c) == std::string::npos));
+    if (!is_digit) {
+      letters += c;
+    }
+  }
+  if (!is_good) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text,
+                     "' is no list of axes, slowest first, such as ZYX, TZYX or TCZYX, or TC3Z20 "
+                     "for the pages of a TIFF stack"));
+  }
+  return std::string(text);
+}
+
+// Rows; the matrix has columns.
+absl::StatusOr<math::Mat3d> ParseDirection(absl::string_view text) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ',');
+  math::Mat3d matrix;
+  bool is_good = parts.size() == 9;
+  for (std::size_t i = 0; is_good && i < parts.size(); ++i) {
+    const absl::StatusOr<double> number = client::ParseNumber(parts[i]);
+    is_good = number.ok();
+    matrix.columns[i % 3][static_cast<int>(i / 3)] = number.value_or(0);
+  }
+  if (!is_good) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text,
+                     "' is not nine numbers, the rows of a matrix whose columns are the directions "
+                     "of the axes x, y and z: as they are, 1,0,0,0,1,0,0,0,1"));
+  }
+  const absl::Status valid = source::Validate(source::GridOverride{.direction = matrix});
+  if (!valid.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "': ", absl::StripPrefix(valid.message(), "--direction: ")));
+  }
+  return matrix;
+}
+
+// In as few digits as tell it.
+std::string Typed(double number) {
+  std::string text = absl::StrFormat("%.15g", number);
+  double read = 0;
+  return absl::SimpleAtod(text, &read) && read == number ? text : absl::StrFormat("%.17g", number);
+}
+
+std::string Typed(const math::Vec3d& v) {
+  return absl::StrCat(Typed(v.x), ",", Typed(v.y), ",", Typed(v.z));
+}
+
+std::string Typed(const source::SampleBox& box) {
+  std::vector<std::string> axes;
+  for (int axis = 0; axis < 3; ++axis) {
+    const bool is_open = box.end[axis] == std::numeric_limits<std::int64_t>::max();
+    axes.push_back(absl::StrCat(box.begin[axis], ":", is_open ? "" : absl::StrCat(box.end[axis])));
+  }
+  return absl::StrJoin(axes, ",");
+}
+
 }  // namespace
 
 const char* SourceFlags::FirstGiven() const {
@@ -61,6 +135,10 @@ const char* SourceFlags::FirstGiven() const {
   return raw != nullptr  ? raw
          : format        ? "--format"
          : dicom_series  ? "--series"
+         : axes          ? "--axes"
+         : spacing       ? "--spacing"
+         : origin        ? "--origin"
+         : direction     ? "--direction"
          : crop          ? "--crop"
          : stride        ? "--stride"
          : fill          ? "--fill"
@@ -73,8 +151,6 @@ const char* SourceFlags::FirstGiven() const {
 const char* SourceFlags::FirstOfRaw() const {
   return dims            ? "--dims"
          : type          ? "--type"
-         : spacing       ? "--spacing"
-         : origin        ? "--origin"
          : is_big_endian ? "--endian"
          : header_bytes  ? "--header-bytes"
                          : nullptr;
@@ -86,14 +162,20 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
               "samples on each axis, x fastest"));
   add(AddFlag(set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
               "uint8, int8, uint16, int16, uint32, int32, float32 or float64"));
-  add(AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, client::ParsePositiveVector,
-              "world units between samples (default: 1,1,1)"));
-  add(AddFlag(set, "--origin", "X,Y,Z", &flags->origin, client::ParseVector,
-              "world position of the first sample (default: 0,0,0)"));
   add(AddFlag(set, "--endian", "little|big", &flags->is_big_endian, ParseIsBigEndian,
               "byte order (default: little)"));
   add(AddFlag(set, "--header-bytes", "N", &flags->header_bytes, ParseHeaderBytes,
               "bytes before the first sample (default: 0)"));
+  const auto of_grid = [](Flag flag) { flag.Group("World positions, in place of the file's"); };
+  of_grid(AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, client::ParsePositiveVector,
+                  "world units between samples of the file, before --crop and --stride (default: "
+                  "as the file says; of a raw file 1,1,1)"));
+  of_grid(AddFlag(set, "--origin", "X,Y,Z", &flags->origin, client::ParseVector,
+                  "world position of the first sample of the file (default: as the file says; of a "
+                  "raw file 0,0,0)"));
+  of_grid(AddFlag(set, "--direction", "XX,XY,XZ,YX,...", &flags->direction, ParseDirection,
+                  "world directions of the axes: nine numbers, row by row, as ITK and VTK have "
+                  "them; each column is an axis, of length 1 (default: as the file says)"));
   const auto of_any = [](Flag flag) { flag.Group("Parts of a source"); };
   of_any(AddFlag(set, "--crop", "X0:X1,Y0:Y1,Z0:Z1", &flags->crop, source::ParseSampleBox,
                  "samples X0 to X1 - 1 of each axis, in place of all; they keep their positions"));
@@ -108,6 +190,10 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
   of_any(AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
                  "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
                  "them)"));
+  of_any(AddFlag(set, "--axes", "AXES", &flags->axes, ParseAxes,
+                 "the axes of an HDF5 dataset or a netCDF variable, slowest first, of the letters "
+                 "T (time), C (component), Z, Y, X, and - for one of 1 element; for the pages of a "
+                 "TIFF stack T, C and Z with counts, as TC3Z20 (default: as the file says)"));
   of_any(
       AddFlag(set, format_flag, "NAME", &flags->format, ParseFormatName,
               "read the file as this format ('isoscope info --list-formats' lists them; default: "
@@ -142,9 +228,11 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   if (given == nullptr) {
     return absl::OkStatus();
   }
-  if (flags.format || flags.dicom_series) {
+  if (flags.format || flags.dicom_series || flags.axes) {
     return UsageError(absl::StrCat(given, " is for raw files only; it can't be used with ",
-                                   flags.format ? "--format" : "--series"));
+                                   flags.format         ? "--format"
+                                   : flags.dicom_series ? "--series"
+                                                        : "--axes"));
   }
   if (HasSelfDescribingName(path)) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
@@ -170,51 +258,91 @@ absl::Status CheckUsageWithDataset(const SourceFlags& flags, const std::string& 
                    " it was made with: partition the volume anew with this flag"));
 }
 
-absl::StatusOr<std::string> PathOfSource(const SourceFlags& flags, const std::string& path) {
-  // Rules name the series of a path that is DICOM. Else the folder may hold one beside other files.
-  return flags.dicom_series && !source::NamesDicomSeries(path)
-             ? source::FindDicomSeriesFile(path, *flags.dicom_series)
-             : absl::StatusOr<std::string>(path);
-}
-
-absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
-                                                                 const std::string& path) {
-  if (!flags.dims) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        std::unique_ptr<source::VolumeSource> volume,
-        source::OpenVolumeFile(file, flags.format.value_or(""), flags.rules()));
-    return source::AdjustSource(std::move(volume), flags.adjustment());
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      std::unique_ptr<source::VolumeSource> volume,
-      source::OpenRawFile(path,
-                          source::RawFormat{.dims = *flags.dims,
-                                            .type = flags.type.value_or(volume::ScalarType::kUint8),
-                                            .is_big_endian = flags.is_big_endian.value_or(false),
-                                            .header_bytes = flags.header_bytes.value_or(0),
-                                            .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),
-                                            .origin = flags.origin.value_or(math::Vec3d{})}));
-  return source::AdjustSource(std::move(volume), flags.adjustment());
-}
-
-absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
-                                                     const std::string& path) {
-  std::vector<std::string> names;
-  if (flags.label_names) {
-    names.push_back(*flags.label_names);
-  }
+source::OpenRequest RequestOf(const SourceFlags& flags, const std::string& path) {
+  source::OpenRequest request{
+      .path = path,
+      .format = flags.format.value_or(""),
+      .dicom_series = flags.dicom_series.value_or(""),
+      .axes = flags.axes.value_or(""),
+      .ignores_shear = flags.ignores_shear,
+      .resamples = flags.resamples,
+      .grid = {.spacing = flags.spacing, .origin = flags.origin, .direction = flags.direction},
+      .crop = flags.crop,
+      .stride = flags.stride.value_or(1),
+      .fill = flags.fill,
+      .label_names = flags.label_names.value_or("")};
   if (flags.dims) {
-    names.insert(names.begin(), path);
-    return names;
+    request.raw = source::RawFormat{.dims = *flags.dims,
+                                    .type = flags.type.value_or(volume::ScalarType::kUint8),
+                                    .is_big_endian = flags.is_big_endian.value_or(false),
+                                    .header_bytes = flags.header_bytes.value_or(0)};
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, PathOfSource(flags, path));
-  absl::StatusOr<std::vector<std::string>> files =
-      source::FilesOfVolume(file, flags.format.value_or(""), flags.rules());
-  if (files.ok()) {
-    files->insert(files->end(), names.begin(), names.end());
+  return request;
+}
+
+std::string AsTyped(const SourceFlags& flags) {
+  std::string text;
+  const auto add = [&text](absl::string_view flag, const std::string& value) {
+    absl::StrAppend(&text, " ", flag, value.empty() ? "" : " ", value);
+  };
+  if (flags.dims) {
+    add("--dims", absl::StrCat(flags.dims->x, ",", flags.dims->y, ",", flags.dims->z));
   }
-  if (!files.ok() && io::IsDirectory(path) && !source::WhyRefused(path).has_value()) {
+  if (flags.type) {
+    add("--type", std::string(volume::NameOf(*flags.type)));
+  }
+  if (flags.is_big_endian) {
+    add("--endian", *flags.is_big_endian ? "big" : "little");
+  }
+  if (flags.header_bytes) {
+    add("--header-bytes", absl::StrCat(*flags.header_bytes));
+  }
+  if (flags.format) {
+    add("--format", *flags.format);
+  }
+  if (flags.dicom_series) {
+    add("--series", base::ShellWord(*flags.dicom_series));
+  }
+  if (flags.axes) {
+    add("--axes", *flags.axes);
+  }
+  if (flags.spacing) {
+    add("--spacing", Typed(*flags.spacing));
+  }
+  if (flags.origin) {
+    add("--origin", Typed(*flags.origin));
+  }
+  if (flags.direction) {
+    const math::Mat3d rows = math::Transposed(*flags.direction);
+    add("--direction", absl::StrCat(Typed(rows.columns[0]), ",", Typed(rows.columns[1]), ",",
+                                    Typed(rows.columns[2])));
+  }
+  if (flags.crop) {
+    add("--crop", Typed(*flags.crop));
+  }
+  if (flags.stride) {
+    add("--stride", absl::StrCat(*flags.stride));
+  }
+  if (flags.fill) {
+    add("--fill", Typed(*flags.fill));
+  }
+  if (flags.ignores_shear) {
+    add("--ignore-shear", "");
+  }
+  if (flags.resamples) {
+    add("--resample", "");
+  }
+  if (flags.label_names) {
+    add("--label-names", base::ShellWord(*flags.label_names));
+  }
+  return text;
+}
+
+absl::StatusOr<std::vector<std::string>> SourceFiles(const source::OpenRequest& request) {
+  absl::StatusOr<std::vector<std::string>> files = source::FilesOf(request);
+  const std::string& path = request.path;
+  if (!files.ok() && io::IsDirectory(path) && !source::WhyRefused(path).has_value() &&
+      request.dicom_series.empty()) {
     return absl::NotFoundError(
         absl::StrCat("'", path, "' holds no finished dataset, no slices and no DICOM series",
                      store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"
@@ -223,19 +351,15 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   return files;
 }
 
-absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const SourceFlags& flags,
-                                                          const std::string& path,
+absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const source::OpenRequest& request,
                                                           std::ostream* err) {
-  if (flags.label_names) {
-    return source::ReadLabelNames(*flags.label_names);
+  if (!request.label_names.empty()) {
+    return source::ReadLabelNames(request.label_names);
   }
-  if (flags.dims) {
+  if (request.raw.has_value()) {
     return std::vector<volume::Label>();
   }
-  std::string file = path;
-  if (flags.dicom_series) {
-    ISOSCOPE_ASSIGN_OR_RETURN(file, source::FindDicomSeriesFile(path, *flags.dicom_series));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, source::PathOf(request));
   absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
   if (labels.ok()) {
     return labels;
@@ -255,40 +379,6 @@ std::string ListFormats() {
   }
   return absl::StrCat(text,
                       absl::StrFormat("%-14s %s\n", "raw", "any file, with --dims and --type"));
-}
-
-std::string DescribeForKey(const SourceFlags& flags) {
-  std::string parts;  // keys of volumes without these flags stay as they were
-  if (flags.crop) {
-    absl::StrAppend(&parts, " crop ", flags.crop->begin.x, ":", flags.crop->end.x, ",",
-                    flags.crop->begin.y, ":", flags.crop->end.y, ",", flags.crop->begin.z, ":",
-                    flags.crop->end.z);
-  }
-  if (flags.stride) {
-    absl::StrAppend(&parts, " stride ", *flags.stride);
-  }
-  if (flags.fill) {
-    absl::StrAppend(&parts, absl::StrFormat(" fill %a", *flags.fill));
-  }
-  if (flags.label_names) {
-    absl::StrAppend(&parts, " label-names");  // the file is among SourceFiles
-  }
-  absl::StrAppend(&parts, flags.ignores_shear ? " ignore-shear" : "",
-                  flags.resamples ? " resample" : "");
-  if (flags.format || flags.dicom_series) {
-    absl::StrAppend(&parts, " format ", flags.format.value_or(""), " series ",
-                    flags.dicom_series.value_or(""));
-  }
-  if (!flags.dims) {
-    return absl::StrCat("self-describing", parts);
-  }
-  const math::Vec3d spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1});
-  const math::Vec3d origin = flags.origin.value_or(math::Vec3d{});
-  return absl::StrFormat(
-      "raw %d,%d,%d %s %a,%a,%a %a,%a,%a %d %d%s", flags.dims->x, flags.dims->y, flags.dims->z,
-      volume::NameOf(flags.type.value_or(volume::ScalarType::kUint8)), spacing.x, spacing.y,
-      spacing.z, origin.x, origin.y, origin.z, flags.is_big_endian.value_or(false) ? 1 : 0,
-      flags.header_bytes.value_or(0), parts);
 }
 
 }  // namespace isoscope::cli

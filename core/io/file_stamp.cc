@@ -3,6 +3,13 @@
 #include <sys/stat.h>
 
 namespace isoscope::io {
+namespace {
+
+FileTime TimeOf(const timespec& time) {
+  return {.seconds = std::int64_t{time.tv_sec}, .nanoseconds = std::int64_t{time.tv_nsec}};
+}
+
+}  // namespace
 
 FileStamp StampOf(const std::string& path) {
   struct stat found {};
@@ -11,8 +18,8 @@ FileStamp StampOf(const std::string& path) {
   }
   return {.inode = static_cast<std::int64_t>(found.st_ino),
           .size = static_cast<std::int64_t>(found.st_size),
-          .seconds = static_cast<std::int64_t>(found.st_mtim.tv_sec),
-          .nanoseconds = static_cast<std::int64_t>(found.st_mtim.tv_nsec)};
+          .modified = TimeOf(found.st_mtim),
+          .changed = TimeOf(found.st_ctim)};
 }
 
 }  // namespace isoscope::io

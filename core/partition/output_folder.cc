@@ -8,16 +8,19 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "core/base/log.h"
 #include "core/base/status_macros.h"
-#include "core/io/atomic_file.h"
 #include "core/io/file.h"
 
 namespace isoscope::partition {
 namespace {
 
+std::string ParentOf(const std::string& path) {
+  const std::size_t slash = path.rfind('/');
+  return slash == std::string::npos ? "." : slash == 0 ? "/" : path.substr(0, slash);
+}
+
 absl::Status ValidateName(const std::string& name) {
-  constexpr std::size_t kMaxNameBytes = 200;  // leaves room for ".partial-<pid>" in a file name
+  constexpr std::size_t kMaxNameBytes = 200;  // leaves room for ".partial-XXXXXX" in a file name
   const auto is_word = [](char c) {
     return absl::ascii_isalnum(static_cast<unsigned char>(c)) || c == '_';
   };
@@ -38,10 +41,7 @@ absl::Status ValidateOutput(const std::string& output) {
     return absl::AlreadyExistsError(absl::StrCat(
         "output ", output, " exists: remove it, or give a folder that does not exist yet"));
   }
-  const std::size_t slash = output.rfind('/');
-  const std::string parent = slash == std::string::npos ? "."
-                             : slash == 0               ? "/"
-                                                        : output.substr(0, slash);
+  const std::string parent = ParentOf(output);
   if (!io::IsDirectory(parent)) {
     return absl::NotFoundError(absl::StrFormat(
         "output %s: its parent folder %s does not exist: create it (mkdir -p)", output, parent));
@@ -54,9 +54,7 @@ absl::Status ValidateOutput(const std::string& output) {
 std::string BaseName(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
 OutputFolder::OutputFolder(std::string path, std::string name)
-    : path_(std::move(path)),
-      partial_path_(io::PartialName(path_)),
-      name_(name.empty() ? BaseName(path_) : std::move(name)) {}
+    : path_(std::move(path)), name_(name.empty() ? BaseName(path_) : std::move(name)) {}
 
 absl::StatusOr<std::unique_ptr<OutputFolder>> OutputFolder::Make(const std::string& path,
                                                                  const std::string& name) {
@@ -70,28 +68,18 @@ absl::StatusOr<std::unique_ptr<OutputFolder>> OutputFolder::Make(const std::stri
   return folder;
 }
 
-OutputFolder::~OutputFolder() {
-  if (is_partial_) {
-    const absl::Status removed = io::RemoveRecursively(partial_path_);
-    if (!removed.ok()) {
-      base::LogWarning("partial_dataset_left",
-                       {{"path", base::OwnText{partial_path_}}, {"status", removed}});
-    }
-  }
-}
-
 absl::Status OutputFolder::Create() {
-  // A killed process with the same id may have left one: ids repeat in containers.
-  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial_path_));
-  unfinished_.emplace(partial_path_);
-  ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(partial_path_));
-  is_partial_ = true;
+  const std::string parent = ParentOf(path_);
+  const std::string prefix = absl::StrCat(BaseName(path_), ".partial-");
+  io::RemoveLeftovers(parent, prefix);
+  ISOSCOPE_ASSIGN_OR_RETURN(io::WorkFolder partial, io::WorkFolder::Make(parent, prefix));
+  unfinished_.emplace(partial.path());
+  partial_.emplace(std::move(partial));
   return absl::OkStatus();
 }
 
 absl::Status OutputFolder::Commit() {
-  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(partial_path_, path_));
-  is_partial_ = false;
+  ISOSCOPE_RETURN_IF_ERROR(partial_->MoveTo(path_));
   unfinished_.reset();
   return absl::OkStatus();
 }

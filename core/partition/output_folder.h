@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/process_interrupt.h"
+#include "core/io/work_folder.h"
 
 namespace isoscope::partition {
 
@@ -25,25 +26,25 @@ class OutputFolder {
   // ALREADY_EXISTS: the folder. NOT_FOUND: its parent.
   static absl::StatusOr<std::unique_ptr<OutputFolder>> Make(const std::string& path,
                                                             const std::string& name);
-  ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;
 
-  // Creates "<path>.partial-<pid>", where files are written until Commit renames it.
+  // Creates "<path>.partial-XXXXXX" (io::WorkFolder), where files are written until Commit renames
+  // it. Removes those of this output whose processes have ended.
   absl::Status Create();
   absl::Status Commit();
 
-  [[nodiscard]] const std::string& partial_path() const { return partial_path_; }
+  // REQUIRES: Create was called.
+  [[nodiscard]] const std::string& partial_path() const { return partial_->path(); }
   [[nodiscard]] const std::string& name() const { return name_; }  // of the dataset
 
  private:
   OutputFolder(std::string path, std::string name);
 
   const std::string path_;
-  const std::string partial_path_;
   const std::string name_;
-  bool is_partial_ = false;
-  std::optional<base::UnfinishedPath> unfinished_;
+  std::optional<base::UnfinishedPath> unfinished_;  // ends after the folder
+  std::optional<io::WorkFolder> partial_;
 };
 
 }  // namespace isoscope::partition

@@ -316,6 +316,9 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,
                             partitioner.Run(output->partial_path(), output->name()));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  if (options.check_source) {
+    ISOSCOPE_RETURN_IF_ERROR(options.check_source());
+  }
   ISOSCOPE_RETURN_IF_ERROR(output->Commit());
   return manifest;
 }

@@ -41,6 +41,9 @@ struct PartitionOptions {
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
+  // Asked once all was read, before the output gets its name: an error is returned, and the output
+  // removed. May be null. It tells whether the source has changed meanwhile.
+  std::function<absl::Status()> check_source{};
 };
 
 // Partitions a volume and returns the manifest. Reads the volume once (random) or twice (greedy:
@@ -52,7 +55,7 @@ struct PartitionOptions {
 // output. The greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes
 // afterwards.
 //
-// Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed at the end.
+// Crash-safe: everything is written to "<output>.partial-XXXXXX", flushed, and renamed at the end.
 // An error or a cancellation removes it. Deterministic: the same source and options give the same
 // bytes, whatever the limit and the number of threads.
 //

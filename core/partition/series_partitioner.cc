@@ -54,8 +54,8 @@ std::string TrimmedPath(std::string path) {
   return path;
 }
 
-// Digest of grid, cut, fields and the first step. The ids of volumes are digests of samples, grid
-// and cut.
+// Digest of grid, cut, fields and the first step that has volumes. The ids of volumes are digests
+// of samples, grid and cut.
 std::string ComputeSeriesId(const store::SeriesManifest& series) {
   std::string text = "isoscope series 1\n";
   const auto add = [&text](absl::string_view part) {
@@ -73,7 +73,7 @@ std::string ComputeSeriesId(const store::SeriesManifest& series) {
     }
   }
   for (const store::ScalarVolume& volume : series.volumes) {
-    if (volume.key.step == 0) {
+    if (volume.key.step == series.volumes.front().key.step) {  // ascending by step
       add(store::ScalarVolumeDirectoryName(volume.key));
       add(volume.dataset_id);
     }
@@ -201,7 +201,8 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& sour
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
   ISOSCOPE_ASSIGN_OR_RETURN(store::SeriesManifest series,
                             PlanSeries(source, options.volume, checked->name()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<VolumeTask> tasks, PlanVolumes(source, series));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<VolumeTask> tasks,
+                            PlanVolumes(source, series, options.wants));
   ISOSCOPE_RETURN_IF_ERROR(CheckGrids(source, tasks, series, cancellation));
 
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SeriesWorkFolder> folder,

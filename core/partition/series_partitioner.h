@@ -4,6 +4,8 @@
 #ifndef ISOSCOPE_CORE_PARTITION_SERIES_PARTITIONER_H_
 #define ISOSCOPE_CORE_PARTITION_SERIES_PARTITIONER_H_
 
+#include <functional>
+
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
@@ -18,10 +20,13 @@ struct SeriesPartitionOptions {
   // refuses the greedy distribution. AppendToSeries takes `output_directory`, which exists,
   // compression and memory alone; the rest is as the series has it.
   PartitionOptions volume;
-  // Takes the scalar volumes that an interrupted run has finished, if neither their source (files
-  // by name, size and time of change) nor the parameters have changed since. Reads them, and makes
-  // damaged ones again.
+  // Takes the scalar volumes that an interrupted run has finished, if neither the request for the
+  // source, nor its files (source::StampsOf), nor the parameters have changed since
+  // (VolumeSeries::IdentityOfStep). Reads them, and makes damaged ones again.
   bool resumes = false;
+  // Whether the volumes of a field at a step are wanted; those that are not are left out, and the
+  // series has all steps all the same. At least one is wanted. Null: all are.
+  std::function<bool(int field, int step)> wants{};
 };
 
 // True if the source has more than one field, component or step, or a time. Another one makes a
@@ -40,6 +45,7 @@ bool NeedsSeries(const source::VolumeSeries& source);
 //
 // Errors as Partition. INVALID_ARGUMENT too if volumes differ in grid or sample type; the message
 // names field, step and both values. FAILED_PRECONDITION: another process writes this output.
+// ABORTED: a file of the source has changed while it was read.
 absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& source,
                                                       const SeriesPartitionOptions& options,
                                                       const base::Cancellation& cancellation);

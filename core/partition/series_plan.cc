@@ -172,8 +172,11 @@ absl::StatusOr<store::SeriesManifest> PlanSeries(source::VolumeSeries& source,
 }
 
 absl::StatusOr<std::vector<VolumeTask>> PlanVolumes(const source::VolumeSeries& source,
-                                                    const store::SeriesManifest& series) {
+                                                    const store::SeriesManifest& series,
+                                                    const WantsVolume& wants) {
   std::vector<VolumeTask> tasks = TasksOfAll(source);
+  std::erase_if(tasks,
+                [&](const VolumeTask& task) { return wants && !wants(task.field, task.step); });
   ISOSCOPE_RETURN_IF_ERROR(
       CheckCounts(series.fields.size(), series.times.size(), tasks.size(), source.name()));
   return tasks;

@@ -5,6 +5,7 @@
 #ifndef ISOSCOPE_CORE_PARTITION_SERIES_PLAN_H_
 #define ISOSCOPE_CORE_PARTITION_SERIES_PLAN_H_
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -25,10 +26,14 @@ absl::StatusOr<store::SeriesManifest> PlanSeries(source::VolumeSeries& source,
                                                  const PartitionOptions& options,
                                                  const std::string& name);
 
+// Whether the volumes of a field at a step are wanted; null: all are.
+using WantsVolume = std::function<bool(int field, int step)>;
+
 // Returns the tasks of a new series, those of the magnitudes included. INVALID_ARGUMENT: there are
 // more of them, or of fields or steps, than a series may have.
 absl::StatusOr<std::vector<VolumeTask>> PlanVolumes(const source::VolumeSeries& source,
-                                                    const store::SeriesManifest& series);
+                                                    const store::SeriesManifest& series,
+                                                    const WantsVolume& wants = nullptr);
 
 // Returns the tasks of appending, and adds the new steps to `series`. What the series has already
 // is left out if the run `resumes`; else it is ALREADY_EXISTS. FAILED_PRECONDITION: the series has

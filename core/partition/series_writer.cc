@@ -5,15 +5,15 @@
 //   2. Partition writes it as a dataset of version 1.
 //   3. The folder moves its shards to their places, and records the fingerprint.
 //
-// The fingerprint names all that decides the bytes: files with size and time of change, what of
-// them, and the parameters.
+// The fingerprint names all that decides the bytes: the identity of the step, which has the whole
+// request and the stamps of the files; the volume in it; and the parameters of the cut. The
+// identity is looked at again once the volume was read: a source that has changed meanwhile gives
+// an error, not a mixture.
 
 #include "core/partition/series_writer.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <optional>
-#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -46,28 +46,15 @@ const volume::ScalarType& TypeOf(const store::SeriesManifest& series,
       .scalar_type;
 }
 
-// Size and time of change of each file that the source reads; its name alone where there is none.
-std::string DescribeFiles(const source::VolumeSource& volume) {
-  const absl::StatusOr<std::vector<std::string>> known = source::FilesOfVolume(volume.name());
-  std::string text;
-  for (const std::string& file : known.ok() ? *known : std::vector<std::string>{volume.name()}) {
-    std::error_code error;
-    const auto size = std::filesystem::file_size(file, error);
-    const auto changed = std::filesystem::last_write_time(file, error);
-    absl::StrAppend(
-        &text, file, "\n",
-        error ? std::string("?") : absl::StrCat(size, " ", changed.time_since_epoch().count()),
-        "\n");
-  }
-  return text;
-}
-
-std::string FingerprintOf(const source::VolumeSeries& source, const VolumeTask& task,
-                          const source::VolumeSource& volume, const PartitionOptions& options,
-                          const store::SeriesManifest& series) {
+std::string FingerprintOf(const std::string& identity, const source::VolumeSeries& source,
+                          const VolumeTask& task, const source::VolumeSource& volume,
+                          const PartitionOptions& options, const store::SeriesManifest& series) {
   return base::Sha256Hex(absl::StrCat(
-      "isoscope volume 1\n", NameOf(source, task), "\n", volume.name(), "\n", DescribeFiles(volume),
-      series.name, "\n", series.source, "\n", TextOf(series.geometry.sample_dims), "\n",
+      "isoscope volume 2\n", NameOf(source, task), "\n", task.field, " ", task.component, "\n",
+      volume.name(), "\n", volume::NameOf(volume.scalar_type()), "\n", identity, series.name, "\n",
+      series.source, "\n", TextOf(series.geometry.sample_dims), "\n",
+      TextOf(series.geometry.spacing), "\n", TextOf(series.geometry.origin), "\n",
+      TextOf(series.geometry.direction), "\n", TextOf(series.patient_frame), "\n",
       TextOf(series.block_cells), "\n", series.shard_count, " ", series.seed, " ",
       static_cast<int>(options.compression)));
 }
@@ -107,11 +94,10 @@ class TotalProgress {
   std::int64_t total_bytes_ = 0;
 };
 
-absl::Status WriteVolume(source::VolumeSource* volume, const std::string& fingerprint,
-                         const VolumeTask& task, PartitionOptions options, SeriesWorkFolder* folder,
-                         const store::SeriesManifest& series,
+absl::Status WriteVolume(source::VolumeSource* volume, PartitionOptions options,
+                         const SeriesWorkFolder& folder, const store::SeriesManifest& series,
                          const base::Cancellation& cancellation) {
-  options.output_directory = folder->volume_path();
+  options.output_directory = folder.volume_path();
   options.name = series.name;
   options.source_name = series.source;
   options.shard_count = series.shard_count;
@@ -119,7 +105,27 @@ absl::Status WriteVolume(source::VolumeSource* volume, const std::string& finger
   options.distribution = store::Distribution::kRandom;
   options.seed = series.seed;
   options.labels.clear();  // the series has them
-  ISOSCOPE_RETURN_IF_ERROR(Partition(*volume, options, cancellation).status());
+  return Partition(*volume, options, cancellation).status();
+}
+
+// Writes the volume of a task, unless the folder has it.
+absl::Status WriteTask(source::VolumeSeries& source, const VolumeTask& task,
+                       const PartitionOptions& options, SeriesWorkFolder* folder,
+                       const store::SeriesManifest& series,
+                       const base::Cancellation& cancellation) {
+  // Before the first byte is read.
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string identity, source.IdentityOfStep(task.step));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
+                            OpenTask(source, task));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFits(source, task, *volume, series));
+  const std::string fingerprint = FingerprintOf(identity, source, task, *volume, options, series);
+  ISOSCOPE_ASSIGN_OR_RETURN(const bool is_finished,
+                            folder->IsFinished(task.key, fingerprint, cancellation));
+  if (is_finished) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WriteVolume(volume.get(), options, *folder, series, cancellation));
+  ISOSCOPE_RETURN_IF_ERROR(source.IdentityOfStep(task.step).status());
   return folder->Finish(task.key, fingerprint);
 }
 
@@ -211,16 +217,8 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
     progress.Begin(absl::StrCat("volume ", i + 1, " of ", tasks.size()));
     const absl::Status status = [&]() -> absl::Status {
       ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
-                                OpenTask(source, task));
-      ISOSCOPE_RETURN_IF_ERROR(CheckFits(source, task, *volume, *series));
-      const std::string fingerprint = FingerprintOf(source, task, *volume, options, *series);
-      ISOSCOPE_ASSIGN_OR_RETURN(const bool is_finished,
-                                folder->IsFinished(task.key, fingerprint, cancellation));
-      if (!is_finished) {
-        ISOSCOPE_RETURN_IF_ERROR(WriteVolume(volume.get(), fingerprint, task, volume_options,
-                                             folder, *series, cancellation));
-      }
+      ISOSCOPE_RETURN_IF_ERROR(
+          WriteTask(source, task, volume_options, folder, *series, cancellation));
       ISOSCOPE_ASSIGN_OR_RETURN(series->volumes.emplace_back(), folder->Describe(task.key));
       return absl::OkStatus();
     }();

@@ -12,6 +12,7 @@
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/store/series_manifest.h"
+#include "core/volume/field_name.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -45,20 +46,36 @@ int NearestStep(const v1::Dataset& dataset, const std::vector<int>& steps, doubl
   return time - TimeOf(dataset, before).value_or(0) <= to_next ? before : *next;
 }
 
+std::optional<volume::FieldName> FindName(const v1::Dataset& dataset, const std::string& text) {
+  return volume::FindFieldName(text, [&](absl::string_view name) -> std::optional<std::size_t> {
+    const auto found = std::find_if(dataset.fields().begin(), dataset.fields().end(),
+                                    [&](const v1::Field& of) { return of.name() == name; });
+    return found == dataset.fields().end() ? std::nullopt
+                                           : std::optional<std::size_t>(static_cast<std::size_t>(
+                                                 found - dataset.fields().begin()));
+  });
+}
+
 }  // namespace
 
 absl::StatusOr<FieldPlace> FindField(const v1::Dataset& dataset, const std::string& field,
-                                     const std::string& component, absl::string_view path) {
+                                     const std::string& asked_component, absl::string_view path) {
   FieldPlace place;
+  std::string component = asked_component;
   if (!field.empty()) {
-    const auto found = std::find_if(dataset.fields().begin(), dataset.fields().end(),
-                                    [&](const v1::Field& of) { return of.name() == field; });
-    if (found == dataset.fields().end()) {
+    auto found = FindName(dataset, field);
+    // Programs that split at the last colon know no names with colons.
+    if (!found.has_value() && !component.empty()) {
+      found = FindName(dataset, absl::StrCat(field, ":", component));
+      component.clear();
+    }
+    if (!found.has_value() || (!found->component.empty() && !component.empty())) {
       return absl::InvalidArgumentError(absl::StrCat(path, "field is ", base::Quoted(field),
                                                      ": dataset \"", dataset.name(), "\" has ",
                                                      JoinNames(dataset.fields())));
     }
-    place.field = static_cast<int>(found - dataset.fields().begin());
+    place.field = static_cast<int>(found->field);
+    component = found->component.empty() ? component : found->component;
   }
   const v1::Field& chosen = dataset.fields(place.field);
   if (chosen.components().empty()) {

@@ -25,8 +25,10 @@ struct FieldPlace {
 };
 
 // "" is the first field; of its components, the only one or the magnitude. A number names a
-// component, too. INVALID_ARGUMENT: there is none of this name; says which there are. `path`, such
-// as "selection.", is put before the names of the members. REQUIRES: the dataset has fields.
+// component, too. Without a component, `field` may have it behind a colon, unless the whole of it
+// is a field (volume::FindFieldName). INVALID_ARGUMENT: there is none of this name; says which
+// there are. `path`, such as "selection.", is put before the names of the members. REQUIRES: the
+// dataset has fields.
 absl::StatusOr<FieldPlace> FindField(const isoscope::v1::Dataset& dataset, const std::string& field,
                                      const std::string& component, absl::string_view path);
 

@@ -35,6 +35,7 @@
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/printable.h"
 #include "core/base/process_setup.h"
@@ -206,7 +207,7 @@ class EndWatch {
   // Returns true once the process has ended well.
   bool HasEndedWithin(absl::Duration duration) {
     const base::MutexLock lock(&mutex_);
-    return changed_.AwaitUntil(&mutex_, absl::Now() + duration,
+    return changed_.AwaitUntil(&mutex_, base::MonotonicNow() + duration,
                                [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return has_ended_; });
   }
 

@@ -178,6 +178,9 @@ class AdjustedSeries final : public VolumeSeries {
                               series_->Open(field, component, step));
     return AdjustSource(std::move(source), adjustment_);
   }
+  absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
+    return series_->FilesOfStep(step);
+  }
 
  private:
   const std::unique_ptr<VolumeSeries> series_;

@@ -18,6 +18,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/hdf5_links.h"
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/named_files.h"
 #include "core/source/one_grid.h"
@@ -121,6 +122,12 @@ class Hdf5FileSeries final : public VolumeSeries {
     ISOSCOPE_RETURN_IF_ERROR(CheckOneGrid(absl::StrFormat("%s: step %d", volume->name(), step),
                                           volume->geometry(), steps_.front()->name(), grid_));
     return volume;
+  }
+  // Those of its own file, and what that links to.
+  absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
+                              FilesOfHdf5Trees({steps_[static_cast<std::size_t>(step)]->name()}));
+    return files;
   }
 
  private:

@@ -17,32 +17,13 @@
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_mesh.h"
 #include "core/source/hdf5_storage.h"
+#include "core/source/placed_source.h"
 #include "core/source/series_format.h"
 #include "core/source/walled_series.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
 namespace {
-
-// A source at other world positions.
-class MovedSource final : public VolumeSource {
- public:
-  MovedSource(std::unique_ptr<VolumeSource> source, const volume::GridGeometry& geometry)
-      : source_(std::move(source)), geometry_(geometry) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return source_->scalar_type(); }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] bool is_seekable() const override { return source_->is_seekable(); }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return source_->memory_bytes(); }
-  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    return source_->ReadRows(begin_row, end_row, out);
-  }
-
- private:
-  const std::unique_ptr<VolumeSource> source_;
-  const volume::GridGeometry geometry_;
-};
 
 // Samples of one value.
 class ConstantSource final : public VolumeSource {
@@ -187,7 +168,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
       std::unique_ptr<VolumeSource> source,
       OpenHdf5Volume(std::move(named), *std::move(type), wanted.axes, wanted.step, wanted.component,
                      field.geometry.sample_dims));
-  return std::make_unique<MovedSource>(std::move(source), field.geometry);
+  return MoveSource(std::move(source), field.geometry);
 }
 
 constexpr WalledLibrary kHdf5Meshes = {

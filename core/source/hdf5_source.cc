@@ -38,6 +38,7 @@
 #include "core/source/axis_order.h"
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_handle.h"
+#include "core/source/hdf5_links.h"
 #include "core/source/hdf5_storage.h"
 #include "core/source/part_path.h"
 #include "core/source/walled_source.h"
@@ -203,11 +204,14 @@ absl::StatusOr<NamedHdf5Dataset> OpenVolumeByName(const std::string& path) {
 
 absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NamedHdf5Dataset named, OpenVolumeByName(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> of_samples,
                             FindHdf5Files(named.dataset.get(), named.parts.name()));
-  // A link may lead past the file that the path names.
-  if (std::find(files.begin(), files.end(), named.parts.file) == files.end()) {
-    files.insert(files.begin(), named.parts.file);
+  // Begins with the file that the path names, and has those that only lead to the samples, too.
+  std::vector<std::string> files = FindHdf5LinkedFiles(named.parts.file, named.parts.dataset);
+  for (const std::string& file : of_samples) {
+    if (std::find(files.begin(), files.end(), file) == files.end()) {
+      files.push_back(file);
+    }
   }
   return files;
 }
@@ -294,7 +298,7 @@ bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {
-  return FindFilesWalled(kHdf5, path);
+  return FindFilesWalled(kHdf5, {path});
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path) {

@@ -5,7 +5,6 @@
 // 3. Virtual dataset: for each source, find its file and dataset, and visit that in the same way.
 //    A name with "%b" stands for numbered sources 0, 1, 2, ... up to the first missing one.
 //
-// Paths follow the rules of the library (version 1.10), prefixes from the environment included.
 // Invariant: a dataset is visited once, and one that leads back to itself is an error (open_).
 
 #include "core/source/hdf5_storage.h"
@@ -14,7 +13,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <filesystem>
 #include <set>
 #include <utility>
@@ -22,96 +20,17 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/str_replace.h"
-#include "absl/strings/str_split.h"
-#include "absl/strings/strip.h"
 #include <sys/types.h>
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/source/hdf5_handle.h"
+#include "core/source/hdf5_paths.h"
 
 namespace isoscope::source {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::string Environment(const char* name) {
-  const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): no code sets variables
-  return value == nullptr ? "" : value;
-}
-
-// The text from a library function that takes a buffer and its size and returns the length.
-template <typename Call>
-std::string TextOf(const Call& call) {
-  const ssize_t length = call(nullptr, 0);
-  if (length <= 0) {
-    return "";
-  }
-  std::string text(static_cast<std::size_t>(length) + 1, '\0');
-  call(text.data(), text.size());
-  text.resize(static_cast<std::size_t>(length));
-  return text;
-}
-
-std::string FileOf(hid_t object) {
-  return TextOf([&](char* out, std::size_t size) { return H5Fget_name(object, out, size); });
-}
-
-// "${ORIGIN}" at the beginning of a prefix means the folder of the file that names others.
-std::string WithOrigin(const std::string& prefix, const std::string& origin) {
-  absl::string_view rest = prefix;
-  return absl::ConsumePrefix(&rest, "${ORIGIN}") ? absl::StrCat(origin, rest) : prefix;
-}
-
-// The folder of a file, "." if it is named without one.
-std::string FolderOf(const std::string& file) {
-  const std::string folder = fs::path(file).parent_path().string();
-  return folder.empty() ? "." : folder;
-}
-
-std::string Joined(const std::string& folder, const std::string& file) {
-  return (fs::path(folder) / file).lexically_normal().string();
-}
-
-// Returns the path of a raw file of external storage, by the rules of H5D__efl_read.
-std::string ExternalPath(const std::string& file, const std::string& owner) {
-  const std::string prefix = Environment("HDF5_EXTFILE_PREFIX");
-  if (file.starts_with('/') || prefix.empty() || prefix == ".") {
-    return file;
-  }
-  return Joined(WithOrigin(prefix, FolderOf(owner)), file);
-}
-
-// Returns the paths at which the library looks for the source file of a virtual dataset, in its
-// order (H5F_prefix_open_file).
-std::vector<std::string> VirtualPaths(const std::string& file, const std::string& owner) {
-  std::vector<std::string> paths;
-  std::string relative = file;
-  if (file.starts_with('/')) {
-    paths.push_back(file);
-    relative = fs::path(file).filename().string();
-  }
-  for (const absl::string_view prefix :
-       absl::StrSplit(Environment("HDF5_VDS_PREFIX"), ':', absl::SkipEmpty())) {
-    paths.push_back(Joined(WithOrigin(std::string(prefix), FolderOf(owner)), relative));
-  }
-  paths.push_back(Joined(FolderOf(owner), relative));
-  paths.push_back(relative);
-  std::error_code error;
-  const fs::path actual = fs::canonical(owner, error);  // the owner may be a symbolic link
-  if (!error) {
-    paths.push_back(Joined(actual.parent_path().string(), relative));
-  }
-  return paths;
-}
-
-// The name of the `i`-th source: "%b" is where sources are counted, "%%" is "%" (H5Pset_virtual).
-std::string NumberedPart(absl::string_view name, std::int64_t i, bool* is_numbered) {
-  const std::string numbered = absl::StrReplaceAll(name, {{"%b", absl::StrCat(i)}, {"%%", "%"}});
-  *is_numbered |= numbered != absl::StrReplaceAll(name, {{"%b", ""}, {"%%", "%"}});
-  return numbered;
-}
 
 class FileFinder {
  public:
@@ -124,7 +43,7 @@ class FileFinder {
       return absl::DataLossError(
           absl::StrCat(name_, ": how it is stored can't be read: ", LastHdf5Error()));
     }
-    const std::string owner = FileOf(dataset);
+    const std::string owner = Hdf5FileOf(dataset);
     const Address address(info.fileno, info.addr);
     // The library would follow such a circle until its stack overflows.
     if (open_.contains(address)) {
@@ -172,7 +91,7 @@ class FileFinder {
         return absl::DataLossError(
             absl::StrCat(name_, ": its external files can't be read: ", LastHdf5Error()));
       }
-      const std::string path = ExternalPath(file_name.data(), owner);
+      const std::string path = Hdf5RawFilePath(file_name.data(), owner);
       if (!io::PathExists(path)) {
         return absl::NotFoundError(absl::StrCat(
             name_, ": its samples lie in '", path,
@@ -200,17 +119,17 @@ class FileFinder {
     std::size_t count = 0;
     H5Pget_virtual_count(properties, &count);
     for (std::size_t i = 0; i < count; ++i) {
-      const std::string file = TextOf([&](char* out, std::size_t size) {
+      const std::string file = Hdf5TextFrom([&](char* out, std::size_t size) {
         return H5Pget_virtual_filename(properties, i, out, size);
       });
-      const std::string dataset = TextOf([&](char* out, std::size_t size) {
+      const std::string dataset = Hdf5TextFrom([&](char* out, std::size_t size) {
         return H5Pget_virtual_dsetname(properties, i, out, size);
       });
       bool is_numbered = false;
       // A numbered series ends where the first one is missing; it has at least one.
       for (std::int64_t number = 0; number == 0 || is_numbered; ++number) {
-        const std::string source_file = NumberedPart(file, number, &is_numbered);
-        const std::string source = NumberedPart(dataset, number, &is_numbered);
+        const std::string source_file = Hdf5NumberedName(file, number, &is_numbered);
+        const std::string source = Hdf5NumberedName(dataset, number, &is_numbered);
         bool is_there = false;
         const absl::Status status = VisitSource(source_file, source, owner, &is_there);
         if (number > 0 && !is_there && absl::IsNotFound(status)) {
@@ -226,7 +145,8 @@ class FileFinder {
   absl::Status VisitSource(const std::string& file_name, const std::string& dataset_name,
                            const std::string& owner, bool* is_there) {
     const std::vector<std::string> paths =
-        file_name == "." ? std::vector<std::string>{owner} : VirtualPaths(file_name, owner);
+        file_name == "." ? std::vector<std::string>{owner}
+                         : Hdf5PathsOf(Hdf5OtherFile::kOfVirtualDataset, file_name, owner);
     const auto path = std::find_if(paths.begin(), paths.end(), io::PathExists);
     if (path == paths.end()) {
       return absl::NotFoundError(absl::StrCat(name_, ": part of its samples lies in '", file_name,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -11,12 +12,16 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/source/cube_series.h"
 #include "core/source/file_layout.h"
 #include "core/source/file_start.h"
+#include "core/source/hdf5_links.h"
 #include "core/source/itk_image.h"
 #include "core/source/layout_formats.h"
 #include "core/source/legacy_vtk_parser.h"
@@ -30,6 +35,7 @@
 #include "core/source/tiff_source.h"
 #include "core/source/vdb_series.h"
 #include "core/source/vtk_series.h"
+#include "core/volume/field_name.h"
 
 namespace isoscope::source {
 namespace {
@@ -58,6 +64,9 @@ class PartSeries final : public VolumeSeries {
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int /*field*/, int component,
                                                      int step) override {
     return whole_->Open(field_, component_.value_or(component), step);
+  }
+  absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
+    return whole_->FilesOfStep(step);
   }
 
  private:
@@ -108,14 +117,38 @@ SeriesFormat LayoutRow(absl::string_view name, std::vector<std::string> endings)
           }};
 }
 
-// The header, and its samples beside it.
+// The header, and its samples: in the file that it names, else beside it. ITK decides, so all that
+// are there count.
 absl::StatusOr<std::vector<std::string>> FilesOfStimulate(const std::string& file) {
+  constexpr std::int64_t kMaxHeaderBytes = 64 * base::kKiB;
+  constexpr absl::string_view kNameKey = "stimFileName:";
   std::vector<std::string> files = {file};
-  std::string samples = file.substr(0, file.size() - 3) + "sdt";
-  if (io::PathExists(samples)) {
-    files.push_back(std::move(samples));
+  std::vector<std::string> candidates = {file.substr(0, file.size() - 3) + "sdt"};
+  const absl::StatusOr<std::string> header = io::ReadWholeFile(file, kMaxHeaderBytes);
+  for (const absl::string_view line : absl::StrSplit(header.value_or(""), '\n')) {
+    absl::string_view name = absl::StripAsciiWhitespace(line);
+    if (absl::ConsumePrefix(&name, kNameKey)) {
+      name = absl::StripAsciiWhitespace(name);
+      candidates.emplace_back(name);
+      candidates.push_back(absl::StrCat(file.substr(0, file.rfind('/') + 1), name));
+    }
+  }
+  for (std::string& candidate : candidates) {
+    if (io::PathExists(candidate) && !io::IsDirectory(candidate) &&
+        std::find(files.begin(), files.end(), candidate) == files.end()) {
+      files.push_back(std::move(candidate));
+    }
   }
   return files;
+}
+
+// netCDF-4 and MINC 2 are HDF5 files, which may link to others.
+absl::StatusOr<std::vector<std::string>> FilesOfNetcdf(const std::string& file) {
+  const absl::StatusOr<FileStart> start = ReadFileStart(file, 4);
+  if (start.ok() && absl::StartsWith(start->bytes, "CDF")) {
+    return std::vector<std::string>{file};
+  }
+  return FilesOfHdf5Trees({file});
 }
 
 }  // namespace
@@ -130,7 +163,8 @@ const std::vector<SeriesFormat>& SeriesFormats() {
       {.name = "MINC",
        .endings = {".mnc"},
        .open = [](const std::string& file, const std::string& field,
-                  const std::string& /*part*/) { return OpenMincSeries(file, field); }},
+                  const std::string& /*part*/) { return OpenMincSeries(file, field); },
+       .find_files = FilesOfNetcdf},
       // These three share their endings; ITK reads NIfTI-1 where the name has one of them.
       LayoutRow<IsNifti1Header, ReadNiftiHeaderLayout>(kNifti1Name, {}),
       LayoutRow<IsNifti2Header, ReadNiftiHeaderLayout>("NIfTI-2", {}),
@@ -199,7 +233,8 @@ const std::vector<SeriesFormat>& SeriesFormats() {
                      const std::string& axes) { return OpenNetcdfSeries(file, part, rules, axes); },
        .open_by_rules = [](const std::string& file, const std::string& /*field*/,
                            const std::string& part,
-                           const GridRules& rules) { return OpenNetcdfSeries(file, part, rules); }},
+                           const GridRules& rules) { return OpenNetcdfSeries(file, part, rules); },
+       .find_files = FilesOfNetcdf},
   };
   return *formats;
 }
@@ -305,21 +340,21 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeS
                                                          const std::string& file,
                                                          const std::string& part) {
   const std::vector<SourceField>& fields = series->fields();
-  int field = FieldNumber(fields, part);
+  const std::optional<volume::FieldName> name =
+      volume::FindFieldName(part, [&](absl::string_view text) -> std::optional<std::size_t> {
+        const int field = FieldNumber(fields, text);
+        return field < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(field));
+      });
   std::optional<int> component;
-  const std::size_t colon = part.rfind(':');
-  if (field < 0 && colon != std::string::npos) {
-    field = FieldNumber(fields, absl::string_view(part).substr(0, colon));
-    component = field < 0 ? -1
-                          : ComponentNumber(fields[static_cast<std::size_t>(field)].components,
-                                            absl::string_view(part).substr(colon + 1));
+  if (name.has_value() && !name->component.empty()) {
+    component = ComponentNumber(fields[name->field].components, name->component);
   }
-  if (field < 0 || component.value_or(0) < 0) {
+  if (!name.has_value() || component.value_or(0) < 0) {
     return absl::NotFoundError(absl::StrFormat("%s: no %s \"%s\"; it holds %s", file,
-                                               field < 0 ? "field" : "component", part,
+                                               name.has_value() ? "component" : "field", part,
                                                DescribeFields(fields)));
   }
-  return std::make_unique<PartSeries>(std::move(series), field, component);
+  return std::make_unique<PartSeries>(std::move(series), static_cast<int>(name->field), component);
 }
 
 std::string DescribeFields(const std::vector<SourceField>& fields) {

@@ -332,22 +332,33 @@ absl::StatusOr<std::vector<Label>> LabelsOfHeader(const std::string& header,
 
 }  // namespace
 
+std::optional<std::string> FileOfSourceLabels(const std::string& path) {
+  if (NamesDicomSeries(path)) {
+    return std::nullopt;
+  }
+  const std::optional<SeriesFile> part = FindSeriesFileByName(path);
+  std::string header = LayoutHeaderPath(part.has_value() ? part->file : path);
+  if (!io::PathExists(header) || io::IsDirectory(header)) {
+    return std::nullopt;
+  }
+  return header;
+}
+
 absl::StatusOr<std::vector<Label>> ReadSourceLabels(const std::string& path) {
   if (NamesDicomSeries(path)) {
     return ReadDicomLabels(path);
   }
-  const std::optional<SeriesFile> part = FindSeriesFileByName(path);
-  const std::string header = LayoutHeaderPath(part.has_value() ? part->file : path);
-  if (!io::PathExists(header) || io::IsDirectory(header)) {
+  const std::optional<std::string> header = FileOfSourceLabels(path);
+  if (!header.has_value()) {
     return std::vector<Label>();
   }
-  const absl::StatusOr<FileStart> start = ReadFileStart(header, kLabelHeadBytes);
+  const absl::StatusOr<FileStart> start = ReadFileStart(*header, kLabelHeadBytes);
   if (!start.ok()) {
     return std::vector<Label>();
   }
-  absl::StatusOr<std::vector<Label>> labels = LabelsOfHeader(header, start->bytes);
+  absl::StatusOr<std::vector<Label>> labels = LabelsOfHeader(*header, start->bytes);
   if (!labels.ok()) {
-    return absl::InvalidArgumentError(absl::StrCat(header, ": ", labels.status().message()));
+    return absl::InvalidArgumentError(absl::StrCat(*header, ": ", labels.status().message()));
   }
   return labels;
 }

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_SOURCE_SOURCE_LABELS_H_
 #define ISOSCOPE_CORE_SOURCE_SOURCE_LABELS_H_
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,6 +26,9 @@ namespace isoscope::source {
 // it is of another format, or if it can't be opened: whoever reads its samples says why.
 // INVALID_ARGUMENT: a table that is damaged or too long; the samples may be read all the same.
 absl::StatusOr<std::vector<volume::Label>> ReadSourceLabels(const std::string& path);
+// The file that ReadSourceLabels would read; not set if there is none, or if the path names a DICOM
+// series, which is a matter of all of its files.
+std::optional<std::string> FileOfSourceLabels(const std::string& path);
 
 }  // namespace isoscope::source
 

@@ -184,12 +184,18 @@ absl::StatusOr<std::vector<std::string>> FilesOfTiff(const std::string& file) {
   std::vector<std::string> files{file};
   auto stack = FindTiffStack({file}, file, "");
   if (!stack.ok()) {
+    stack = FindTiffStack({file}, file, "Z");  // without what its head says, as with --axes
+  }
+  if (!stack.ok()) {
     return files;  // opening it says why
   }
   for (std::string& other : stack->files) {
     if (other != file) {
       files.push_back(std::move(other));
     }
+  }
+  if (!stack->companion.empty()) {
+    files.push_back(std::move(stack->companion));
   }
   return files;
 }

@@ -41,14 +41,15 @@ absl::Status NamedStatus(const std::string& name, const absl::Status& status) {
                      : absl::Status(status.code(), absl::StrCat(name, ": ", status.message()));
 }
 
-// The layout that OME-XML describes, in the file itself or in its companion.
-absl::StatusOr<StackLayout> LayoutOfOme(const TiffStack& stack, const std::string& path) {
+// The layout that OME-XML describes, in the file itself or in its companion, which is set.
+absl::StatusOr<StackLayout> LayoutOfOme(const std::string& path, TiffStack* stack) {
   const std::string own_name = BaseNameOf(path);
-  const auto planes = static_cast<std::int64_t>(stack.pages.offsets.size());
+  const auto planes = static_cast<std::int64_t>(stack->pages.offsets.size());
   ISOSCOPE_ASSIGN_OR_RETURN(OmeStack ome,
-                            ParseOmeXml(stack.pages.description, path, own_name, planes));
+                            ParseOmeXml(stack->pages.description, path, own_name, planes));
   if (!ome.companion.empty()) {
-    const std::string companion = path.substr(0, path.rfind('/') + 1) + ome.companion;
+    stack->companion = path.substr(0, path.rfind('/') + 1) + ome.companion;
+    const std::string& companion = stack->companion;
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string xml,
                               io::ReadWholeFile(companion, kMaxCompanionBytes));
     ISOSCOPE_ASSIGN_OR_RETURN(ome, ParseOmeXml(xml, companion, own_name, planes));
@@ -58,20 +59,19 @@ absl::StatusOr<StackLayout> LayoutOfOme(const TiffStack& stack, const std::strin
                        ", in its place; expected the tags of an image"));
     }
   }
-  if (ome.size_x != stack.format.width || ome.size_y != stack.format.height) {
+  if (ome.size_x != stack->format.width || ome.size_y != stack->format.height) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: OME-XML says %d x %d samples, but its first page has %d x %d", path,
-                        ome.size_x, ome.size_y, stack.format.width, stack.format.height));
+                        ome.size_x, ome.size_y, stack->format.width, stack->format.height));
   }
   return std::move(ome.layout);
 }
 
 // The layout as the head of the first file says it; not set if it says nothing.
-absl::StatusOr<std::optional<StackLayout>> LayoutOfHead(const TiffStack& stack,
-                                                        const std::string& path) {
-  const TiffPages& pages = stack.pages;
+absl::StatusOr<std::optional<StackLayout>> LayoutOfHead(const std::string& path, TiffStack* stack) {
+  const TiffPages& pages = stack->pages;
   if (IsOmeXml(pages.description)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(StackLayout layout, LayoutOfOme(stack, path));
+    ISOSCOPE_ASSIGN_OR_RETURN(StackLayout layout, LayoutOfOme(path, stack));
     return layout;
   }
   if (IsImageJDescription(pages.description)) {
@@ -205,7 +205,7 @@ absl::Status LayOut(const std::vector<std::string>& files, const std::string& ax
   const std::string& path = files.front();
   std::optional<StackLayout> described;
   if (files.size() == 1) {
-    auto head = LayoutOfHead(*stack, path);
+    auto head = LayoutOfHead(path, stack);
     if (!head.ok() && axes.empty()) {
       return absl::Status(head.status().code(), absl::StrCat(head.status().message(),
                                                              ": mend it, or ", PagesAdvice(path)));

@@ -20,6 +20,7 @@ namespace isoscope::source {
 struct TiffStack {
   std::string name;
   std::vector<std::string> files;  // by StackPlane::file
+  std::string companion{};         // the file with the OME-XML, if that is not in files[0]
   TiffPages pages{};               // of files[scanned_file]
   std::int32_t scanned_file = 0;   // below 0: none
   PageFormat format{};

@@ -8,7 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
 
 #include "core/source/grid_rules.h"
 #include "core/source/volume_source.h"
@@ -47,6 +49,19 @@ class VolumeSeries {
   // REQUIRES: indices in range.
   virtual absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component,
                                                              int step) = 0;
+
+  // The files that alone decide the samples of a step, if the other files of the source do not
+  // matter to it; not set: all of them do. Errors as FilesOf (open_request.h).
+  virtual absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int /*step*/) {
+    return std::nullopt;
+  }
+  // A text for fingerprints, which differs wherever a volume of the step could have other samples:
+  // the request, and the stamps of the files. UNIMPLEMENTED: the series was not opened by
+  // OpenIdentified (open_request.h), which alone knows both. ABORTED: a file has changed since.
+  virtual absl::StatusOr<std::string> IdentityOfStep(int /*step*/) {
+    return absl::UnimplementedError(
+        absl::StrCat(name(), ": nothing tells what decides its samples"));
+  }
 };
 
 struct SeriesOptions {

@@ -31,6 +31,7 @@
 #include "core/source/file_source.h"
 #include "core/source/file_start.h"
 #include "core/source/hdf5_file_series.h"
+#include "core/source/hdf5_links.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/image_slices.h"
 #include "core/source/itk_header.h"
@@ -134,7 +135,7 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
         "pattern in quotation marks, or a file of many pages), PNG or BMP slices (a folder or a "
         "pattern); anything else is read as raw "
         "samples with --dims X,Y,Z "
-        "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
+        "--type T [--endian little|big] [--header-bytes N] [--spacing X,Y,Z] [--origin X,Y,Z]"));
   }
   std::string header_path = path;
   if (format == FileFormat::kNifti) {
@@ -237,14 +238,22 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
   std::vector<std::string> files = {path};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, ReadPvdSteps(path));
   for (const PvdStep& step : steps) {
-    if (absl::EndsWithIgnoreCase(step.file, ".pvti")) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> pieces, FilesOfPvti(step.file));
-      files.insert(files.end(), pieces.begin(), pieces.end());
-    } else {
-      files.push_back(step.file);
-    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> of_step, FilesOfPvdStep(step));
+    files.insert(files.end(), of_step.begin(), of_step.end());
   }
   return files;
+}
+
+// The files of a dataset, or of all meshes: those of a pattern, and all that they link to.
+absl::StatusOr<std::vector<std::string>> FilesOfHdf5(const std::string& path,
+                                                     const std::vector<std::string>& found) {
+  if (found.size() == 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
+    if (meshes == nullptr) {
+      return FilesOfHdf5Dataset(path);
+    }
+  }
+  return FilesOfHdf5Trees(found);
 }
 
 }  // namespace
@@ -305,9 +314,12 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
     return FilesOfPvd(path);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
-  if (found.kind == SourceKind::kHdf5 && found.files.size() == 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
-    return meshes != nullptr ? std::move(found.files) : FilesOfHdf5Dataset(path);
+  if (found.kind == SourceKind::kHdf5) {
+    return FilesOfHdf5(path, found.files);
+  }
+  // The only one may have a companion that is no TIFF file.
+  if (found.kind == SourceKind::kTiff && found.files.size() == 1) {
+    return FilesOfTiff(found.files.front());
   }
   if (found.kind == SourceKind::kDicom) {
     return DicomFilesOf(path);
@@ -364,10 +376,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& pat
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: --header-bytes %d: expected 0 or more", path, format.header_bytes));
   }
-  const volume::GridGeometry geometry{.sample_dims = format.dims,
-                                      .spacing = format.spacing,
-                                      .origin = format.origin,
-                                      .direction = {}};
+  const volume::GridGeometry geometry{
+      .sample_dims = format.dims, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
   return MakeFileSource(geometry,
                         {.files = {path},
                          .offset = format.header_bytes,

@@ -59,15 +59,13 @@ class VolumeSource {
   }
 };
 
-// The flags that describe a raw file. For formats with a header, such a flag is an error (the
-// caller checks is_raw).
+// What a file without a header does not say. Its samples lie 1 world unit apart, the first one at
+// 0, 0, 0; placed_source.h changes that.
 struct RawFormat {
   math::Index3 dims;
   volume::ScalarType type = volume::ScalarType::kUint8;
   bool is_big_endian = false;
   std::int64_t header_bytes = 0;
-  math::Vec3d spacing{1, 1, 1};
-  math::Vec3d origin;
 };
 
 // Opens NIfTI (.nii .hdr .img, each also .gz), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), the
@@ -83,12 +81,18 @@ struct RawFormat {
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
                                                              const std::string& format = "",
                                                              const GridRules& rules = {});
-// Returns the files of such a volume. While none of them changes and none is added, the volume does
-// not change. For a DICOM series these are all DICOM files of its folder, of any series. Reads
-// names and headers only, with the errors of OpenVolumeFile that they show. The caller checks for
-// missing files.
-// Those of a ParaView collection (.pvd, volume_series.h) are its steps, as of a pattern of HDF5
-// files; those of a .pvti its pieces.
+// Returns the files of such a volume, or of a series (volume_series.h): all that decide a sample or
+// a position. While none of them changes and none is added, the volume does not change. Reads names
+// and headers only, with the errors of OpenVolumeFile that they show. The caller checks for missing
+// files.
+//
+//   DICOM        all DICOM files of the folder, of any series
+//   .pvd         the collection, and its steps; .pvti: with the pieces
+//   HDF5         also netCDF-4 and MINC 2: with all files that links, virtual datasets and external
+//                storage lead to (hdf5_links.h); a pattern: of each of its files
+//   OME-TIFF     the files of the set, and the companion with the XML
+//   two files    header and samples of NIfTI, Analyze, NRRD, MetaImage, AFNI, PAR/REC, ParaVision,
+//                Stimulate, the samples in any number of files
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
                                                        const std::string& format = "",
                                                        const GridRules& rules = {});

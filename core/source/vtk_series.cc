@@ -82,14 +82,14 @@ class ImageSeries final : public VtkSeries {
 class PvdSeries final : public VtkSeries {
  public:
   PvdSeries(const std::string& path, std::vector<PvdStep> steps, std::vector<double> times,
-            std::unique_ptr<VtkImage> first)
-      : VtkSeries(path, *first, std::move(times)),
+            const VtkImage& first)
+      : VtkSeries(path, first, std::move(times)),
         steps_(std::move(steps)),
-        arrays_(first->arrays()),
-        geometry_(first->geometry()),
-        image_(std::move(first)) {}
+        arrays_(first.arrays()),
+        geometry_(first.geometry()) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
+    // The first step is read again, as its file may have been replaced since.
     if (image_ == nullptr || open_step_ != step) {
       const std::string& file = steps_[static_cast<std::size_t>(step)].file;
       image_ = nullptr;
@@ -99,6 +99,12 @@ class PvdSeries final : public VtkSeries {
     const auto wanted = static_cast<std::size_t>(field);
     ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t array, FindArray(arrays_[wanted], step));
     return image_->Open(array, component);
+  }
+  // Without the collection, which grows while a simulation runs: it tells the time and the file.
+  absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
+                              FilesOfPvdStep(steps_[static_cast<std::size_t>(step)]));
+    return files;
   }
 
  private:
@@ -129,7 +135,7 @@ class PvdSeries final : public VtkSeries {
   const std::vector<PvdStep> steps_;
   const std::vector<VtiArray> arrays_;  // of the first step
   const volume::GridGeometry geometry_;
-  std::unique_ptr<VtkImage> image_;  // of open_step_
+  std::unique_ptr<VtkImage> image_;  // of open_step_; null at first
   int open_step_ = 0;
 };
 
@@ -204,15 +210,23 @@ absl::StatusOr<std::vector<PvdStep>> ReadPvdSteps(const std::string& path) {
   return steps;
 }
 
+absl::StatusOr<std::vector<std::string>> FilesOfPvdStep(const PvdStep& step) {
+  if (absl::EndsWithIgnoreCase(step.file, ".pvti")) {
+    return FilesOfPvti(step.file);
+  }
+  return std::vector<std::string>{step.file};
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<PvdStep> steps, ReadPvdSteps(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtkImage> first, OpenVtkImage(steps.front().file));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtkImage> first,
+                            OpenVtkImage(steps.front().file));
   std::vector<double> times;
   times.reserve(steps.size());
   for (const PvdStep& step : steps) {
     times.push_back(step.time);
   }
-  return std::make_unique<PvdSeries>(path, std::move(steps), std::move(times), std::move(first));
+  return std::make_unique<PvdSeries>(path, std::move(steps), std::move(times), *first);
 }
 
 }  // namespace isoscope::source

@@ -34,6 +34,8 @@ struct PvdStep {
 // or more than 100 000; a time that is no finite number; times that do not ascend (names both); a
 // file that is neither .vti, .pvti nor .vtr.
 absl::StatusOr<std::vector<PvdStep>> ReadPvdSteps(const std::string& path);
+// The files of a step: that of a .pvti with its pieces. Errors as FilesOfPvti.
+absl::StatusOr<std::vector<std::string>> FilesOfPvdStep(const PvdStep& step);
 
 // Opens a collection, of .vtr files those whose axes are even. Its fields are those of the first
 // step; each step is looked at as it is opened: INVALID_ARGUMENT if it has not the grid or not an

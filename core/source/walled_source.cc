@@ -136,6 +136,9 @@ class Child {
                   .answer_bytes = sizeof(Answer),
                   .shared_bytes = kSharedBytes}) {}
 
+  // Later questions are about another file.
+  void TurnTo(const std::string& path) { path_ = path; }
+
   // Returns the answer, the error that the child reported, or the error that ended it.
   absl::StatusOr<Answer> Ask(Question question, const DecoderProcess::Limits& limits,
                              std::int64_t begin_row = 0, std::int64_t end_row = 0) {
@@ -185,7 +188,7 @@ class Child {
 
  private:
   const WalledLibrary library_;
-  const std::string path_;
+  std::string path_;
   const std::string part_;
   DecoderProcess process_;
 };
@@ -276,12 +279,20 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
 }
 
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,
-                                                         const std::string& path) {
-  Child child(library, path, "");
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const Answer answer, child.Ask(Question::kFindFiles, {.memory_bytes = library.memory_bytes}));
-  return absl::StrSplit(absl::string_view(child.shared(), answer.text_bytes), '\0',
-                        absl::SkipEmpty());
+                                                         const std::vector<std::string>& paths) {
+  std::vector<std::string> files;
+  Child child(library, "", "");
+  for (const std::string& path : paths) {
+    child.TurnTo(path);
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const Answer answer,
+        child.Ask(Question::kFindFiles, {.memory_bytes = library.memory_bytes}));
+    for (const absl::string_view file : absl::StrSplit(
+             absl::string_view(child.shared(), answer.text_bytes), '\0', absl::SkipEmpty())) {
+      files.emplace_back(file);
+    }
+  }
+  return files;
 }
 
 absl::StatusOr<std::vector<std::string>> DescribeWalled(const WalledLibrary& library,

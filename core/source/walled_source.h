@@ -37,9 +37,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
                                                          const std::string& path,
                                                          const std::string& part = "");
 
-// `library.find_files`, in a child process. Errors as above.
+// `library.find_files` of each path, one after the other, in one child process. Errors as above.
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,
-                                                         const std::string& path);
+                                                         const std::vector<std::string>& paths);
 
 // `library.describe`, in a child process; nothing in it that a terminal would obey. Errors as
 // above.

@@ -12,6 +12,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include <nlohmann/json.hpp>
 
 #include "core/base/check.h"
@@ -128,6 +129,57 @@ absl::StatusOr<SeriesDescription> OpenSeries(const std::string& directory) {
     series.shard_directories.push_back(io::IsDirectory(shard_path) ? std::move(shard_path) : "");
   }
   return series;
+}
+
+std::vector<MissingVolume> MissingVolumes(const SeriesDescription& series) {
+  std::vector<MissingVolume> missing;
+  for (const ScalarVolume& volume : series.manifest.volumes) {
+    std::vector<int> shards;
+    for (std::size_t shard = 0; shard < series.shard_directories.size(); ++shard) {
+      const std::string& directory = series.shard_directories[shard];
+      if (!directory.empty() &&
+          !io::PathExists(absl::StrCat(directory, "/", ScalarVolumeDirectoryName(volume.key), "/",
+                                       kManifestFileName))) {
+        shards.push_back(static_cast<int>(shard));
+      }
+    }
+    if (!shards.empty()) {
+      missing.push_back({.key = volume.key, .shards = std::move(shards)});
+    }
+  }
+  return missing;
+}
+
+std::string DescribeMissing(const std::vector<MissingVolume>& missing,
+                            const SeriesManifest& manifest) {
+  const ScalarVolumeKey& key = missing.front().key;
+  const Field& field = manifest.fields[static_cast<std::size_t>(key.field)];
+  const std::string& component = field.components[static_cast<std::size_t>(key.component)].name;
+  const std::vector<int>& shards = missing.front().shards;
+  std::string text = absl::StrCat("field \"", field.name, "\"", component.empty() ? "" : ", ",
+                                  component, ", step ", key.step, ", in shard",
+                                  shards.size() > 1 ? "s " : " ", absl::StrJoin(shards, ", "));
+  if (missing.size() > 1) {
+    absl::StrAppend(&text, "; and ", missing.size() - 1, " more volume",
+                    missing.size() > 2 ? "s" : "");
+  }
+  return text;
+}
+
+absl::Status CheckComplete(const SeriesDescription& series) {
+  for (std::size_t shard = 0; shard < series.shard_directories.size(); ++shard) {
+    if (series.shard_directories[shard].empty()) {
+      return absl::NotFoundError(absl::StrFormat("dataset \"%s\": shard %d of %d is not there",
+                                                 series.manifest.name, shard,
+                                                 series.shard_directories.size()));
+    }
+  }
+  const std::vector<MissingVolume> missing = MissingVolumes(series);
+  return missing.empty()
+             ? absl::OkStatus()
+             : absl::NotFoundError(absl::StrCat("dataset \"", series.manifest.name,
+                                                "\" lacks volumes that its manifest names: ",
+                                                DescribeMissing(missing, series.manifest)));
 }
 
 absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory) {

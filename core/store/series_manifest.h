@@ -141,6 +141,20 @@ struct SeriesDescription {
 // Errors as OpenDataset.
 absl::StatusOr<SeriesDescription> OpenSeries(const std::string& directory);
 
+// A scalar volume that the manifest names, and the shards whose folders lack it.
+struct MissingVolume {
+  ScalarVolumeKey key;
+  std::vector<int> shards;  // indices, ascending
+};
+// The volumes that are not there, ascending by key: partitioning and careful copies write the
+// manifest of a volume's folder last. Shards that do not exist at all do not count.
+std::vector<MissingVolume> MissingVolumes(const SeriesDescription& series);
+// "field "p", step 5, in shards 0 and 2; and 3 more volumes". REQUIRES: `missing` is not empty.
+std::string DescribeMissing(const std::vector<MissingVolume>& missing,
+                            const SeriesManifest& manifest);
+// NOT_FOUND, with the first of them, if the series lacks a shard or a volume.
+absl::Status CheckComplete(const SeriesDescription& series);
+
 // Returns the shard directories of a dataset directory, of a series or of version 1, by shard
 // index;
 // "" where one does not exist. Errors as OpenDataset.

@@ -90,6 +90,27 @@ absl::Status CheckAllShards(const SeriesState& series, const v1::Dataset& datase
   return absl::OkStatus();
 }
 
+// A dataset without fields has one step, which is the first and the last.
+absl::Status CheckOnlyVolume(const v1::Dataset& dataset, const v1::FieldSelection& selection) {
+  const std::string name = absl::StrCat("dataset \"", dataset.name(), "\"");
+  if (!selection.field().empty() || !selection.component().empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "selection.", selection.field().empty() ? "component" : "field", " is ",
+        base::Quoted(selection.field().empty() ? selection.component() : selection.field()),
+        ": ", name, " has one field, without a name; leave it out"));
+  }
+  if (selection.when_case() == v1::FieldSelection::kTime) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("selection.time is ", selection.time(), ": ", name, " has no times"));
+  }
+  if (selection.when_case() == v1::FieldSelection::kTimeStep && selection.time_step() != 0 &&
+      selection.time_step() != -1) {
+    return absl::NotFoundError(absl::StrCat("selection.time_step is ", selection.time_step(), ": ",
+                                            name, " serves step 0 alone"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection* selection,
                            const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces,
                            bool with_all_fields) {
@@ -99,8 +120,7 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
                      "\" has one field, whose value on a surface is the isovalue; leave it out"));
   }
   if (selection != nullptr) {
-    return absl::InvalidArgumentError(absl::StrCat("selection is set: dataset \"", dataset.name(),
-                                                   "\" has one field and one step; leave it out"));
+    ISOSCOPE_RETURN_IF_ERROR(CheckOnlyVolume(dataset, *selection));
   }
   for (int i = 0; i < surfaces.size(); ++i) {
     if (surfaces[i].color_by().quantity() == v1::ColorBy::QUANTITY_FIELD) {

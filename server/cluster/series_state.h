@@ -80,9 +80,9 @@ struct SelectedVolume {
 // with_all_fields: whether the values of all fields are asked for, too
 //
 // UNAVAILABLE: no agent has all volumes of a shard that the frame needs. INVALID_ARGUMENT: a field
-// or component that the dataset does not have (lists them), a selection or all fields of a dataset
-// without fields, a time that is not finite. NOT_FOUND: a step that is not served (says which are).
-// FAILED_PRECONDITION: none is.
+// or component that the dataset does not have (lists them), one or a time or all fields of a
+// dataset without fields, which has step 0 alone; a time that is not finite. NOT_FOUND: a step that
+// is not served (says which are). FAILED_PRECONDITION: none is.
 absl::StatusOr<SelectedVolume> SelectVolume(
     const std::shared_ptr<const DatasetState>& dataset,
     const isoscope::v1::FieldSelection* selection,

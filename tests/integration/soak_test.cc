@@ -365,6 +365,7 @@ class Series final : public source::VolumeSeries {
         VolumesOf({.field = field, .step = step})[static_cast<std::size_t>(component)];
     return testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
   }
+  absl::StatusOr<std::string> IdentityOfStep(int /*step*/) override { return name_; }
 
   [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
   // With the magnitude.

@@ -1,6 +1,12 @@
 #include "clients/cpp/request/dataset_fields.h"
 
+#include <cstddef>
+#include <optional>
+
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
+#include "core/volume/field_name.h"
 
 namespace isoscope::client {
 namespace {
@@ -17,6 +23,36 @@ const isoscope::v1::Field* FindField(const isoscope::v1::Dataset& dataset,
 }
 
 }  // namespace
+
+absl::Status ResolveNames(const isoscope::v1::Dataset& dataset, SelectionFlags* selection,
+                          LookFlags* look) {
+  const auto split = [&](std::string* name, std::string* component) {
+    const auto found =
+        volume::FindFieldName(*name, [&](absl::string_view wanted) -> std::optional<std::size_t> {
+          for (int i = 0; i < dataset.fields_size(); ++i) {
+            if (dataset.fields(i).name() == wanted) {
+              return static_cast<std::size_t>(i);
+            }
+          }
+          return std::nullopt;
+        });
+    if (found.has_value() && component->empty()) {
+      *name = dataset.fields(static_cast<int>(found->field)).name();
+      *component = found->component;
+    }
+  };
+  if (selection->field) {
+    split(&selection->field->name, &selection->field->component);
+  }
+  if (look != nullptr) {
+    for (ColorByValue& value : look->color_by) {
+      if (!value.field.empty()) {
+        split(&value.field, &value.component);
+      }
+    }
+  }
+  return CheckUsage(*selection);
+}
 
 isoscope::v1::Dataset DatasetOfField(isoscope::v1::Dataset dataset, const SelectionFlags& flags) {
   if (!flags.field && !flags.component) {

@@ -5,10 +5,20 @@
 
 #include <string>
 
+#include "absl/status/status.h"
+
+#include "clients/cpp/request/look_flags.h"
 #include "clients/cpp/request/selection_flags.h"
 #include "isoscope/v1/dataset.pb.h"
 
 namespace isoscope::client {
+
+// Splits names of fields, as --field and --color-by have them, into field and component by those
+// that the dataset has: a whole name first, then the longest one (volume::FindFieldName). Names
+// that it does not have stay for the server to refuse. `look` may be null. UsageError: a component
+// that is named twice.
+absl::Status ResolveNames(const isoscope::v1::Dataset& dataset, SelectionFlags* selection,
+                          LookFlags* look = nullptr);
 
 // Returns the dataset with the type, range and bound of the component that the flags choose, as far
 // as it has that. Without --field and --component they are those of the dataset.

@@ -10,10 +10,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <tuple>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 
 #include "clients/cpp/request/parse_value.h"
@@ -93,6 +95,18 @@ absl::StatusOr<frame::ColorRange> ParseColorRange(absl::string_view text) {
   return frame::ColorRange{.min = *min, .max = *max};
 }
 
+// How many of the words between colons are those of a field and its component: up to the last map
+// that can be one, because a range and opacities at most follow a map; else all.
+std::size_t WordsOfName(const std::vector<absl::string_view>& words) {
+  constexpr std::size_t kMostBehindMap = 2;
+  for (std::size_t i = words.size() - 1; i > 0 && words.size() - 1 - i <= kMostBehindMap; --i) {
+    if (ParseChoice<ColorMap>(words[i], ColorMapNames()).ok()) {
+      return i;
+    }
+  }
+  return words.size();
+}
+
 }  // namespace
 
 std::string NameOf(ColorMap map) {
@@ -149,16 +163,16 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
   } else if (parts[0].empty()) {
     return NoQuantity(text);
   } else {
-    value.field = std::string(parts[0]);
-    value.color_by.emplace();
-    if (parts.size() > 1 && !ParseChoice<ColorMap>(parts[1], ColorMapNames()).ok()) {
-      if (parts[1].empty()) {
-        return absl::InvalidArgumentError(absl::StrCat(
-            base::Quoted(text, '\''), " has no component or colour map after its first colon"));
-      }
-      value.component = std::string(parts[1]);
-      parts.erase(parts.begin() + 1);
+    if (parts.back().empty() && parts.size() == 2) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          base::Quoted(text, '\''), " has no component or colour map after its first colon"));
     }
+    // The name ends before the last word that is a map, or with the text.
+    const std::size_t words = WordsOfName(parts);
+    value.field =
+        absl::StrJoin(parts.begin(), parts.begin() + static_cast<std::ptrdiff_t>(words), ":");
+    parts.erase(parts.begin() + 1, parts.begin() + static_cast<std::ptrdiff_t>(words));
+    value.color_by.emplace();
   }
   if (parts.size() > (has_map ? 4U : 1U)) {
     const absl::string_view what =

@@ -24,12 +24,13 @@ namespace isoscope::client {
 absl::StatusOr<frame::Light> ParseLight(absl::string_view text);
 
 // "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps
-// its colour. Every other word is a field of the dataset: "FIELD[:COMPONENT][:MAP[...]]"; what
-// follows it is a component unless it is a map. MIN,MAX may be empty before opacities.
+// its colour. Every other text is a field of the dataset: "FIELD[:COMPONENT][:MAP[...]]", whose
+// name may have colons, too; it ends before the last word that is a map. MIN,MAX may be empty
+// before opacities.
 struct ColorByValue {
   std::optional<frame::ColorBy> color_by;  // of a field, all but its quantity
-  std::string field = {};                  // empty: none
-  std::string component = {};
+  std::string field = {};                  // with the component, as FieldValue; empty: none
+  std::string component = {};              // once ResolveNames has split them
 
   friend bool operator==(const ColorByValue&, const ColorByValue&) = default;
 };

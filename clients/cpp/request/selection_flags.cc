@@ -13,16 +13,11 @@
 namespace isoscope::client {
 
 absl::StatusOr<FieldValue> ParseField(absl::string_view text) {
-  const std::size_t colon = text.rfind(':');
-  FieldValue value{.name = std::string(text.substr(0, colon))};
-  if (colon != absl::string_view::npos) {
-    value.component = std::string(text.substr(colon + 1));
-  }
-  if (value.name.empty() || (colon != absl::string_view::npos && value.component.empty())) {
+  if (text.empty() || text.front() == ':' || text.back() == ':') {
     return absl::InvalidArgumentError(absl::StrCat(
         base::Quoted(text, '\''), " is not NAME or NAME:COMPONENT, such as velocity:x"));
   }
-  return value;
+  return FieldValue{.name = std::string(text)};
 }
 
 absl::StatusOr<std::int64_t> ParseStep(absl::string_view text) {

@@ -16,10 +16,11 @@
 
 namespace isoscope::client {
 
-// "NAME" or "NAME:COMPONENT", as of --field. The name is never empty.
+// "NAME" or "NAME:COMPONENT", as of --field. The name is never empty; as it is parsed it is the
+// whole text, which ResolveNames (dataset_fields.h) or the server splits: names may have colons.
 struct FieldValue {
   std::string name;
-  std::string component = {};  // may be empty: the only one, or the magnitude
+  std::string component = {};  // may be empty: the only one, the magnitude, or still in `name`
 
   friend bool operator==(const FieldValue&, const FieldValue&) = default;
 };

@@ -136,6 +136,21 @@ def test_an_array_is_served_in_its_order(programs):
         assert client["mask"].range == (0, 1)
 
 
+def test_a_files_positions_can_be_given(programs, tmp_path):
+    volume = tmp_path / "shells.nrrd"
+    run("generate", "shells", "--dims", "12,12,12", "--type", "uint8", "--output", volume)
+    turned = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    with isoscope.serve(volume, spacing=(1, 2, 4), origin=(5, 6, 7), direction=turned) as client:
+        dataset = client.dataset()
+        assert dataset.spacing == (1, 2, 4) and dataset.origin == (5, 6, 7)
+        points = dataset.mesh(100).points
+        assert points[:, 0].max() <= 5 and points[:, 1].min() >= 6  # index y runs along -x, index x along y
+    with isoscope.serve(volume, folder=tmp_path / "kept", spacing=(1, 1, 3)) as client:
+        assert client["kept"].spacing == (1, 1, 3)
+    with pytest.raises(InvalidArgumentError, match="a dataset folder has its own"):
+        isoscope.serve(tmp_path / "kept", spacing=(1, 1, 1))
+
+
 def test_a_raw_file_is_served_with_its_dims(programs, tmp_path):
     samples = np.linspace(0, 1, 4 * 5 * 6, dtype="<f4")
     samples.tofile(tmp_path / "field.raw")

@@ -82,6 +82,7 @@ def serve(
     folder: str | os.PathLike[str] | None = None,
     spacing: Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
+    direction: npt.ArrayLike | None = None,
     times: Sequence[float] | None = None,
     vectors: bool | Sequence[str] = False,
     units: Mapping[str, str] | str | None = None,
@@ -104,6 +105,7 @@ def serve(
         client.dataset().render(isovalue=60)
 
         client = isoscope.serve(array, spacing=(0.5, 0.5, 1.0))    # array[z, y, x]
+        client = isoscope.serve("slices/", spacing=(1, 1, 4))      # in place of what the files say
         client = isoscope.serve({"p": pressure, "v": velocity}, times=times, vectors=["v"])
 
     Args:
@@ -114,8 +116,9 @@ def serve(
         folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
             partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then
             its dataset is named as there, and `client.dataset()` needs no name. An array is "array", not cached.
-        spacing: world units between samples along x, y, z: of an array, or of raw samples.
-        origin: world position of the first sample: of an array, or of raw samples.
+        spacing: world units between samples along x, y, z, in place of what a file says; of an array: 1, 1, 1.
+        origin: world position of the first sample, likewise; of an array: 0, 0, 0.
+        direction: matrix of 3 x 3, whose columns are the world directions of x, y and z, likewise, as ITK has it.
         times: times of the steps of arrays, strictly ascending; default: 0, 1, 2, ...
         vectors: names of the arrays of a dict that have a last axis of components, (nz, ny, nx, nc) or (nt, nz, ny, nx,
             nc); True: all arrays have it.
@@ -136,9 +139,9 @@ def serve(
     server = _Server()
     try:
         volume = _volume(
-            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, times=times,
-            vectors=vectors, units=units, time_unit=time_unit, length_unit=length_unit, dims=dims, dtype=dtype,
-            shards=shards,
+            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, direction=direction,
+            times=times, vectors=vectors, units=units, time_unit=time_unit, length_unit=length_unit, dims=dims,
+            dtype=dtype, shards=shards,
         )  # fmt: skip
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
         flags += [] if threads is None else ["--threads", str(threads)]
@@ -164,6 +167,7 @@ def _volume(
     folder: str | os.PathLike[str] | None,
     spacing: Sequence[float] | None,
     origin: Sequence[float] | None,
+    direction: npt.ArrayLike | None,
     times: Sequence[float] | None,
     vectors: bool | Sequence[str],
     units: Mapping[str, str] | str | None,
@@ -196,14 +200,17 @@ def _volume(
     else:
         path = os.fspath(source)
         if os.path.isfile(os.path.join(path, "manifest.json")):
+            if spacing is not None or origin is not None or direction is not None:
+                raise InvalidArgumentError("spacing, origin and direction are for volumes: a dataset folder has its own")
             return [path]
     flags = ["--shards", str(shards)]
     if dims is not None:
         flags += ["--dims", _joined(dims), "--type", np.dtype(dtype if dtype is not None else "uint8").name]
-        flags += ["--spacing", _joined(spacing)] if spacing is not None else []
-        flags += ["--origin", _joined(origin)] if origin is not None else []
-    elif spacing is not None or origin is not None or dtype is not None:
-        raise InvalidArgumentError("spacing, origin and dtype are for arrays and for raw files, which need dims too")
+    elif dtype is not None:
+        raise InvalidArgumentError("dtype is for arrays and for raw files, which need dims too")
+    flags += ["--spacing", _joined(spacing)] if spacing is not None else []
+    flags += ["--origin", _joined(origin)] if origin is not None else []
+    flags += ["--direction", _joined(direction)] if direction is not None else []
     if folder is None:
         if is_file and name is None:
             return [path, *flags]
@@ -227,8 +234,8 @@ def _sample_type(array: npt.NDArray[Any]) -> np.dtype[Any]:
     return array.dtype
 
 
-def _joined(values: Sequence[float]) -> str:
-    return ",".join(repr(value) for value in np.asarray(values).tolist())
+def _joined(values: npt.ArrayLike) -> str:
+    return ",".join(repr(value) for value in np.asarray(values).ravel().tolist())
 
 
 def _last_line(text: str) -> str:

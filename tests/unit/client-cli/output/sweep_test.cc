@@ -176,7 +176,11 @@ TEST(StepSweepTest, RangesWithoutAServedStepSayWhichThereAre) {
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("0 to 6")))
         << text;
     EXPECT_THAT(StepsOf(range, WithSteps({})),
-                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("leave")));
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("has 0 to 0")));
+  }
+  for (const char* text : {"first:last", "0:0", "last", "0:3"}) {
+    EXPECT_EQ(StepsOf(ParseSteps(text).value(), WithSteps({})).value(), std::vector<int>{0})
+        << "a dataset without fields has step 0";
   }
 }
 

@@ -13,9 +13,12 @@
 #include "gtest/gtest.h"
 
 #include "client-cli/commands/program.h"
+#include "core/base/cancellation.h"
 #include "core/cli/interrupt.h"
+#include "core/partition/series_partitioner.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "tests/unit/core/partition/series_fixture.h"
 
 namespace isoscope::cli {
 namespace {
@@ -85,6 +88,41 @@ TEST(ListEntriesTest, DescribesWholeAndDamagedOnes) {
   EXPECT_TRUE(damaged.is_damaged);
   EXPECT_EQ(damaged.size_bytes, 6);
   EXPECT_EQ(TotalBytes(entries), whole.size_bytes + 6);
+}
+
+// Symptom: every series was listed as damaged.
+TEST(ListEntriesTest, ASeriesIsDamagedIfItLacksAVolumeAlone) {
+  const TempDir cache;
+  partition::MemorySeries source(partition::FlowFields(), {0, 1});
+  partition::SeriesPartitionOptions options;
+  options.volume.output_directory = cache.Sub(kName);
+  options.volume.source_name = "flow.pvd";
+  ISOSCOPE_ASSERT_OK(partition::PartitionSeries(source, options, base::Cancellation()).status());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::vector<CacheEntry> entries, ListEntries(cache.path()));
+  ASSERT_EQ(entries.size(), 1);
+  EXPECT_FALSE(entries[0].is_damaged);
+  EXPECT_EQ(entries[0].source, "flow.pvd");
+  fs::remove_all(cache.Sub(kName) + "/shard-00000-of-00001/field-001-component-2-step-00001");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(entries, ListEntries(cache.path()));
+  EXPECT_TRUE(entries[0].is_damaged);
+}
+
+TEST(ListEntriesTest, AnEntryThatWasMarkedIsDamaged) {
+  const TempDir cache;
+  MakeDataset(cache.Sub(kName));
+  EXPECT_FALSE(IsMarkedDamaged(cache.Sub(kName)));
+  MarkDamaged(cache.Sub(kName));
+  EXPECT_TRUE(IsMarkedDamaged(cache.Sub(kName)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<CacheEntry> entries, ListEntries(cache.path()));
+  EXPECT_TRUE(entries[0].is_damaged);
+}
+
+TEST(NoteTest, IsKeptWithTheEntry) {
+  const TempDir cache;
+  MakeDataset(cache.Sub(kName));
+  EXPECT_EQ(ReadNote(cache.Sub(kName)), "");
+  ISOSCOPE_ASSERT_OK(WriteNote(cache.Sub(kName), "takes field \"p\""));
+  EXPECT_EQ(ReadNote(cache.Sub(kName)), "takes field \"p\"");
 }
 
 TEST(ListEntriesTest, AFolderThatCantBeReadIsAnError) {

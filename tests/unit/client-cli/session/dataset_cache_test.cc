@@ -14,6 +14,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -27,6 +28,7 @@
 #include "core/base/units.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
+#include "core/source/open_request.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -63,11 +65,16 @@ absl::Status Verify(const std::string& directory) {
   return io::PathExists(directory + "/whole") ? absl::OkStatus() : absl::DataLossError("damaged");
 }
 
+absl::StatusOr<std::string> KeyOf(const std::string& path, const std::vector<std::string>& files,
+                                  absl::string_view parameters = "") {
+  return CacheKey(source::OpenRequest{.path = path}, files, parameters);
+}
+
 TEST(CacheKeyTest, ChangesWithEverythingTheDatasetDependsOn) {
   const TempDir folder;
   const std::string path = folder.Sub("head ct.nii.gz");
   const auto key_of = [](const std::string& file, const char* parameters) {
-    return *CacheKey(file, {file}, parameters);
+    return *KeyOf(file, {file}, parameters);
   };
   WriteText(path, "abc");
   const std::string key = key_of(path, "1 shard");
@@ -81,7 +88,7 @@ TEST(CacheKeyTest, ChangesWithEverythingTheDatasetDependsOn) {
   fs::last_write_time(path, time + std::chrono::milliseconds(1));
   EXPECT_NE(key_of(path, "1 shard"), key);
   fs::last_write_time(path, time);
-  EXPECT_EQ(key_of(path, "1 shard"), key);
+  EXPECT_NE(key_of(path, "1 shard"), key) << "the status has changed: a time can be set back";
   WriteText(path, "abcd");
   fs::last_write_time(path, time);
   EXPECT_NE(key_of(path, "1 shard"), key);
@@ -95,7 +102,7 @@ TEST(CacheKeyTest, BeginsWithANameThatADatasetMayHave) {
   for (const auto& [file, name] : std::map<std::string, std::string>{
            {"-x.nrrd", "_-x"}, {"a.b.c", "a"}, {".hidden.mha", "_hidden"}, {"é", "__"}}) {
     WriteText(folder.Sub(file), "x");
-    const std::string key = *CacheKey(folder.Sub(file), {folder.Sub(file)}, "");
+    const std::string key = *KeyOf(folder.Sub(file), {folder.Sub(file)});
     EXPECT_EQ(key.substr(0, key.rfind('-')), name) << file;
   }
 }
@@ -107,43 +114,55 @@ TEST(CacheKeyTest, ChangesWithEveryFileOfTheSource) {
     slices.push_back(folder.Sub(name));
     WriteText(slices.back(), name);
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, CacheKey(folder.path(), slices, ""));
-  EXPECT_EQ(*CacheKey(folder.path() + "/", slices, ""), key);
-  EXPECT_EQ(*CacheKey(folder.path() + "/.", slices, ""), key);
-  EXPECT_NE(*CacheKey(folder.Sub("*.tif"), slices, ""), key);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, KeyOf(folder.path(), slices));
+  EXPECT_EQ(*KeyOf(folder.path() + "/", slices), key);
+  EXPECT_EQ(*KeyOf(folder.path() + "/.", slices), key);
+  EXPECT_NE(*KeyOf(folder.Sub("*.tif"), slices), key);
   for (const std::string& slice : slices) {
     const auto time = fs::last_write_time(slice);
     fs::last_write_time(slice, time + std::chrono::seconds(2));
-    EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << slice;
+    EXPECT_NE(*KeyOf(folder.path(), slices), key) << slice;
     fs::last_write_time(slice, time);
     const std::string content = fs::path(slice).filename().string();
     WriteText(slice, content + "more");
     fs::last_write_time(slice, time);
-    EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << slice;
-    WriteText(slice, content);
-    fs::last_write_time(slice, time);
+    EXPECT_NE(*KeyOf(folder.path(), slices), key) << slice;
   }
-  EXPECT_EQ(*CacheKey(folder.path(), slices, ""), key);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string last, KeyOf(folder.path(), slices));
+  EXPECT_EQ(*KeyOf(folder.path(), slices), last);
   slices.pop_back();
-  EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << "a slice less";
+  EXPECT_NE(*KeyOf(folder.path(), slices), last) << "a slice less";
   fs::rename(folder.Sub("c.tif"), folder.Sub("d.tif"));
   slices.push_back(folder.Sub("d.tif"));
-  EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << "another name";
+  EXPECT_NE(*KeyOf(folder.path(), slices), last) << "another name";
 }
 
 TEST(CacheKeyTest, DatasetsOfOneFileAreTold) {
   const TempDir folder;
   const std::string file = folder.Sub("run.h5");
   WriteText(file, "abc");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, CacheKey(file + ":/fields/a", {file}, ""));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, KeyOf(file + ":/fields/a", {file}));
   EXPECT_EQ(key.substr(0, 2), "a-");
-  EXPECT_EQ(*CacheKey(folder.Sub("./run.h5:/fields/a"), {file}, ""), key);
-  EXPECT_NE(*CacheKey(file + ":/fields/b", {file}, ""), key);
-  EXPECT_NE(*CacheKey(file, {file}, ""), key);
+  EXPECT_EQ(*KeyOf(folder.Sub("./run.h5:/fields/a"), {file}), key);
+  EXPECT_NE(*KeyOf(file + ":/fields/b", {file}), key);
+  EXPECT_NE(*KeyOf(file, {file}), key);
+}
+
+TEST(CacheKeyTest, ChangesWithEachMemberOfTheRequest) {
+  const TempDir folder;
+  const std::string file = folder.Sub("v.raw");
+  WriteText(file, "abc");
+  const auto key_of = [&](const source::OpenRequest& request) {
+    return CacheKey(request, {file}, "").value();
+  };
+  const std::string key = key_of({.path = file});
+  EXPECT_NE(key_of({.path = file, .stride = 2}), key);
+  EXPECT_NE(key_of({.path = file, .fill = 0.0}), key);
+  EXPECT_NE(key_of({.path = file, .grid = {.spacing = math::Vec3d{1, 1, 2}}}), key);
 }
 
 TEST(CacheKeyTest, AbsentFileIsNotFound) {
-  EXPECT_THAT(CacheKey("/absent/volume.nrrd", {"/absent/volume.nrrd"}, ""),
+  EXPECT_THAT(KeyOf("/absent/volume.nrrd", {"/absent/volume.nrrd"}),
               StatusIs(absl::StatusCode::kNotFound));
 }
 
@@ -406,15 +425,15 @@ TEST(CacheDirectoryTest, FollowsTheEnvironmentInOrder) {
   const ScopedEnvironment temporary("TMPDIR", folder.path());
   {
     const ScopedEnvironment xdg("XDG_CACHE_HOME", folder.Sub("xdg"));
-    EXPECT_EQ(*CacheDirectory(), folder.Sub("xdg/isoscope"));
+    EXPECT_EQ(FindCacheFolder()->path, folder.Sub("xdg/isoscope"));
   }
   const ScopedEnvironment no_xdg("XDG_CACHE_HOME", "relative");
-  EXPECT_EQ(*CacheDirectory(), folder.Sub("home/.cache/isoscope"));
+  EXPECT_EQ(FindCacheFolder()->path, folder.Sub("home/.cache/isoscope"));
   struct stat info {};
   ASSERT_EQ(stat(folder.Sub("home/.cache/isoscope").c_str(), &info), 0);
   EXPECT_EQ(info.st_mode & 0777U, 0700U);
   const ScopedEnvironment no_home("HOME", "");
-  EXPECT_EQ(*CacheDirectory(), folder.Sub("isoscope-" + std::to_string(geteuid())));
+  EXPECT_EQ(FindCacheFolder()->path, folder.Sub("isoscope-" + std::to_string(geteuid())));
 }
 
 TEST(CacheDirectoryTest, UnusableHomeFallsBackToTheTemporaryFolder) {
@@ -422,11 +441,32 @@ TEST(CacheDirectoryTest, UnusableHomeFallsBackToTheTemporaryFolder) {
   WriteText(folder.Sub("file"), "");
   const ScopedEnvironment xdg("XDG_CACHE_HOME", folder.Sub("file"));
   const ScopedEnvironment temporary("TMPDIR", folder.path());
-  EXPECT_EQ(*CacheDirectory(), folder.Sub("isoscope-" + std::to_string(geteuid())));
+  EXPECT_EQ(FindCacheFolder()->path, folder.Sub("isoscope-" + std::to_string(geteuid())));
   // A link in the temporary folder may lead to another user's folder.
   fs::remove(folder.Sub("isoscope-" + std::to_string(geteuid())));
   fs::create_directory_symlink("/", folder.Sub("isoscope-" + std::to_string(geteuid())));
-  EXPECT_THAT(CacheDirectory(), StatusIs(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(FindCacheFolder(), StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
+// Symptom: with ~/.cache/isoscope as a link to a larger disk, the cache went to /tmp without a
+// word.
+TEST(CacheDirectoryTest, ALinkUnderTheUsersHomeIsTaken) {
+  const TempDir folder;
+  const ScopedEnvironment xdg("XDG_CACHE_HOME", folder.Sub("xdg"));
+  const ScopedEnvironment temporary("TMPDIR", folder.path());
+  fs::create_directories(folder.Sub("xdg"));
+  fs::create_directory(folder.Sub("disk"));
+  fs::create_directory_symlink("../disk", folder.Sub("xdg/isoscope"));
+  std::ostringstream err;
+  EXPECT_EQ(*CacheDirectory(&err), folder.Sub("xdg/isoscope"));
+  EXPECT_EQ(err.str(), "");
+  fs::remove(folder.Sub("disk"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CacheFolder other, FindCacheFolder());
+  EXPECT_EQ(other.path, folder.Sub("isoscope-" + std::to_string(geteuid())));
+  EXPECT_THAT(other.passed_over, HasSubstr("can't follow the link"));
+  EXPECT_EQ(*CacheDirectory(&err), other.path);
+  EXPECT_THAT(err.str(), HasSubstr("because can't follow the link"));
+  EXPECT_THAT(err.str(), HasSubstr(folder.Sub("xdg/isoscope")));
 }
 
 }  // namespace

@@ -181,7 +181,6 @@ TEST_F(PartitionerTest, CancellationWhileIndexesAreBuiltLeavesNothing) {
 TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
   const Volume v = LayeredVolume();
   PartitionOptions options = TwoShards(Options("set"));
-  const std::string partial = absl::StrCat(options.output_directory, ".partial-", getpid());
   // The state in the middle of a run, copied while the run is in its last read.
   options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
   ScriptedSource counted(SourceOf(v), Proceed);
@@ -189,13 +188,17 @@ TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
   std::filesystem::remove_all(options.output_directory);
   ScriptedSource source(SourceOf(v), [&](int read) {
     if (read == counted.read_count() - 1) {
-      std::filesystem::copy(partial, dir_.Sub("leftover"),
-                            std::filesystem::copy_options::recursive);
+      for (const auto& entry : std::filesystem::directory_iterator(dir_.path())) {
+        std::filesystem::copy(entry.path(), dir_.Sub("leftover"),
+                              std::filesystem::copy_options::recursive);
+        break;
+      }
     }
     return absl::OkStatus();
   });
   ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
   std::filesystem::remove_all(options.output_directory);
+  const std::string partial = dir_.Sub("set.partial-4711aa");
   std::filesystem::rename(dir_.Sub("leftover"), partial);
   EXPECT_FALSE(store::IsDatasetDirectory(partial));
   EXPECT_FALSE(store::OpenDataset(partial).ok());
@@ -207,6 +210,23 @@ TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
   ISOSCOPE_ASSERT_OK(Run(v, options));
   ExpectDatasetMatches(options.output_directory, v, options);
   EXPECT_THAT(EntriesOf(dir_.path()), ::testing::ElementsAre("set"));
+}
+
+// Symptom: a file that was written while it was read gave a volume of both.
+TEST_F(PartitionerTest, ASourceThatHasChangedMeanwhileLeavesNothing) {
+  const Volume v = LayeredVolume();
+  PartitionOptions options = TwoShards(Options("set"));
+  options.check_source = [] { return absl::AbortedError("the file has changed"); };
+  EXPECT_THAT(Partition(*SourceOf(v), options, never_).status(),
+              StatusIs(absl::StatusCode::kAborted, HasSubstr("has changed")));
+  EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty());
+  int asked = 0;
+  options.check_source = [&] {
+    ++asked;
+    return absl::OkStatus();
+  };
+  ISOSCOPE_ASSERT_OK(Run(v, options));
+  EXPECT_EQ(asked, 1);
 }
 
 }  // namespace

@@ -52,6 +52,15 @@ class MemorySeries final : public source::VolumeSeries {
                                      path);
   }
 
+  absl::StatusOr<std::string> IdentityOfStep(int step) override {
+    if (identity_error) {
+      if (absl::Status status = identity_error(step); !status.ok()) {
+        return status;
+      }
+    }
+    return identity_of ? identity_of(step) : identity;
+  }
+
   // Multiples of 1/8 as float32, whose bytes are those of other types, too.
   static std::string SamplesOf(const volume::GridGeometry& grid, volume::ScalarType type, int field,
                                int component, double time) {
@@ -67,6 +76,9 @@ class MemorySeries final : public source::VolumeSeries {
   }
 
   std::string path = "/data/flow.pvd";
+  std::string identity = "a request, and the stamps of its files\n";
+  std::function<std::string(int)> identity_of;
+  std::function<absl::Status(int)> identity_error;
   std::string time_unit_text = "s";
   std::string length_unit_text = "m";
   volume::GridGeometry geometry;

@@ -318,10 +318,85 @@ TEST_F(SeriesPartitionerTest, ResumingKeepsWhatMatchesAndNothingElse) {
   MemorySeries moved(FlowFields(), {0, 1});
   moved.path = "/data/other.pvd";
   EXPECT_EQ(made_by_resuming(moved, Options("flow")), 10);
+  // Symptom: a run with another --crop of equal size, or with --fill, went on with the volumes of
+  // the command before.
+  interrupt();
+  MemorySeries cropped(FlowFields(), {0, 1});
+  cropped.identity = "another crop";
+  EXPECT_EQ(made_by_resuming(cropped, Options("flow")), 10);
+  // Of the second step alone, of which all volumes were finished but the last or so.
+  interrupt();
+  MemorySeries changed(FlowFields(), {0, 1});
+  changed.identity_of = [identity = changed.identity](int step) {
+    return step == 1 ? "its file has changed" : identity;
+  };
+  EXPECT_EQ(made_by_resuming(changed, Options("flow")), 5);
   interrupt();
   Make(MemorySeries(FlowFields(), {5}), "flow");
   EXPECT_FALSE(io::PathExists(dir_.Sub("flow.partial")));
   EXPECT_EQ(EntriesOf(dir_.Sub("flow/shard-00001-of-00002")).size(), 5 + 2);
+}
+
+// What a volume is made of, as far as the identity of the source does not have it.
+TEST_F(SeriesPartitionerTest, ResumingMakesAllAgainWhereAParameterOfTheCutIsAnother) {
+  const auto interrupt = [&] {
+    MemorySeries source(Pressure(), {0, 1});
+    source.before_open = [opened = 0](int, int, int step) mutable {
+      opened += step == 1 ? 1 : 0;
+      return opened == 2 ? absl::CancelledError("stop") : absl::OkStatus();
+    };
+    EXPECT_FALSE(PartitionSeries(source, Options("flow"), never_).ok());
+  };
+  // Whether the volume that was finished is kept.
+  const auto keeps =
+      [&](const std::function<void(MemorySeries*, SeriesPartitionOptions*)>& change) {
+        interrupt();
+        MemorySeries source(Pressure(), {0, 1});
+        SeriesPartitionOptions options = Options("flow");
+        change(&source, &options);
+        options.resumes = true;
+        int reports = 0;
+        options.volume.progress = [&](const PartitionProgress& progress) {
+          reports += absl::string_view(progress.phase) == "volume 1 of 2" ? 1 : 0;
+        };
+        EXPECT_THAT(PartitionSeries(source, options, never_), testing::IsOk());
+        fs::remove_all(dir_.Sub("flow"));
+        return reports == 1;  // a volume that is kept reports its end alone
+      };
+  EXPECT_TRUE(keeps([](MemorySeries*, SeriesPartitionOptions*) {}));
+  EXPECT_FALSE(keeps([](auto*, auto* options) { options->volume.name = "other"; }));
+  EXPECT_FALSE(keeps([](auto*, auto* options) { options->volume.source_name = "other"; }));
+  EXPECT_FALSE(keeps([](auto*, auto* options) { options->volume.seed = 99; }));
+  EXPECT_FALSE(keeps([](auto*, auto* options) { options->volume.shard_count = 3; }));
+  EXPECT_FALSE(keeps([](auto*, auto* options) { options->volume.block_cells = {{5, 4, 4}}; }));
+  EXPECT_FALSE(keeps(
+      [](auto*, auto* options) { options->volume.compression = store::BlockEncoding::kZstd; }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) { source->geometry.sample_dims.z = 8; }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) { source->geometry.spacing.z = 8; }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) { source->geometry.origin.z = 8; }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) {
+    source->geometry.direction.columns[2] = {0, 0, -1};
+  }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) {
+    source->type_of = [](int, int, int) { return volume::ScalarType::kInt32; };
+  }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) { source->identity += "more"; }));
+  EXPECT_FALSE(keeps([](auto* source, auto*) { *source = MemorySeries(Pressure(), {0.5, 1}); }));
+}
+
+// Symptom: a file that was written while it was read gave a volume of both.
+TEST_F(SeriesPartitionerTest, ASourceThatChangesWhileItIsReadIsAnErrorAndItsVolumeIsNotKept) {
+  MemorySeries source(Pressure(), {0, 1});
+  int asked = 0;
+  source.identity_error = [&](int step) {
+    asked += step == 1 ? 1 : 0;
+    return asked == 2 ? absl::AbortedError("a file has changed") : absl::OkStatus();
+  };
+  EXPECT_THAT(PartitionSeries(source, Options("flow"), never_),
+              StatusIs(absl::StatusCode::kAborted,
+                       AllOf(HasSubstr("has changed"), HasSubstr("1 of 2 volumes are finished"))));
+  EXPECT_FALSE(io::PathExists(dir_.Sub("flow")));
+  EXPECT_THAT(EntriesOf(dir_.Sub("flow.partial/finished")).size(), 1u);
 }
 
 // A volume that was finished is read before it is kept: every file of every shard.

@@ -107,8 +107,10 @@ TEST(WalledSourceTest, WhatTheLibraryReadsComesThrough) {
       ASSERT_EQ(std::count(first, first + (1 << 20), static_cast<char>(row)), 1 << 20) << row;
     }
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FindFilesWalled(kLibrary, "good"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FindFilesWalled(kLibrary, {"good"}));
   EXPECT_THAT(files, ElementsAre("good", "another one"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_two, FindFilesWalled(kLibrary, {"good", "better"}));
+  EXPECT_THAT(of_two, ElementsAre("good", "another one", "better", "another one"));
 }
 
 TEST(WalledSourceTest, PartsArePassedOnAndDescribed) {
@@ -133,7 +135,7 @@ TEST(WalledSourceTest, ALibraryThatEndsItsProcessIsDataLoss) {
                 StatusIs(absl::StatusCode::kDataLoss,
                          AllOf(HasSubstr(path), HasSubstr("libfake"), HasSubstr("SIGABRT"))));
   }
-  EXPECT_THAT(FindFilesWalled(kLibrary, "dies"),
+  EXPECT_THAT(FindFilesWalled(kLibrary, {"dies"}),
               StatusIs(absl::StatusCode::kDataLoss, ::testing::_));
   ISOSCOPE_EXPECT_OK(OpenWalled(kLibrary, "good").status());
 }

@@ -216,6 +216,12 @@ TEST(SeriesStateTest, AChoiceThatThereIsNotNamesThoseThatThereAre) {
   EXPECT_THAT(Select(flow, "field: 'velocity' component: '1'"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"1\"")))
       << "the magnitude has no number";
+  // The component may stand behind the name.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume x, Select(flow, "field: 'velocity:x'"));
+  EXPECT_EQ(x.selection->field(), "velocity");
+  EXPECT_EQ(x.selection->component(), "x");
+  EXPECT_THAT(Select(flow, "field: 'velocity:x' component: 'magnitude'"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"velocity:x\"")));
   EXPECT_THAT(Select(flow, "component: '0'"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("one component")));
   EXPECT_THAT(Select(flow, "time_step: 1"),
@@ -224,11 +230,22 @@ TEST(SeriesStateTest, AChoiceThatThereIsNotNamesThoseThatThereAre) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("must be finite")));
 }
 
-TEST(SeriesStateTest, ADatasetWithoutFieldsTakesNoSelection) {
+TEST(SeriesStateTest, ADatasetWithoutFieldsHasTheFirstAndTheLastStepAndNothingElseToChoose) {
   const auto head = std::make_shared<DatasetState>(
       DatasetsOf({Agent("a:1", {MakeShard("head", 0, 1)})}).at("head"));
-  EXPECT_THAT(Select(head, "time_step: 0"),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("selection is set")));
+  for (const char* only : {"time_step: 0", "time_step: -1", ""}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume only_volume, Select(head, only));
+    EXPECT_EQ(only_volume.dataset, head);
+    EXPECT_FALSE(only_volume.selection.has_value());
+  }
+  EXPECT_THAT(Select(head, "time_step: 1"),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("step 0 alone")));
+  EXPECT_THAT(Select(head, "time: 0"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("has no times")));
+  EXPECT_THAT(Select(head, "field: 'heat'"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("one field")));
+  EXPECT_THAT(Select(head, "component: 'x'"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("selection.component")));
   google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
                                 SelectVolume(head, nullptr, &surfaces));

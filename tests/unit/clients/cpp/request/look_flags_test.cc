@@ -63,9 +63,14 @@ TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
       {"w", {ColorBy{}, "w"}},
       {"temperature:magma:1,2",
        {ColorBy{.map = ColorMap::kMagma, .range = frame::ColorRange{1, 2}}, "temperature"}},
-      {"velocity:x", {ColorBy{}, "velocity", "x"}},
+      {"velocity:x", {ColorBy{}, "velocity:x"}},
       {"velocity:magnitude:turbo::0,1",
-       {ColorBy{.map = ColorMap::kTurbo, .opacity_at_min = 0}, "velocity", "magnitude"}}};
+       {ColorBy{.map = ColorMap::kTurbo, .opacity_at_min = 0}, "velocity:magnitude"}},
+      // Names with colons, and one that ends like a map.
+      {"a:b:c", {ColorBy{}, "a:b:c"}},
+      {"a:b:c:turbo", {ColorBy{.map = ColorMap::kTurbo}, "a:b:c"}},
+      {"a:turbo:magma:1,2",
+       {ColorBy{.map = ColorMap::kMagma, .range = frame::ColorRange{1, 2}}, "a:turbo"}}};
   for (const auto& [text, expected] : right) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorByValue value, ParseColorBy(text));
     EXPECT_EQ(value, expected) << text;

@@ -26,10 +26,10 @@ SelectionFlags Parse(const std::vector<std::string>& arguments) {
 
 TEST(SelectionFlagsTest, FieldsHaveANameAndMayHaveAComponent) {
   const std::vector<std::pair<const char*, FieldValue>> right = {
+      // Who has the names of all fields splits it.
       {"pressure", {"pressure", ""}},
-      {"velocity:x", {"velocity", "x"}},
-      {"velocity:magnitude", {"velocity", "magnitude"}},
-      {"a:b:2", {"a:b", "2"}}};
+      {"velocity:x", {"velocity:x", ""}},
+      {"a:b:2", {"a:b:2", ""}}};
   for (const auto& [text, expected] : right) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FieldValue value, ParseField(text));
     EXPECT_EQ(value, expected) << text;
@@ -61,8 +61,7 @@ TEST(SelectionFlagsTest, TheSelectionSaysWhatTheFlagsSay) {
     std::string proto;
   } cases[] = {
       {{"--field", "pressure"}, "field: \"pressure\""},
-      {{"--field", "velocity:y", "--step", "3"},
-       "field: \"velocity\" component: \"y\" time_step: 3"},
+      {{"--field", "velocity:y", "--step", "3"}, "field: \"velocity:y\" time_step: 3"},
       {{"--field", "velocity", "--component", "z"}, "field: \"velocity\" component: \"z\""},
       {{"--component", "z"}, "component: \"z\""},
       {{"--time", "-0.25"}, "time: -0.25"},
@@ -80,10 +79,35 @@ TEST(SelectionFlagsTest, WhatNamesOneThingTwiceIsAnError) {
   const absl::Status two_times = CheckUsage(Parse({"--time", "1", "--step", "2"}));
   EXPECT_TRUE(cli::IsUsageError(two_times));
   EXPECT_THAT(std::string(two_times.message()), HasSubstr("--time and --step"));
-  const absl::Status two_components =
-      CheckUsage(Parse({"--field", "velocity:x", "--component", "y"}));
+  isoscope::v1::Dataset dataset;
+  dataset.add_fields()->set_name("velocity");
+  SelectionFlags flags = Parse({"--field", "velocity:x", "--component", "y"});
+  const absl::Status two_components = ResolveNames(dataset, &flags);
   EXPECT_TRUE(cli::IsUsageError(two_components));
   EXPECT_THAT(std::string(two_components.message()), HasSubstr("velocity:x"));
+}
+
+// Symptom: a field whose name has a colon could not be chosen.
+TEST(SelectionFlagsTest, NamesAreThoseOfTheDatasetTheLongestFirst) {
+  isoscope::v1::Dataset dataset;
+  for (const char* name : {"a", "a:b", "velocity"}) {
+    dataset.add_fields()->set_name(name);
+  }
+  for (const auto& [text, expected] : std::vector<std::pair<const char*, FieldValue>>{
+           {"a", {"a", ""}},
+           {"a:b", {"a:b", ""}},
+           {"a:b:x", {"a:b", "x"}},
+           {"a:c", {"a", "c"}},
+           {"velocity:x", {"velocity", "x"}},
+           {"heat:x", {"heat:x", ""}}}) {  // for the server to refuse
+    SelectionFlags flags = Parse({"--field", text});
+    LookFlags look;
+    look.color_by.push_back(*ParseColorBy(text));
+    ISOSCOPE_EXPECT_OK(ResolveNames(dataset, &flags, &look));
+    EXPECT_EQ(*flags.field, expected) << text;
+    EXPECT_EQ(look.color_by[0].field, expected.name) << text;
+    EXPECT_EQ(look.color_by[0].component, expected.component) << text;
+  }
 }
 
 }  // namespace

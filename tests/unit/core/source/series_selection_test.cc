@@ -1,4 +1,4 @@
-#include "core/partition/series_selection.h"
+#include "core/source/series_selection.h"
 
 #include <memory>
 #include <string>
@@ -11,10 +11,12 @@
 #include "tests/support/status_matchers.h"
 #include "tests/unit/core/partition/series_fixture.h"
 
-namespace isoscope::partition {
+namespace isoscope::source {
 namespace {
 
 using ::isoscope::testing::StatusIs;
+using partition::FlowFields;
+using partition::MemorySeries;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -24,12 +26,12 @@ std::unique_ptr<MemorySeries> Flow(std::vector<double> times) {
 
 std::unique_ptr<MemorySeries> Nameless() {
   return std::make_unique<MemorySeries>(
-      std::vector<source::SourceField>{
+      std::vector<SourceField>{
           {.name = "file_0042", .long_name = "", .unit = "", .components = {""}}},
       std::vector<double>{});
 }
 
-std::string SamplesAt(source::VolumeSeries& series, int field, int component, int step) {
+std::string SamplesAt(VolumeSeries& series, int field, int component, int step) {
   const auto volume = series.Open(field, component, step).value();
   const math::Index3& dims = volume->geometry().sample_dims;
   std::string bytes(static_cast<std::size_t>(math::Volume(dims)) * 4, '\0');
@@ -96,4 +98,4 @@ TEST(SeriesSelectionTest, SaysWhatThereIs) {
 }
 
 }  // namespace
-}  // namespace isoscope::partition
+}  // namespace isoscope::source

@@ -1,4 +1,4 @@
-#include "core/partition/series_selection.h"
+#include "core/source/series_selection.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,12 +12,12 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 
-namespace isoscope::partition {
+namespace isoscope::source {
 namespace {
 
-class SelectedSeries final : public source::VolumeSeries {
+class SelectedSeries final : public VolumeSeries {
  public:
-  SelectedSeries(std::unique_ptr<source::VolumeSeries> source, std::vector<int> fields,
+  SelectedSeries(std::unique_ptr<VolumeSeries> source, std::vector<int> fields,
                  std::vector<int> steps)
       : source_(std::move(source)),
         field_indices_(std::move(fields)),
@@ -35,27 +35,32 @@ class SelectedSeries final : public source::VolumeSeries {
   void SetTime(double time) { times_ = {time}; }
 
   [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] const std::vector<source::SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
   [[nodiscard]] const std::vector<double>& times() const override { return times_; }
   [[nodiscard]] const std::string& time_unit() const override { return source_->time_unit(); }
   [[nodiscard]] const std::string& length_unit() const override { return source_->length_unit(); }
-  absl::StatusOr<std::unique_ptr<source::VolumeSource>> Open(int field, int component,
-                                                             int step) override {
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     return source_->Open(field_indices_[static_cast<std::size_t>(field)], component,
                          step_numbers_[static_cast<std::size_t>(step)]);
   }
+  absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
+    return source_->FilesOfStep(step_numbers_[static_cast<std::size_t>(step)]);
+  }
+  absl::StatusOr<std::string> IdentityOfStep(int step) override {
+    return source_->IdentityOfStep(step_numbers_[static_cast<std::size_t>(step)]);
+  }
 
  private:
-  const std::unique_ptr<source::VolumeSeries> source_;
+  const std::unique_ptr<VolumeSeries> source_;
   const std::vector<int> field_indices_;  // in source_
   const std::vector<int> step_numbers_;   // in source_
-  std::vector<source::SourceField> fields_;
+  std::vector<SourceField> fields_;
   std::vector<double> times_;
 };
 
-absl::StatusOr<std::vector<int>> ChooseFields(const source::VolumeSeries& source,
+absl::StatusOr<std::vector<int>> ChooseFields(const VolumeSeries& source,
                                               const SeriesSelection& selection) {
-  const std::vector<source::SourceField>& all = source.fields();
+  const std::vector<SourceField>& all = source.fields();
   std::vector<int> chosen;
   if (selection.fields.empty() || selection.names_field) {
     for (int field = 0; field < static_cast<int>(all.size()); ++field) {
@@ -69,15 +74,15 @@ absl::StatusOr<std::vector<int>> ChooseFields(const source::VolumeSeries& source
                         source.name(), all.size(), selection.fields.size()));
   }
   for (std::size_t i = 0; i < selection.fields.size() && !selection.names_field; ++i) {
-    const auto found = std::find_if(all.begin(), all.end(), [&](const source::SourceField& field) {
+    const auto found = std::find_if(all.begin(), all.end(), [&](const SourceField& field) {
       return field.name == selection.fields[i];
     });
     if (found == all.end()) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: no field \"%s\"; it has %s", source.name(), selection.fields[i],
-          absl::StrJoin(all, ", ", [](std::string* out, const source::SourceField& field) {
-            absl::StrAppend(out, "\"", field.name, "\"");
-          })));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: no field \"%s\"; it has %s", source.name(), selection.fields[i],
+                          absl::StrJoin(all, ", ", [](std::string* out, const SourceField& field) {
+                            absl::StrAppend(out, "\"", field.name, "\"");
+                          })));
     }
     const auto index = static_cast<int>(found - all.begin());
     if (std::find(chosen.begin(), chosen.end(), index) != chosen.end()) {
@@ -89,7 +94,7 @@ absl::StatusOr<std::vector<int>> ChooseFields(const source::VolumeSeries& source
   return chosen;
 }
 
-absl::StatusOr<std::vector<int>> ChooseSteps(const source::VolumeSeries& source,
+absl::StatusOr<std::vector<int>> ChooseSteps(const VolumeSeries& source,
                                              const std::optional<StepRange>& range) {
   const int step_count = source.step_count();
   const StepRange steps = range.value_or(StepRange{.first = 0, .last = step_count - 1});
@@ -106,8 +111,8 @@ absl::StatusOr<std::vector<int>> ChooseSteps(const source::VolumeSeries& source,
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<source::VolumeSeries>> SelectFrom(
-    std::unique_ptr<source::VolumeSeries> source, const SeriesSelection& selection) {
+absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectFrom(std::unique_ptr<VolumeSeries> source,
+                                                         const SeriesSelection& selection) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> fields, ChooseFields(*source, selection));
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> steps, ChooseSteps(*source, selection.steps));
   if (selection.time.has_value() && !source->times().empty()) {
@@ -127,4 +132,4 @@ absl::StatusOr<std::unique_ptr<source::VolumeSeries>> SelectFrom(
   return selected;
 }
 
-}  // namespace isoscope::partition
+}  // namespace isoscope::source

@@ -1,7 +1,7 @@
 // Some fields and steps of a source, in place of all.
 
-#ifndef ISOSCOPE_CORE_PARTITION_SERIES_SELECTION_H_
-#define ISOSCOPE_CORE_PARTITION_SERIES_SELECTION_H_
+#ifndef ISOSCOPE_CORE_SOURCE_SERIES_SELECTION_H_
+#define ISOSCOPE_CORE_SOURCE_SERIES_SELECTION_H_
 
 #include <memory>
 #include <optional>
@@ -12,7 +12,7 @@
 
 #include "core/source/volume_series.h"
 
-namespace isoscope::partition {
+namespace isoscope::source {
 
 // Steps first, first + stride, ..., up to and with last. REQUIRES: 0 <= first <= last, stride >= 1.
 struct StepRange {
@@ -31,9 +31,9 @@ struct SeriesSelection {
 
 // INVALID_ARGUMENT: no such field (lists those there are) or step, a field twice, or a time
 // although the source has times.
-absl::StatusOr<std::unique_ptr<source::VolumeSeries>> SelectFrom(
-    std::unique_ptr<source::VolumeSeries> source, const SeriesSelection& selection);
+absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectFrom(std::unique_ptr<VolumeSeries> source,
+                                                         const SeriesSelection& selection);
 
-}  // namespace isoscope::partition
+}  // namespace isoscope::source
 
-#endif  // ISOSCOPE_CORE_PARTITION_SERIES_SELECTION_H_
+#endif  // ISOSCOPE_CORE_SOURCE_SERIES_SELECTION_H_
