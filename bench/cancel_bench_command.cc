@@ -57,7 +57,7 @@ absl::Status CheckUsage(const CancelBenchFlags& flags) {
                                               "' is a dataset, which is cut already"));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
-  return cli::SourceFiles(flags.source, *flags.input).status();
+  return cli::SourceFiles(cli::RequestOf(flags.source, *flags.input)).status();
 }
 
 // Returns the dataset folder: the input itself, or one made from it in `folder`.
@@ -71,7 +71,7 @@ absl::StatusOr<std::string> PrepareDataset(const CancelBenchFlags& flags,
   options.output_directory = folder.Sub("dataset");
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
   ISOSCOPE_RETURN_IF_ERROR(
-      cli::PartitionVolume(flags.source, *flags.input, options, context).status());
+      cli::PartitionVolume(cli::RequestOf(flags.source, *flags.input), options, context).status());
   return options.output_directory;
 }
 

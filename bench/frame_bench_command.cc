@@ -36,6 +36,8 @@
 #include "core/io/file.h"
 #include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
+#include "core/source/open_request.h"
+#include "core/source/volume_series.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::bench {
@@ -133,7 +135,7 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const FrameBenchFlags& f
     options.shard_count = static_cast<int>(shard_count);
     options.block_cells = flags.block_cells;
     ISOSCOPE_RETURN_IF_ERROR(
-        cli::PartitionVolume(flags.source, *flags.input, options, context).status());
+        cli::PartitionVolume(cli::RequestOf(flags.source, *flags.input), options, context).status());
     datasets.push_back({.shard_count = options.shard_count, .directory = options.output_directory});
   }
   return datasets;
@@ -146,8 +148,10 @@ absl::StatusOr<PeerCall> PreparePeer(const FrameBenchFlags& flags, const FrameBe
     return absl::NotFoundError(
         absl::StrCat("'", *flags.peer, "' does not exist; --peer takes a Python script"));
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> series,
+                            source::Open(cli::RequestOf(flags.source, *flags.input)));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
-                            cli::OpenSource(flags.source, *flags.input));
+                            series->Open(0, 0, 0));
   PeerCall call{.script = *flags.peer,
                 .raw_path = folder.Sub("volume.raw"),
                 .dims = source->geometry().sample_dims,
@@ -203,7 +207,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   const bool is_dataset = store::IsDatasetDirectory(*flags.input);
   if (!is_dataset) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(flags.source, *flags.input).status());
+    ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(cli::RequestOf(flags.source, *flags.input)).status());
   }
   const std::string volume = std::filesystem::path(*flags.input).filename().string();
   return RunMeasurement(

@@ -190,7 +190,7 @@ class Datasets {
     options.distribution = distribution;
     options.block_cells = flags_.block_cells;
     ISOSCOPE_RETURN_IF_ERROR(
-        cli::PartitionVolume(flags_.source, *flags_.input, options, context_).status());
+        cli::PartitionVolume(cli::RequestOf(flags_.source, *flags_.input), options, context_).status());
     if (shard_count > 1) {
       last_ = options.output_directory;
     }
@@ -239,7 +239,7 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
                      "' is a dataset; the evaluation cuts the volume anew for each "
                      "number of agents: give the volume"));
   }
-  ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(flags.source, *flags.input).status());
+  ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(cli::RequestOf(flags.source, *flags.input)).status());
   std::string output = *flags.output;
   while (output.size() > 1 && output.back() == '/') {
     output.pop_back();

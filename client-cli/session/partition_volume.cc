@@ -14,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/progress_line.h"
+#include "core/source/series_format.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::cli {
@@ -79,6 +80,20 @@ absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSeries& source,
     return absl::CancelledError("interrupted while partitioning; nothing was left behind");
   }
   return manifest;
+}
+
+absl::StatusOr<store::Manifest> PartitionVolume(const source::OpenRequest& request,
+                                                partition::PartitionOptions options,
+                                                const Context& context) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
+                            source::OpenIdentified(request));
+  const std::vector<source::SourceField>& fields = source->fields();
+  if (fields.size() > 1 || fields[0].components.size() > 1 || source->step_count() > 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(request.path, ": holds ", source::DescribeFields(fields), " at ",
+                     source->step_count(), " steps: name one volume of it, or partition it first"));
+  }
+  return PartitionVolume(*source, std::move(options), context);
 }
 
 absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,

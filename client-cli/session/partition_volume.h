@@ -12,6 +12,7 @@
 #include "core/cli/command.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
+#include "core/source/open_request.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "core/store/manifest.h"
@@ -35,6 +36,12 @@ void PrintNote(const source::VolumeSource& source, const Context& context);
 // other errors as partition::Partition. REQUIRES: the source was opened by source::OpenIdentified,
 // and needs no series (partition::NeedsSeries).
 absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSeries& source,
+                                                partition::PartitionOptions options,
+                                                const Context& context);
+
+// The same of a source that has one volume, which this opens. INVALID_ARGUMENT: it has several. Other
+// errors also as source::OpenIdentified.
+absl::StatusOr<store::Manifest> PartitionVolume(const source::OpenRequest& request,
                                                 partition::PartitionOptions options,
                                                 const Context& context);
 
