@@ -60,8 +60,11 @@ set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME isoscope)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS "adduser")
-# OpenGL is opened at run time; without it, programs draw by the CPU.
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "fonts-dejavu-core, libegl1, libopengl0, libgl1-mesa-dri, openssl")
+# OpenGL is opened at run time; without it, programs draw by the CPU. The filters of HDF5 are plugins.
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS
+  "fonts-dejavu-core, libegl1, libopengl0, libgl1-mesa-dri, openssl"
+  "hdf5-filter-plugin, hdf5-filter-plugin-blosc-serial, hdf5-filter-plugin-zfp-serial, hdf5-plugin-lzf")
+list(JOIN CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS ", " CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "python3-isoscope, gnuplot-nox")
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "isosurfaces of volumes too large for one machine
 isoscope cuts, views, renders and exports volumes on one machine.

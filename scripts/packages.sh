@@ -25,7 +25,8 @@ ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libwebp7
-  libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core)
+  libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core
+  hdf5-filter-plugin hdf5-filter-plugin-blosc-serial hdf5-filter-plugin-zfp-serial hdf5-plugin-lzf)
 ISOSCOPE_VDB_PACKAGES=(libopenvdb10.0)
 
 # Packages to build tests and benchmarks; to run the unit tests and the guards of the promises; to run the other tests:
@@ -43,7 +44,8 @@ ISOSCOPE_BROWSER_PACKAGES=(nodejs node-typescript chromium chromium-driver pytho
 
 # Packages that the tests compare our files with, some 50 packages, 30 MB to download; and clang for locks and
 # libFuzzer.
-ISOSCOPE_REFERENCE_PACKAGES=(python3-vtk9 gnuplot-nox clang-14)
+ISOSCOPE_REFERENCE_PACKAGES=(python3-vtk9 gnuplot-nox clang-14 python3-h5py hdf5-filter-plugin
+  hdf5-filter-plugin-blosc-serial hdf5-filter-plugin-zfp-serial hdf5-plugin-lzf)
 
 # A real Prometheus and promtool. It is a service: where systemd runs, installing it would start it, so there
 # scripts/test.sh leaves that to you.

@@ -6,15 +6,21 @@ command that info suggests, at 128 x 128 pixels. A file counts as
 
     opened    info and the picture succeed
     refused   exit 1 with a sentence, by info or by the picture
+    not read  refused, and named as something that is no volume, or of a format that is not read
     crashed   ended by a signal, or with another exit code
     hung      not done after --timeout
     no file of volumes
               refused as of an unknown kind, and its ending is not that of a volume
 
-Prints a table by ending and each refusal; --json writes all. Fails if something crashed or hung.
+Prints a table by ending and each refusal; --json writes all. Fails if something crashed or hung, or with --compare
+differs.
+
+--compare reads what opened with another program's reader, too (scripts/survey_readers.py): the size, the world
+positions of the first and the last sample where that reader tells them, and the least and the greatest of 2 x 2 x 2
+samples at five places.
 
     scripts/survey.py /usr/share --bin build/release/bin/isoscope
-    scripts/survey.py COLLECTION --json survey.json --memory-limit 128MiB
+    scripts/survey.py COLLECTION --compare --json survey.json --memory-limit 128MiB
 """
 
 import argparse
@@ -32,6 +38,7 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 UNKNOWN_KIND = "unknown kind of file"
+NOT_READ = ("which is not read:", "not the file itself", "an empty file:")
 MAX_MESSAGE = 300
 
 
@@ -95,7 +102,9 @@ def outcome_of(code, errors):
         return "hung"
     if code == 0:
         return "opened"
-    return "refused" if code == 1 and errors.startswith("isoscope: ") else "crashed"
+    if code != 1 or not errors.startswith("isoscope: "):
+        return "crashed"
+    return "not read" if any(words in errors for words in NOT_READ) else "refused"
 
 
 def survey(path, ending, arguments):
@@ -106,6 +115,8 @@ def survey(path, ending, arguments):
                                                   arguments.timeout)
         result = {"path": str(path), "ending": ending, "step": "info", "outcome": outcome_of(code, errors),
                   "message": errors[:MAX_MESSAGE], "seconds": seconds, "peak_mib": peak}
+        if result["outcome"] == "opened" and arguments.compare:
+            result["compared"] = compare(str(path), json.loads(output)["volume"], folder, arguments)
         if result["outcome"] != "opened" or arguments.no_render:
             return result
         commands = [shlex.split(command) for command in json.loads(output)["volume"]["commands"]]
@@ -126,6 +137,53 @@ def survey(path, ending, arguments):
             if result["outcome"] != "opened":
                 break
         return result
+
+
+def places_of(dims):
+    """Five boxes of 2 x 2 x 2 samples: the first, the last, the middle, and two of no symmetry."""
+    last = [size - 2 for size in dims]
+    middle = [size // 2 for size in last]
+    return [[0, 0, 0], last, middle, [last[0], 0, middle[2]], [last[0] // 3, middle[1], last[2] * 2 // 3]]
+
+
+def compare(path, volume, folder, arguments):
+    """Returns "equal", "none" (no other reader takes it), or a sentence on the first difference."""
+    import survey_readers  # needs numpy
+    other = survey_readers.read(path, volume)
+    if other is None:
+        return "none"
+    dims = volume["sample_dims"]
+    if list(other.samples.shape[::-1]) != dims:
+        return f"size {dims}, expected {list(other.samples.shape[::-1])}"
+    for corner in ([0, 0, 0], [size - 1 for size in dims]):
+        expected = other.position_of(corner)
+        if expected is None:
+            break
+        found = [volume["origin"][row] + sum(volume["direction"][axis][row] * volume["spacing"][axis] * corner[axis]
+                                             for axis in range(3)) for row in range(3)]
+        extent = max(abs(number) for number in expected + [sum(volume["spacing"])])
+        if any(abs(a - b) > 1e-5 * extent for a, b in zip(found, expected)):
+            return f"sample {corner} at {found}, expected {expected}"
+    # The ranges of several steps are those of all.
+    for x, y, z in places_of(dims) if len(volume["time_steps"]) <= 1 else []:
+        crop = f"{x}:{x + 2},{y}:{y + 2},{z}:{z + 2}"
+        code, output, errors, _, _ = run([arguments.bin, "info", path, "--json", "--values", "--crop", crop], folder,
+                                         arguments.timeout)
+        if code != 0:
+            return f"--crop {crop}: {errors[:MAX_MESSAGE]}"
+        found = first_range(json.loads(output)["volume"])
+        expected = survey_readers.range_of(other.samples[z:z + 2, y:y + 2, x:x + 2])
+        if (found is None) != (expected is None) or (found is not None and any(
+                abs(a - b) > 1e-6 * max(abs(b), abs(expected[1] - expected[0])) for a, b in zip(found, expected))):
+            return f"samples {crop} in {found}, expected {expected}"
+    return "equal"
+
+
+def first_range(volume):
+    """The range of the first component of the first field; of several steps only if one was read."""
+    if "value_range" in volume:
+        return volume["value_range"]
+    return volume["fields"][0]["value_ranges"][0]
 
 
 def middle_of(words, folder, arguments):
@@ -151,6 +209,7 @@ def main():
     parser.add_argument("--json", help="writes all results to this file")
     parser.add_argument("--timeout", type=float, default=120, help="seconds a command (default: 120)")
     parser.add_argument("--memory-limit", default="256MiB", help="of partitioning and drawing (default: 256MiB)")
+    parser.add_argument("--compare", action="store_true", help="compares with other programs' readers")
     parser.add_argument("--no-render", action="store_true", help="runs info alone")
     arguments = parser.parse_args()
     if not os.path.isdir(arguments.tree):
@@ -163,7 +222,7 @@ def main():
         results.append(result)
         if len(results) % 100 == 0:
             print(f"{len(results)} files, now {path}", file=sys.stderr)
-    known = {r["ending"] for r in results if UNKNOWN_KIND not in r["message"]}
+    known = {r["ending"] for r in results if UNKNOWN_KIND not in r["message"] and r["outcome"] != "not read"}
     for result in results:
         if result["outcome"] == "refused" and result["ending"] not in known and UNKNOWN_KIND in result["message"]:
             result["outcome"] = "no file of volumes"
@@ -172,7 +231,12 @@ def main():
         if result["outcome"] != "no file of volumes":
             by_ending[result["ending"] or "(none)"][result["outcome"]] += 1
     others = sum(r["outcome"] == "no file of volumes" for r in results)
-    columns = ("opened", "refused", "crashed", "hung")
+    columns = ("opened", "refused", "not read", "crashed", "hung") + (
+        ("equal", "differ") if arguments.compare else ())
+    for result in results:
+        compared = result.get("compared", "none")
+        if result["outcome"] != "no file of volumes" and compared != "none":
+            by_ending[result["ending"] or "(none)"]["equal" if compared == "equal" else "differ"] += 1
     print(f"{'ending':14}" + "".join(f"{column:>9}" for column in columns) + f"{'s':>9}{'MiB':>8}")
     for ending, counts in sorted(by_ending.items()):
         of_ending = [r for r in results if (r["ending"] or "(none)") == ending]
@@ -180,11 +244,14 @@ def main():
               + f"{max(r['seconds'] for r in of_ending):9.1f}{max(r['peak_mib'] for r in of_ending):8.0f}")
     print(f"{others} other files, of endings that no volume has. Seconds and MiB are the most of a file.")
     for result in results:
-        if result["outcome"] in ("refused", "crashed", "hung"):
+        if result["outcome"] in ("refused", "not read", "crashed", "hung"):
             print(f"{result['outcome']} by {result['step']}: {result['path']}: {result['message']}")
+        if result.get("compared", "none") not in ("none", "equal"):
+            print(f"differs: {result['path']}: {result['compared']}")
     if arguments.json:
         pathlib.Path(arguments.json).write_text(json.dumps(results, indent=1))
-    return 1 if any(r["outcome"] in ("crashed", "hung") for r in results) else 0
+    differs = any(r.get("compared", "none") not in ("none", "equal") for r in results)
+    return 1 if differs or any(r["outcome"] in ("crashed", "hung") for r in results) else 0
 
 
 if __name__ == "__main__":

@@ -157,20 +157,21 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
   ProgressLine line(context.err, context.err_is_terminal);
   std::int64_t done = 0;
   for (std::size_t field = 0; field < series.fields().size(); ++field) {
-    std::vector<volume::ScalarSpan>& spans = ranges.spans.emplace_back();
+    std::vector<source::ValueRange>& of_field = ranges.ranges.emplace_back();
     for (std::size_t component = 0; component < series.fields()[field].components.size();
          ++component) {
-      volume::ScalarSpan& span = spans.emplace_back();
+      source::ValueRange& range = of_field.emplace_back();
       for (int step = 0; step < steps; ++step) {
         line.Update(absl::StrCat("reading values of volume ", ++done));
         ISOSCOPE_ASSIGN_OR_RETURN(
             const std::unique_ptr<source::VolumeSource> volume,
             series.Open(static_cast<int>(field), static_cast<int>(component), step));
         ISOSCOPE_ASSIGN_OR_RETURN(
-            const volume::ScalarSpan of_step,
+            const source::ValueRange of_step,
             source::FindValueRange(volume.get(), nullptr, context.interrupt->cancellation()));
-        span.min = std::min(span.min, of_step.min);
-        span.max = std::max(span.max, of_step.max);
+        range.span.min = std::min(range.span.min, of_step.span.min);
+        range.span.max = std::max(range.span.max, of_step.span.max);
+        range.infinite_count += of_step.infinite_count;
       }
     }
   }
@@ -201,7 +202,7 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
                              static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
   if (is_single && (flags.reads_values || bytes <= kMaxQuickBytes)) {
     ProgressLine line(context.err, context.err_is_terminal);
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan range,
+    ISOSCOPE_ASSIGN_OR_RETURN(const source::ValueRange range,
                               source::FindValueRange(
                                   source.get(),
                                   [&line](std::int64_t done_bytes, std::int64_t total_bytes) {

@@ -130,13 +130,20 @@ void AddGridLines(const Json& json, std::string* text) {
 
 }  // namespace
 
+std::string DescribeInfinite(std::int64_t count) {
+  return count == 0   ? ""
+         : count == 1 ? ", and 1 infinite sample"
+                      : absl::StrCat(", and ", FormatCount(count), " infinite samples");
+}
+
 std::string DescribeValueRange(const Json& json) {
   std::string text;
   const auto range = json.find("value_range");
   AddLine("values",
-          range == json.end() ? "not read: --values reads them all"
-          : range->is_null()  ? "none but NaN"
-                              : Joined(*range, " to "),
+          absl::StrCat(range == json.end() ? "not read: --values reads them all"
+                       : range->is_null()  ? "none that is finite"
+                                           : Joined(*range, " to "),
+                       DescribeInfinite(json.value("infinite_count", std::int64_t{0}))),
           &text);
   return text;
 }
@@ -173,14 +180,17 @@ Json DatasetToJson(const v1::Dataset& dataset) {
 }
 
 Json VolumeToJson(const source::VolumeSource& source,
-                  const std::optional<volume::ScalarSpan>& value_range) {
+                  const std::optional<source::ValueRange>& values) {
   Json json;
   json["name"] = source.name();
   AddGeometry(rpc::ToProto(source.geometry()), &json);
-  const volume::ScalarSpan range = value_range.value_or(volume::ScalarSpan{});
+  const source::ValueRange known = values.value_or(source::ValueRange());
+  const volume::ScalarSpan& range = known.span;
   AddSamples(rpc::ToProto(source.scalar_type()), range.min <= range.max, range.min, range.max,
              &json);
-  if (!value_range) {
+  if (values.has_value()) {
+    json["infinite_count"] = known.infinite_count;
+  } else {
     json.erase("value_range");
   }
   if (const std::string note = source.note(); !note.empty()) {

@@ -3,14 +3,15 @@
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_DATASET_JSON_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_DATASET_JSON_H_
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "core/source/value_range.h"
 #include "core/source/volume_source.h"
 #include "core/store/shard_reader.h"
-#include "core/volume/scalar_span.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 
@@ -26,10 +27,10 @@ using Json = nlohmann::ordered_json;
 // serve.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
-// above; without value_range if the samples were not read. "note": how the grid differs from that
-// of the file, if it does.
+// above; "infinite_count", of samples beside the range; both only if samples were read. "note": how
+// the grid differs from that of the file, if it does.
 Json VolumeToJson(const source::VolumeSource& source,
-                  const std::optional<volume::ScalarSpan>& value_range);
+                  const std::optional<source::ValueRange>& values);
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);
@@ -41,6 +42,8 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 // because it may be printed later.
 std::string DescribeVolume(const Json& volume);
 std::string DescribeValueRange(const Json& json);
+// ", and 3 infinite samples"; "" of 0.
+std::string DescribeInfinite(std::int64_t count);
 std::string DescribeDataset(const Json& dataset);
 // Returns a table with one row for each agent. max_width: as Table::ToString. With a width, a
 // message that several agents share is printed once, below.

@@ -18,7 +18,7 @@ std::string ExactNumber(double value) { return absl::StrFormat("%.9g", value); }
 std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isovalue) {
   const std::string head = absl::StrCat("isovalue ", ExactNumber(isovalue), " has no surface: ");
   if (!dataset.has_value_range()) {
-    return absl::StrCat(head, "every sample of the volume is NaN");
+    return absl::StrCat(head, "no sample of the volume is finite");
   }
   const double min = dataset.value_range().min();
   const double max = dataset.value_range().max();
@@ -54,7 +54,7 @@ void WarnIfNoLabel(const isoscope::v1::Dataset& dataset, const client::LabelFlag
                            ? absl::StrCat("the values of the volume are in [",
                                           ExactNumber(dataset.value_range().min()), ", ",
                                           ExactNumber(dataset.value_range().max()), "]")
-                           : "every sample of the volume is NaN")
+                           : "no sample of the volume is finite")
                    << std::endl;
     }
   }

@@ -213,7 +213,7 @@ std::string DescribeFields(const Json& series, int max_width) {
       table.AddRow({name, PrintableText(component, "name"), PrintableText(field, "unit"),
                     PrintableText(component, "sample_type"),
                     range.is_null()
-                        ? "none but NaN"
+                        ? "none that is finite"
                         : absl::StrCat(range[0].get<double>(), " to ", range[1].get<double>()),
                     steps});
       name.clear();

@@ -46,10 +46,12 @@ std::string StepsText(const Json& volume) {
                                                volume.at("time_unit").get<std::string>()));
 }
 
-// "-1.0 to 4.0".
-std::string RangeText(const Json& range) {
-  return range.is_null() ? "none but NaN"
-                         : absl::StrCat(range.at(0).dump(), " to ", range.at(1).dump());
+// "-1.0 to 4.0, and 3 infinite samples".
+std::string RangeText(const Json& range, std::int64_t infinite_count) {
+  return absl::StrCat(range.is_null()
+                          ? "none that is finite"
+                          : absl::StrCat(range.at(0).dump(), " to ", range.at(1).dump()),
+                      DescribeInfinite(infinite_count));
 }
 
 // A line for each component of each field.
@@ -74,14 +76,44 @@ void AddRangeLines(const Json& volume, std::string* text) {
         return;
       }
       const auto component = components.at(i).get<std::string>();
-      AddSourceLine(label,
-                    base::Printable(absl::StrCat(field.at("name").get<std::string>(),
-                                                 component.empty() ? "" : ":", component, "  ",
-                                                 RangeText(field.at("value_ranges").at(i)))),
-                    text);
+      AddSourceLine(
+          label,
+          base::Printable(absl::StrCat(
+              field.at("name").get<std::string>(), component.empty() ? "" : ":", component, "  ",
+              RangeText(field.at("value_ranges").at(i), field.at("infinite_counts").at(i)))),
+          text);
       label = "";
     }
   }
+}
+
+// What to draw of several volumes: the first component with an isovalue that has a surface.
+struct DrawnField {
+  std::string flag{};      // " --field u:x"; "" if there is no choice
+  std::string isovalue{};  // "VALUE" if no values were read; "" if none has a surface
+};
+
+DrawnField DrawnFieldOf(const source::VolumeSeries& series, const SourceRanges& ranges) {
+  const std::vector<source::SourceField>& fields = series.fields();
+  if (ranges.steps == 0) {
+    return {.flag = fields.size() > 1 ? absl::StrCat(" --field ", base::ShellWord(fields[0].name)) : "",
+            .isovalue = "VALUE"};
+  }
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const std::vector<std::string>& components = fields[i].components;
+    for (std::size_t k = 0; k < components.size(); ++k) {
+      std::string isovalue = source::MiddleIsovalue(ranges.ranges[i][k].span);
+      if (isovalue.empty()) {
+        continue;
+      }
+      const std::string name =
+          components.size() > 1 ? absl::StrCat(fields[i].name, ":", components[k]) : fields[i].name;
+      const bool is_only = fields.size() == 1 && components.size() == 1;
+      return {.flag = is_only ? "" : absl::StrCat(" --field ", base::ShellWord(name)),
+              .isovalue = std::move(isovalue)};
+    }
+  }
+  return {};
 }
 
 }  // namespace
@@ -120,9 +152,11 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
     Json described = {{"name", field.name}, {"unit", field.unit}, {"components", field.components}};
     if (ranges.steps > 0) {
       described["value_ranges"] = Json::array();
-      for (const volume::ScalarSpan& span : ranges.spans[i]) {
+      described["infinite_counts"] = Json::array();
+      for (const auto& [span, infinite_count] : ranges.ranges[i]) {
         described["value_ranges"].push_back(span.min <= span.max ? Json::array({span.min, span.max})
                                                                  : Json(nullptr));
+        described["infinite_counts"].push_back(infinite_count);
       }
     }
     (*volume)["fields"].push_back(std::move(described));
@@ -141,26 +175,23 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
   if (volumes != 1) {
     (*volume)["value_range_steps"] = ranges.steps;
   }
-  std::string isovalue = "VALUE";
-  Json range;
-  if (volume->contains("value_range")) {
-    range = volume->at("value_range");
-  } else if (ranges.steps > 0 && series.fields()[0].components.size() == 1) {
-    range = volume->at("fields").at(0).at("value_ranges").at(0);
-  }
-  if (range.is_array()) {
-    isovalue = absl::StrCat((range.at(0).get<double>() + range.at(1).get<double>()) / 2);
-  }
   Json commands = Json::array();
   if (volumes == 1) {
-    commands.push_back(absl::StrCat("isoscope render ", input, " --isovalue ", isovalue));
+    const auto range = volume->find("value_range");
+    const std::string isovalue = range == volume->end() ? "VALUE"
+                                 : range->is_null()
+                                     ? ""
+                                     : source::MiddleIsovalue({range->at(0), range->at(1)});
+    if (!isovalue.empty()) {
+      commands.push_back(absl::StrCat("isoscope render ", input, " --isovalue ", isovalue));
+    }
   } else {
-    const source::SourceField& field = series.fields().front();
+    const DrawnField drawn = DrawnFieldOf(series, ranges);
     commands.push_back(absl::StrCat("isoscope partition ", input, " --output DIR"));
-    commands.push_back(absl::StrCat(
-        "isoscope render DIR",
-        series.fields().size() > 1 ? absl::StrCat(" --field ", base::ShellWord(field.name)) : "",
-        " --isovalue ", isovalue));
+    if (!drawn.isovalue.empty()) {
+      commands.push_back(
+          absl::StrCat("isoscope render DIR", drawn.flag, " --isovalue ", drawn.isovalue));
+    }
   }
   (*volume)["commands"] = std::move(commands);
 }
@@ -185,6 +216,10 @@ std::string DescribeSource(const Json& volume) {
                                 seconds < 1 ? "a second" : absl::StrFormat("%.0f s", seconds)),
                 &text);
   const char* name = "draw";
+  if (volume.at("commands").empty()) {
+    AddSourceLine(name, "nothing: no two finite samples differ, so no isovalue has a surface",
+                  &text);
+  }
   for (const Json& command : volume.at("commands")) {
     AddSourceLine(name, base::Printable(command.get<std::string>()), &text);
     name = "";

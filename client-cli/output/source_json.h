@@ -13,8 +13,8 @@
 #include "client-cli/output/dataset_json.h"
 #include "core/math/vec.h"
 #include "core/source/dicom_folder.h"
+#include "core/source/value_range.h"
 #include "core/source/volume_series.h"
-#include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
@@ -31,15 +31,16 @@ PartitionNeeds EstimatePartition(const math::Index3& dims, volume::ScalarType ty
 
 // The values of a source of several volumes.
 struct SourceRanges {
-  int steps = 0;                                         // that were read, from the first one on
-  std::vector<std::vector<volume::ScalarSpan>> spans{};  // [field][component], if any was read
+  int steps = 0;                                          // that were read, from the first one on
+  std::vector<std::vector<source::ValueRange>> ranges{};  // [field][component], if any was read
 };
 
 // Adds to `volume`, the JSON of the first volume (VolumeToJson): "fields": [{"name", "unit",
-// "components", "value_ranges"}], "time_steps", "time_unit", "length_unit", "partition":
-// {"disk_bytes", "memory_bytes", "seconds"} and "commands". Of several volumes, also
-// "value_range_steps"; without any step there are no value_ranges. `input` is the path with the
-// flags that it needs, as one types them.
+// "components", "value_ranges", "infinite_counts"}], "time_steps", "time_unit", "length_unit",
+// "partition": {"disk_bytes", "memory_bytes", "seconds"} and "commands". Of several volumes, also
+// "value_range_steps"; without any step there are no value_ranges. Commands have DIR for a folder,
+// and VALUE for an isovalue if no values were read; there are none if no isovalue has a surface.
+// `input` is the path with the flags that it needs, as one types them.
 void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
                const SourceRanges& ranges, const std::string& input, Json* volume);
 // Lines for these members.

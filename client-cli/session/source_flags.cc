@@ -341,12 +341,13 @@ std::string AsTyped(const SourceFlags& flags) {
 absl::StatusOr<std::vector<std::string>> SourceFiles(const source::OpenRequest& request) {
   absl::StatusOr<std::vector<std::string>> files = source::FilesOf(request);
   const std::string& path = request.path;
-  if (!files.ok() && io::IsDirectory(path) && !source::WhyRefused(path).has_value() &&
-      request.dicom_series.empty()) {
-    return absl::NotFoundError(
-        absl::StrCat("'", path, "' holds no finished dataset, no slices and no DICOM series",
-                     store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"
-                                                   : "; 'isoscope partition' makes a dataset"));
+  if (absl::IsNotFound(files.status()) && io::IsDirectory(path) && request.dicom_series.empty()) {
+    const std::string volumes = source::ListVolumesIn(path);
+    return absl::NotFoundError(absl::StrCat(
+        "'", path, "' holds no finished dataset, no slices and no DICOM series",
+        store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"
+        : volumes.empty()             ? "; 'isoscope partition' makes a dataset"
+                          : absl::StrCat("; it holds ", volumes, ": give such a file")));
   }
   return files;
 }

@@ -225,9 +225,6 @@ class Partitioner {
     }
     writing.wait();
     ISOSCOPE_RETURN_IF_ERROR(written);
-    const volume::ScalarSpan total = ranges.Total();
-    value_range_.min = std::min(value_range_.min, total.min);
-    value_range_.max = std::max(value_range_.max, total.max);
     return range_writer_->Append(ranges);
   }
 
@@ -246,7 +243,7 @@ class Partitioner {
     manifest.patient_frame = source_.patient_frame();
     manifest.labels = options_.labels;
     manifest.scalar_type = type_;
-    manifest.value_range = value_range_;
+    manifest.value_range = cutter_->histograms().range();
     manifest.max_gradient_magnitude = cutter_->max_gradient_magnitude();
     manifest.block_cells = layout_.block_cells();
     manifest.distribution = options_.distribution;
@@ -282,8 +279,7 @@ class Partitioner {
   std::optional<BatchCutter> cutter_;
   std::optional<ShardSet> shards_;
   std::unique_ptr<store::RangeTableWriter> range_writer_;
-  volume::ScalarSpan value_range_;  // of the portions so far
-  SamplesDigest samples_digest_;    // of the portions so far
+  SamplesDigest samples_digest_;  // of the portions so far
 };
 
 }  // namespace

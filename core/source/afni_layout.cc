@@ -43,6 +43,7 @@
 #include "core/base/status_macros.h"
 #include "core/source/affine_grid.h"
 #include "core/source/data_files.h"
+#include "core/source/file_start.h"
 #include "core/source/layout_formats.h"
 #include "core/source/text_header.h"
 
@@ -228,7 +229,9 @@ absl::Status FindBrik(const std::string& path, SampleLocation* location) {
     auto found = SingleFile(path, absl::StrCat(brik, ending));
     if (found.ok()) {
       location->files = *std::move(found);
-      location->encoding = encoding;
+      const bool is_plain =
+          encoding == SampleEncoding::kDeflate && !IsGzipFile(location->files.front());
+      location->encoding = is_plain ? SampleEncoding::kRaw : encoding;
       return absl::OkStatus();
     }
     if (files.status().code() == absl::StatusCode::kUnknown) {

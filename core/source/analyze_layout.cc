@@ -14,7 +14,6 @@
 #include <array>
 #include <cmath>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
@@ -109,7 +108,7 @@ absl::StatusOr<FileLayout> ReadAnalyzeLayout(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type,
                             AnalyzeTypeOf(header.Load<std::int16_t>(70), path));
   ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
-  if (absl::EndsWithIgnoreCase(location.files.front(), ".gz")) {
+  if (IsNiftiStream(path, location.files.front())) {
     location.encoding = SampleEncoding::kDeflate;
   }
   const auto skip = static_cast<double>(header.Load<float>(108));

@@ -1,10 +1,12 @@
 #include "core/source/file_start.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 
 #include "absl/strings/match.h"
+#include "absl/strings/string_view.h"
 
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
@@ -12,6 +14,11 @@
 #include "core/source/inflate_reader.h"
 
 namespace isoscope::source {
+namespace {
+
+constexpr absl::string_view kGzip = "\x1f\x8b\x08";
+
+}  // namespace
 
 absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size) {
   ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a folder with many files
@@ -20,7 +27,6 @@ absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t siz
   FileStart head;
   head.bytes.resize(std::min<std::size_t>(size, static_cast<std::size_t>(file->size_bytes())));
   ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, head.bytes.size(), head.bytes.data()));
-  constexpr absl::string_view kGzip = "\x1f\x8b\x08";
   head.is_gzip = absl::StartsWith(head.bytes, kGzip);
   if (head.is_gzip) {
     InflateReader inflater(file.get(), 0);
@@ -29,6 +35,13 @@ absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t siz
     head.bytes.resize(got);
   }
   return head;
+}
+
+bool IsGzipFile(const std::string& path) {
+  const auto file = io::OpenRandomAccessFile(path);
+  std::array<char, kGzip.size()> bytes{};
+  return file.ok() && (*file)->ReadAt(0, bytes.size(), bytes.data()).ok() &&
+         absl::string_view(bytes.data(), bytes.size()) == kGzip;
 }
 
 }  // namespace isoscope::source

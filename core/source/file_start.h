@@ -19,6 +19,9 @@ struct FileStart {
 // InflateReader; CANCELLED if the process was interrupted.
 absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size);
 
+// Whether a file is a gzip stream, whatever its name says. False for what can't be read.
+bool IsGzipFile(const std::string& path);
+
 }  // namespace isoscope::source
 
 #endif  // ISOSCOPE_CORE_SOURCE_FILE_START_H_

@@ -61,27 +61,6 @@ std::vector<std::string> ReadFixedTexts(hid_t attribute, hid_t stored, std::size
   return texts;
 }
 
-// The last part of the name of a scale: "time" of "/fields/time".
-std::string ScaleName(hid_t scale) {
-  constexpr std::size_t kMaxName = 1024;
-  std::string name(kMaxName, '\0');
-  const ssize_t size = H5Iget_name(scale, name.data(), name.size());
-  name.resize(size < 0 ? 0 : std::min(static_cast<std::size_t>(size), kMaxName - 1));
-  return name.substr(name.rfind('/') + 1);
-}
-
-std::optional<AxisOrder> OrderOf(const std::vector<std::string>& labels, std::size_t rank) {
-  if (labels.size() != rank) {
-    return std::nullopt;
-  }
-  std::string letters;
-  for (const std::string& label : labels) {
-    letters += AxisLetterOf(label);
-  }
-  const auto order = ParseAxisOrder(letters);
-  return order.ok() ? std::optional<AxisOrder>(*order) : std::nullopt;
-}
-
 }  // namespace
 
 std::vector<std::string> Hdf5Texts(hid_t object, const char* attribute) {
@@ -138,23 +117,12 @@ Hdf5Handle Hdf5ScaleOf(hid_t dataset, std::size_t axis, std::size_t rank) {
                                                                      : Hdf5Handle();
 }
 
-std::optional<AxisOrder> Hdf5AxisOrder(hid_t dataset, std::size_t rank) {
-  std::vector<std::string> labels = Hdf5Texts(dataset, "DIMENSION_LABELS");
-  labels.resize(rank);
-  for (std::size_t axis = 0; axis < rank; ++axis) {
-    if (AxisLetterOf(labels[axis]) == '?') {
-      const Hdf5Handle scale = Hdf5ScaleOf(dataset, axis, rank);
-      labels[axis] = scale.is_valid() ? ScaleName(scale.get()) : "";
-    }
-  }
-  std::optional<AxisOrder> order = OrderOf(labels, rank);
-  for (const char* attribute : {"axes", "axistags"}) {
-    if (!order.has_value()) {
-      const std::vector<std::string> texts = Hdf5Texts(dataset, attribute);
-      order = OrderOf(texts.size() == 1 ? AxisLabelsIn(texts[0]) : texts, rank);
-    }
-  }
-  return order;
+std::string Hdf5ScaleName(hid_t scale) {
+  constexpr std::size_t kMaxName = 1024;
+  std::string name(kMaxName, '\0');
+  const ssize_t size = H5Iget_name(scale, name.data(), name.size());
+  name.resize(size < 0 ? 0 : std::min(static_cast<std::size_t>(size), kMaxName - 1));
+  return name.substr(name.rfind('/') + 1);
 }
 
 absl::StatusOr<std::vector<double>> Hdf5ScaleValues(hid_t scale, std::int64_t count) {
@@ -167,19 +135,19 @@ absl::StatusOr<std::vector<double>> Hdf5ScaleValues(hid_t scale, std::int64_t co
   }
   if (Hdf5DimsOf(scale) != std::vector<std::int64_t>{count}) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "its scale \"%s\" has another length than the axis, %d", ScaleName(scale), count));
+        "its scale \"%s\" has another length than the axis, %d", Hdf5ScaleName(scale), count));
   }
   std::vector<double> values(static_cast<std::size_t>(count));
   if (H5Dread(scale, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) {
     return absl::DataLossError(
-        absl::StrFormat("its scale \"%s\" can't be read: %s", ScaleName(scale), LastHdf5Error()));
+        absl::StrFormat("its scale \"%s\" can't be read: %s", Hdf5ScaleName(scale), LastHdf5Error()));
   }
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!std::isfinite(values[i]) || (i > 0 && !(values[i] > values[i - 1]))) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "its scale \"%s\" has %g at index %d, behind %g; expected finite numbers that ascend, "
           "each once",
-          ScaleName(scale), values[i], i, i > 0 ? values[i - 1] : values[i]));
+          Hdf5ScaleName(scale), values[i], i, i > 0 ? values[i - 1] : values[i]));
     }
   }
   return values;

@@ -1,4 +1,4 @@
-// Reads the axes of an HDF5 dataset from its attributes. Calls the library: for the process that it
+// Texts and dimension scales of HDF5 objects. Calls the library: for the process that it
 // runs in (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_HDF5_ATTRIBUTES_H_
@@ -6,13 +6,11 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 
-#include "core/source/axis_order.h"
 #include "core/source/hdf5_handle.h"
 
 namespace isoscope::source {
@@ -27,10 +25,8 @@ std::string Hdf5Text(hid_t object, const std::vector<const char*>& attributes);
 // there are several. Not valid if there is none.
 Hdf5Handle Hdf5ScaleOf(hid_t dataset, std::size_t axis, std::size_t rank);
 
-// The meaning of the axes of a dataset as the first of these says it: DIMENSION_LABELS with the
-// names of the scales, "axes" ("tzyx"), "axistags" (vigra, ilastik). Not set if none says it of all
-// axes.
-std::optional<AxisOrder> Hdf5AxisOrder(hid_t dataset, std::size_t rank);
+// The last part of the name of a scale: "time" of "/fields/time".
+std::string Hdf5ScaleName(hid_t scale);
 
 // The numbers of the scale of an axis; none if it has no scale, or one without numbers.
 // INVALID_ARGUMENT: not `count` of them; not finite, or not ascending (names both). The message is

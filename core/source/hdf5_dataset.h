@@ -1,4 +1,4 @@
-// Datasets of an HDF5 file: which there are, of which type and shape. Calls the library: for the
+// Datasets of an HDF5 file: which one a path means, and its shape. Calls the library: for the
 // process that it runs in (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_SOURCE_HDF5_DATASET_H_
@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,27 +14,12 @@
 
 #include "core/source/axis_order.h"
 #include "core/source/hdf5_handle.h"
-#include "core/source/hdf5_source.h"
+#include "core/source/hdf5_path.h"
+#include "core/source/hdf5_types.h"
 #include "core/source/volume_source.h"
-#include "core/source/wide_source.h"
-#include "core/volume/scalar_type.h"
+#include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
-
-// How samples are read: as they are stored, in little-endian order.
-struct Hdf5SampleType {
-  volume::ScalarType scalar = volume::ScalarType::kUint8;  // of `wide`, its carrier
-  std::optional<WideType> wide;
-  Hdf5Handle memory_type;
-};
-
-enum class Hdf5Types {
-  kOfVolumes,  // integers of 8 to 32 bits; IEEE floats of 32 and 64
-  kAll,        // those, integers of 64 bits, IEEE floats of 16, and h5py's bool as uint8
-};
-
-// INVALID_ARGUMENT: of no such type; the message is to follow the dataset's name and a colon.
-absl::StatusOr<Hdf5SampleType> Hdf5SampleTypeOf(hid_t dataset, Hdf5Types types);
 
 // Elements on each axis, slowest first; none if that is not known.
 std::vector<std::int64_t> Hdf5DimsOf(hid_t dataset);
@@ -47,23 +31,24 @@ struct NamedHdf5Dataset {
   Hdf5Handle dataset;
 };
 
-// Opens the dataset that the path names, or the only one that is a volume (three axes of more than
-// one element, kOfVolumes). With `axes` above 0, without a name: the only one with so many axes,
-// kAll. With kAll and no axes, if none is a volume: the only one of 3 axes or more.
-// NOT_FOUND: no such file or dataset. INVALID_ARGUMENT: no HDF5 file; none named, and not one. All
-// list the datasets that there are.
-absl::StatusOr<NamedHdf5Dataset> OpenHdf5ByName(const std::string& path, Hdf5Types types,
-                                                std::size_t axes = 0);
+// Opens the dataset that the path names; a group that is a plot of NeXus means its signal. Without
+// a name: the plot that a NeXus file has by default (nexus_data.h), if it is a volume; else the
+// only volume of plain numbers (IsPlainHdf5Type; three axes of more than one element); else the
+// only dataset of samples of three axes or more. With `axes` above 0, without a name: the only one
+// with so many axes. NOT_FOUND: no such file or dataset. INVALID_ARGUMENT: none named, and not one;
+// a filter is not installed. All list the datasets that there are. Otherwise errors as
+// OpenHdf5File.
+absl::StatusOr<NamedHdf5Dataset> OpenHdf5ByName(const std::string& path, std::size_t axes = 0);
 
-// Opens the volume at one step and one component of a dataset, in this process. Chunks as
-// OpenHdf5Dataset. `samples`: the first samples of the dataset, not all. INVALID_ARGUMENT: no grid
-// of a volume; chunks that are too large.
-// REQUIRES: the axes are those of the dataset; indices in range, 0 where there is no such axis.
+// Opens the volume at one step and one component of a dataset, in this process. The chunks of a
+// layer are kept (hdf5_source.cc). `geometry` may have fewer samples than the dataset: the first
+// ones. INVALID_ARGUMENT: no grid of a volume; chunks that are too large. REQUIRES: the axes are
+// those of the dataset; indices in range, 0 where there is no such axis.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
     NamedHdf5Dataset named, Hdf5SampleType type, const AxisOrder& axes, std::int64_t step,
-    std::int64_t component, std::optional<math::Index3> samples = std::nullopt);
+    std::int64_t component, const volume::GridGeometry& geometry);
 
-// "it holds /a, /b".
+// "it holds /a (2 x 3 x 4 uint8), /b ...".
 std::string ListHdf5Volumes(hid_t file);
 
 }  // namespace isoscope::source

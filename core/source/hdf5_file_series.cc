@@ -18,21 +18,60 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/hdf5_file.h"
+#include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_links.h"
+#include "core/source/hdf5_mesh.h"
 #include "core/source/hdf5_mesh_series.h"
 #include "core/source/named_files.h"
+#include "core/source/netcdf_series.h"
 #include "core/source/one_grid.h"
 #include "core/source/series_format.h"
+#include "core/source/walled_source.h"
 #include "core/volume/grid_geometry.h"
+#include "hdf5.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr std::size_t kMaxHdf5Files = 100'000;
 
-bool IsHdf5Name(const std::string& path) {
+bool IsHdf5FileOfPattern(const std::string& path) {
   Hdf5Path parts;
   return SplitHdf5Path(path, &parts) && parts.dataset.empty();
+}
+
+// In the child. "netCDF" of a file that netCDF-4 wrote: it names itself, or numbers its dimensions
+// (before version 4.4.1).
+absl::StatusOr<std::vector<std::string>> DescribeWriter(const std::string& path,
+                                                        const std::string& /*part*/) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file, OpenHdf5File(path));
+  bool is_netcdf = H5Aexists(file.get(), "_NCProperties") > 0;
+  for (const std::string& name : is_netcdf ? std::vector<std::string>() : Hdf5NamesIn(file.get())) {
+    const Hdf5Handle object(H5Oopen(file.get(), name.c_str(), H5P_DEFAULT), H5Oclose);
+    is_netcdf = is_netcdf || H5Aexists(object.get(), "_Netcdf4Dimid") > 0;
+  }
+  return is_netcdf ? std::vector<std::string>{"netCDF"} : std::vector<std::string>();
+}
+
+constexpr WalledLibrary kHdf5Writer = {
+    .name = "HDF5", .open = nullptr, .find_files = nullptr, .describe = DescribeWriter};
+
+// The variables of a file that netCDF-4 wrote; null if it did not, or none is a volume.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenAsNetcdf(const Hdf5Path& path,
+                                                           const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> writer,
+                            DescribeWalled(kHdf5Writer, path.file, ""));
+  if (writer.empty()) {
+    return nullptr;
+  }
+  auto series = OpenNetcdfSeries(path.file, path.dataset, rules);
+  if (absl::IsInvalidArgument(series.status()) && path.dataset.empty()) {
+    return nullptr;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(series.status());
+  return path.dataset.empty() ? *std::move(series)
+                              : SelectPart(*std::move(series), path.file, path.dataset);
 }
 
 bool IsDigit(char c) { return absl::ascii_isdigit(static_cast<unsigned char>(c)); }
@@ -141,7 +180,6 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenStep(const std::string& file,
                                                        const std::string& part) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series, OpenHdf5MeshSeries(file, part));
   if (series == nullptr) {
-    ISOSCOPE_RETURN_IF_ERROR(OpenHdf5Dataset(file).status());  // a damaged file, most likely
     return absl::InvalidArgumentError(absl::StrCat(
         file, ": it does not describe its meshes; a pattern of HDF5 files is for those that do"));
   }
@@ -213,13 +251,13 @@ absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfHdf5Pattern(
   if (const auto pattern = ParseIterationPattern(file); pattern.has_value()) {
     files = FilesNamed(
         absl::StrCat(LiteralPattern(pattern->before), "*", LiteralPattern(pattern->behind)),
-        IsHdf5Name);
+        IsHdf5FileOfPattern);
     files.erase(
         std::remove_if(files.begin(), files.end(),
                        [&](const std::string& found) { return !IsIteration(*pattern, found); }),
         files.end());
   } else if (file.find_first_of("*?[") != std::string::npos) {
-    files = FilesNamed(file, IsHdf5Name);
+    files = FilesNamed(file, IsHdf5FileOfPattern);
   } else {
     return std::nullopt;
   }
@@ -254,7 +292,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
   return std::make_unique<Hdf5FileSeries>(name, std::move(steps), std::move(times), grid);
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& path) {
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& path,
+                                                             const GridRules& rules) {
   const bool names_dataset = absl::StartsWith(path.dataset, "/");
   ISOSCOPE_ASSIGN_OR_RETURN(const auto files, FilesOfHdf5Pattern(path.file));
   if (files.has_value() && names_dataset) {
@@ -268,7 +307,9 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& pat
   if (names_dataset) {
     return nullptr;
   }
-  return OpenHdf5MeshSeries(path.file, path.dataset);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
+                            OpenHdf5MeshSeries(path.file, path.dataset));
+  return meshes != nullptr ? std::move(meshes) : OpenAsNetcdf(path, rules);
 }
 
 }  // namespace isoscope::source

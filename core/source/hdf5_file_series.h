@@ -11,7 +11,8 @@
 
 #include "absl/status/statusor.h"
 
-#include "core/source/hdf5_source.h"
+#include "core/source/grid_rules.h"
+#include "core/source/hdf5_path.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
@@ -33,10 +34,12 @@ absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfHdf5Pattern(const
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
     const std::string& name, const std::vector<std::string>& files, const std::string& part);
 
-// Opens the meshes of a file, or of the files of a pattern. Null if the file describes none, or if
-// the path names a dataset of it ("/data/100/rho"). INVALID_ARGUMENT: a dataset of a pattern.
-// Otherwise errors as above and as OpenHdf5MeshSeries.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& path);
+// Opens the meshes of a file, or of the files of a pattern; or, as netcdf_series.h, the variables
+// of a file that netCDF-4 wrote, whatever its name. Null if the file describes none, or if the path
+// names a dataset of it ("/data/100/rho"). INVALID_ARGUMENT: a dataset of a pattern. Otherwise
+// errors as above, as OpenHdf5MeshSeries and as OpenNetcdfSeries.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& path,
+                                                             const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

@@ -13,11 +13,10 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
-#include "core/io/file.h"
 #include "core/source/hdf5_dataset.h"
+#include "core/source/hdf5_file.h"
 #include "core/source/hdf5_mesh.h"
 #include "core/source/hdf5_storage.h"
-#include "core/source/placed_source.h"
 #include "core/source/series_format.h"
 #include "core/source/walled_series.h"
 #include "hdf5.h"
@@ -61,15 +60,7 @@ absl::Status WithName(const std::string& name, const absl::Status& status) {
 }
 
 absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path) {
-  if (!io::PathExists(path)) {
-    return absl::NotFoundError(absl::StrCat(path, ": no such file"));
-  }
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);             // errors are ours to report
-  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // HDF5 would wait for a writer
-  const Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
-  if (!file.is_valid()) {
-    return std::nullopt;  // OpenHdf5Dataset says why
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file, OpenHdf5File(path));
   auto meshes = FindHdf5Meshes(file.get());
   if (!meshes.ok()) {
     return WithName(path, meshes.status());
@@ -155,20 +146,17 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
     }
     return std::make_unique<ConstantSource>(wanted_name, *constant, field.geometry);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenHdf5ByName(wanted_name, Hdf5Types::kAll));
+  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenHdf5ByName(wanted_name));
   const std::string name = named.parts.name();
   ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
-  auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll);
+  auto type = Hdf5SampleTypeOf(named.dataset.get());
   const absl::Status valid =
       type.ok() ? CheckSamples(field, wanted.axes, Hdf5DimsOf(named.dataset.get())) : type.status();
   if (!valid.ok()) {
     return WithName(name, valid);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      std::unique_ptr<VolumeSource> source,
-      OpenHdf5Volume(std::move(named), *std::move(type), wanted.axes, wanted.step, wanted.component,
-                     field.geometry.sample_dims));
-  return MoveSource(std::move(source), field.geometry);
+  return OpenHdf5Volume(std::move(named), *std::move(type), wanted.axes, wanted.step,
+                        wanted.component, field.geometry);
 }
 
 constexpr WalledLibrary kHdf5Meshes = {

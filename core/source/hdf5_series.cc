@@ -2,12 +2,15 @@
 // is taken for granted:
 //
 //   name=run.h5:/fields/u
-//   axes=TZYX                one letter an axis, '-' for an axis of one element
+//   axes=TZYX                one letter an axis, '-' for an axis of one element; of space, Z is the
+//                            slowest, X the fastest
 //   dims=50 64 64 64
 //   times=0 0.05 0.1 ...     none if no scale says it
-//   unit=, long_name=, time_unit=
+//   distances_z=0 2 3 6      only of an axis that is not even: where its samples lie
+//   unit=, long_name=, time_unit=, length_unit=
 //
-// A volume is then asked for by its part: "TZYX 3 0", letters, step and component.
+// A volume is then asked for by its part: "TZYX 3 0 even": the letters that --axes gave, or "*";
+// step and component; whether the grid must be even ("uneven": it is resampled here).
 
 #include "core/source/hdf5_series.h"
 
@@ -26,20 +29,27 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/string_view.h"
 
 #include "core/base/check.h"
 #include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/source/axis_order.h"
 #include "core/source/hdf5_attributes.h"
+#include "core/source/hdf5_coordinates.h"
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_storage.h"
+#include "core/source/resampled_source.h"
 #include "core/source/walled_source.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr std::int64_t kMaxHdf5Steps = 100'000;
+// Words of a part.
+constexpr absl::string_view kAsFileSays = "*";
+constexpr absl::string_view kEvenGrid = "even";
+constexpr absl::string_view kUnevenGrid = "uneven";
 
 absl::Status Named(const std::string& name, const absl::Status& status) {
   return status.ok() ? status
@@ -48,79 +58,77 @@ absl::Status Named(const std::string& name, const absl::Status& status) {
 
 // ---- The child. ---------------------------------------------------------------------------------
 
-absl::StatusOr<AxisOrder> FindAxes(const NamedHdf5Dataset& named,
-                                   const std::vector<std::int64_t>& dims,
-                                   const std::string& letters) {
-  const std::string name = named.parts.name();
-  const std::string shape = absl::StrJoin(dims, " x ");
-  if (!letters.empty()) {
-    auto order = ParseAxisOrder(letters);
-    if (!order.ok() || letters.size() != dims.size()) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d axes (%s elements): --axes %s: %s", name, dims.size(), shape, letters,
-          order.ok() ? absl::StrCat("expected ", dims.size(), " letters")
-                     : std::string(order.status().message())));
-    }
-    for (std::size_t axis = 0; axis < letters.size(); ++axis) {
-      if (letters[axis] == '-' && dims[axis] != 1) {
-        return absl::InvalidArgumentError(absl::StrFormat(
-            "%s: --axes %s leaves out axis %d of %s elements", name, letters, axis, shape));
-      }
-    }
-    return order;
+// A dataset, and what its axes are.
+struct FoundDataset {
+  NamedHdf5Dataset named;
+  std::vector<std::int64_t> dims;
+  std::vector<CfAxis> axes;
+  Hdf5Layout layout;
+};
+
+// `letters` are those of --axes, "" if there are none.
+absl::StatusOr<FoundDataset> FindDataset(const std::string& path, const std::string& letters) {
+  FoundDataset found;
+  ISOSCOPE_ASSIGN_OR_RETURN(found.named, OpenHdf5ByName(path, letters.size()));
+  const std::string name = found.named.parts.name();
+  found.dims = Hdf5DimsOf(found.named.dataset.get());
+  auto axes = Hdf5AxesOf(found.named);
+  ISOSCOPE_RETURN_IF_ERROR(Named(name, axes.status()));
+  found.axes = *std::move(axes);
+  auto layout = Hdf5LayoutOf(found.axes, letters);
+  ISOSCOPE_RETURN_IF_ERROR(Named(name, layout.status()));
+  found.layout = *std::move(layout);
+  return found;
+}
+
+std::string JoinedHdf5Numbers(const std::vector<double>& numbers) {
+  return absl::StrJoin(numbers, " ", [](std::string* out, double number) {
+    absl::StrAppendFormat(out, "%.17g", number);
+  });
+}
+
+// The texts of the steps; none without a time axis.
+absl::Status AddTimes(const FoundDataset& found, std::vector<std::string>* texts) {
+  const std::string name = found.named.parts.name();
+  const CfAxis& axis = found.axes[*found.layout.order.t];
+  if (axis.size < 1 || axis.size > kMaxHdf5Steps) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d steps of time; expected 1 to %d", name, axis.size, kMaxHdf5Steps));
   }
-  std::optional<AxisOrder> order = PlainAxisOrder(dims);
-  if (!order.has_value()) {
-    order = Hdf5AxisOrder(named.dataset.get(), dims.size());
+  if (!axis.values.empty()) {
+    const auto times = CfTimesOf(axis);
+    ISOSCOPE_RETURN_IF_ERROR(Named(name, times.status()));
+    texts->push_back(absl::StrCat("times=", JoinedHdf5Numbers(*times)));
+    texts->push_back(absl::StrCat("time_unit=", axis.units));
   }
-  if (order.has_value()) {
-    return *order;
-  }
-  const std::string choices = AxisChoices(dims.size());
-  return absl::InvalidArgumentError(
-      choices.empty()
-          ? absl::StrFormat("%s: %d axes (%s elements); expected 3 to 5; %s", name, dims.size(),
-                            shape, ListHdf5Volumes(named.file.get()))
-          : absl::StrFormat(
-                "%s: %d axes (%s elements), and no attribute says what they mean: %s; say "
-                "it, slowest first (T time, C components), as in `isoscope partition "
-                "%s --axes %s --output DIR`",
-                name, dims.size(), shape, choices, base::ShellWord(name),
-                choices.substr(0, choices.find_first_of(", "))));
+  return absl::OkStatus();
 }
 
 absl::StatusOr<std::vector<std::string>> Describe(const std::string& path,
                                                   const std::string& letters) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const NamedHdf5Dataset named,
-                            OpenHdf5ByName(path, Hdf5Types::kAll, letters.size()));
-  const std::string name = named.parts.name();
-  const hid_t dataset = named.dataset.get();
+  ISOSCOPE_ASSIGN_OR_RETURN(const FoundDataset found, FindDataset(path, letters));
+  const std::string name = found.named.parts.name();
+  const hid_t dataset = found.named.dataset.get();
   ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(dataset, name).status());
-  ISOSCOPE_RETURN_IF_ERROR(Named(name, Hdf5SampleTypeOf(dataset, Hdf5Types::kAll).status()));
-  const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset);
-  ISOSCOPE_ASSIGN_OR_RETURN(const AxisOrder order, FindAxes(named, dims, letters));
-  std::vector<std::string> texts{absl::StrCat("name=", name),
-                                 absl::StrCat("axes=", AxisLetters(order, dims.size())),
-                                 absl::StrCat("dims=", absl::StrJoin(dims, " ")),
-                                 absl::StrCat("unit=", Hdf5Text(dataset, {"units", "unit"})),
-                                 absl::StrCat("long_name=", Hdf5Text(dataset, {"long_name"}))};
-  if (!order.t.has_value()) {
-    return texts;
+  ISOSCOPE_RETURN_IF_ERROR(Named(name, Hdf5SampleTypeOf(dataset).status()));
+  std::vector<std::string> texts{
+      absl::StrCat("name=", name),
+      absl::StrCat("axes=", AxisLetters(found.layout.order, found.dims.size())),
+      absl::StrCat("dims=", absl::StrJoin(found.dims, " ")),
+      absl::StrCat("unit=", Hdf5Text(dataset, {"units", "unit"})),
+      absl::StrCat("long_name=", Hdf5Text(dataset, {"long_name"}))};
+  if (found.layout.order.t.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(AddTimes(found, &texts));
   }
-  const std::int64_t steps = dims[*order.t];
-  if (steps < 1 || steps > kMaxHdf5Steps) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: %d steps of time; expected 1 to %d", name, steps, kMaxHdf5Steps));
-  }
-  const Hdf5Handle scale = Hdf5ScaleOf(dataset, *order.t, dims.size());
-  if (scale.is_valid()) {
-    auto times = Hdf5ScaleValues(scale.get(), steps);
-    ISOSCOPE_RETURN_IF_ERROR(Named(name, times.status()));
-    texts.push_back(
-        absl::StrCat("times=", absl::StrJoin(*times, " ", [](std::string* out, double time) {
-                       absl::StrAppendFormat(out, "%.17g", time);
-                     })));
-    texts.push_back(absl::StrCat("time_unit=", Hdf5Text(scale.get(), {"units", "unit"})));
+  // Whoever opens a volume gets the error.
+  if (const auto grid = Hdf5GridOf(found.named, found.axes, found.layout.roles, true); grid.ok()) {
+    texts.push_back(absl::StrCat("length_unit=", grid->length_unit));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (!grid->distances[axis].empty()) {
+        texts.push_back(absl::StrCat("distances_", std::string(1, "xyz"[axis]), "=",
+                                     JoinedHdf5Numbers(grid->distances[axis])));
+      }
+    }
   }
   return texts;
 }
@@ -130,22 +138,25 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenPart(const std::string& path,
   const std::vector<std::string> words = absl::StrSplit(part, ' ');
   std::int64_t step = 0;
   std::int64_t component = 0;
-  ISOSCOPE_CHECK(words.size() == 3 && absl::SimpleAtoi(words[1], &step) &&
+  ISOSCOPE_CHECK(words.size() == 4 && absl::SimpleAtoi(words[1], &step) &&
                  absl::SimpleAtoi(words[2], &component));
-  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named,
-                            OpenHdf5ByName(path, Hdf5Types::kAll, words[0].size()));
-  const std::string name = named.parts.name();
-  const std::vector<std::int64_t> dims = Hdf5DimsOf(named.dataset.get());
-  ISOSCOPE_ASSIGN_OR_RETURN(const AxisOrder order, FindAxes(named, dims, words[0]));
-  if ((order.t.has_value() && step >= dims[*order.t]) ||
-      (order.c.has_value() && component >= dims[*order.c])) {
+  const std::string letters = words[0] == kAsFileSays ? "" : words[0];
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundDataset found, FindDataset(path, letters));
+  const std::string name = found.named.parts.name();
+  const AxisOrder& order = found.layout.order;
+  if ((order.t.has_value() && step >= found.dims[*order.t]) ||
+      (order.c.has_value() && component >= found.dims[*order.c])) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: no step %d and component %d in %s elements (%s): it has changed", name,
-                        step, component, absl::StrJoin(dims, " x "), words[0]));
+        absl::StrFormat("%s: no step %d and component %d in %s elements: it has changed", name,
+                        step, component, absl::StrJoin(found.dims, " x ")));
   }
-  auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll);
+  auto type = Hdf5SampleTypeOf(found.named.dataset.get());
   ISOSCOPE_RETURN_IF_ERROR(Named(name, type.status()));
-  return OpenHdf5Volume(std::move(named), *std::move(type), order, step, component);
+  const auto grid =
+      Hdf5GridOf(found.named, found.axes, found.layout.roles, words[3] == kUnevenGrid);
+  ISOSCOPE_RETURN_IF_ERROR(Named(name, grid.status()));
+  return OpenHdf5Volume(std::move(found.named), *std::move(type), order, step, component,
+                        grid->geometry);
 }
 
 // ---- The parent. --------------------------------------------------------------------------------
@@ -159,9 +170,20 @@ struct Hdf5Description {
   AxisOrder order;
   std::vector<std::int64_t> dims;
   std::vector<double> times;
+  AxisDistances distances;
   SourceField field;
   std::string time_unit;
+  std::string length_unit;
 };
+
+bool ParseHdf5Numbers(const std::string& text, std::vector<double>* numbers) {
+  for (const absl::string_view word : absl::StrSplit(text, ' ', absl::SkipEmpty())) {
+    if (!absl::SimpleAtod(word, &numbers->emplace_back())) {
+      return false;
+    }
+  }
+  return true;
+}
 
 // False if the texts make no sense.
 bool ParseDescription(const std::vector<std::string>& texts, Hdf5Description* description) {
@@ -186,11 +208,14 @@ bool ParseDescription(const std::vector<std::string>& texts, Hdf5Description* de
   if (description->dims.size() != description->letters.size()) {
     return false;
   }
-  for (const absl::string_view word : absl::StrSplit(values["times"], ' ', absl::SkipEmpty())) {
-    double& time = description->times.emplace_back();
-    const std::size_t count = description->times.size();
-    if (!absl::SimpleAtod(word, &time) || !std::isfinite(time) ||
-        (count > 1 && !(time > description->times[count - 2]))) {
+  std::vector<double>& times = description->times;
+  AxisDistances& distances = description->distances;
+  const bool are_numbers = ParseHdf5Numbers(values["times"], &times) &&
+                           ParseHdf5Numbers(values["distances_x"], &distances[0]) &&
+                           ParseHdf5Numbers(values["distances_y"], &distances[1]) &&
+                           ParseHdf5Numbers(values["distances_z"], &distances[2]);
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    if (!std::isfinite(times[i]) || (i > 0 && !(times[i] > times[i - 1]))) {
       return false;
     }
   }
@@ -199,13 +224,19 @@ bool ParseDescription(const std::vector<std::string>& texts, Hdf5Description* de
   description->field.long_name = values["long_name"];
   description->field.unit = values["unit"];
   description->time_unit = values["time_unit"];
-  return steps <= kMaxHdf5Steps && (time_count == 0 || time_count == steps);
+  description->length_unit = values["length_unit"];
+  return are_numbers && steps <= kMaxHdf5Steps && (time_count == 0 || time_count == steps);
 }
 
 class Hdf5Series final : public VolumeSeries {
  public:
-  Hdf5Series(std::string path, Hdf5Description description)
-      : path_(std::move(path)), description_(std::move(description)) {
+  // `letters`: those of --axes.
+  Hdf5Series(std::string path, std::string letters, const GridRules& rules,
+             Hdf5Description description)
+      : path_(std::move(path)),
+        letters_(letters.empty() ? std::string(kAsFileSays) : std::move(letters)),
+        rules_(rules),
+        description_(std::move(description)) {
     const AxisOrder& order = description_.order;
     const std::int64_t steps = order.t.has_value() ? description_.dims[*order.t] : 1;
     for (std::int64_t i = 0; description_.times.empty() && steps > 1 && i < steps; ++i) {
@@ -229,18 +260,23 @@ class Hdf5Series final : public VolumeSeries {
   [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
   [[nodiscard]] const std::vector<double>& times() const override { return times_; }
   [[nodiscard]] const std::string& time_unit() const override { return description_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return no_unit_; }
+  [[nodiscard]] const std::string& length_unit() const override { return description_.length_unit; }
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_CHECK(field == 0);
-    return OpenWalled(kHdf5Parts, description_.name,
-                      absl::StrCat(description_.letters, " ", step, " ", component));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
+                              OpenWalled(kHdf5Parts, description_.name,
+                                         absl::StrCat(letters_, " ", step, " ", component, " ",
+                                                      rules_.resamples ? kUnevenGrid : kEvenGrid)));
+    return rules_.resamples ? ResampleSource(std::move(volume), description_.distances, rules_.fill)
+                            : std::move(volume);
   }
 
  private:
   const std::string path_;
+  const std::string letters_;
+  const GridRules rules_;
   Hdf5Description description_;
-  const std::string no_unit_;
   std::vector<SourceField> fields_;
   std::vector<double> times_;
 };
@@ -248,7 +284,8 @@ class Hdf5Series final : public VolumeSeries {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Series(const std::string& path,
-                                                             const std::string& axes) {
+                                                             const std::string& axes,
+                                                             const GridRules& rules) {
   constexpr std::size_t kMaxAxes = 32;
   if (axes.size() > kMaxAxes) {
     return absl::InvalidArgumentError(
@@ -266,7 +303,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Series(const std::string& 
   }
   const std::string dataset = named.dataset.substr(named.dataset.rfind('/') + 1);
   description.field.name = dataset.empty() ? "volume" : dataset;
-  return std::make_unique<Hdf5Series>(path, std::move(description));
+  return std::make_unique<Hdf5Series>(path, axes, rules, std::move(description));
 }
 
 }  // namespace isoscope::source

@@ -8,22 +8,25 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
 
-// Opens a dataset of three axes or more as one field. The meaning of its axes is `axes`, one letter
-// each ("TCZYX", slowest first), if that is not empty; else as OpenHdf5Dataset, if there are three
-// or three of more than one element; else as attributes say (hdf5_attributes.h). Times are the
-// values of the scale of the time axis, with its attribute "units"; without a scale 0, 1, 2, ...
-// The field has the dataset's name, its "long_name" and "units". Besides the types of
-// OpenHdf5Dataset: integers of 64 bits and IEEE floats of 16 (wide_source.h), h5py's bool as uint8.
+// Opens a dataset of three axes or more as one field, with the dataset's name, its "long_name" and
+// "units". Which one a path means, and of which types: hdf5_dataset.h, hdf5_types.h; integers of 64
+// bits and floats of 16 become other ones (wide_source.h). `axes` are letters ("TCZYX", slowest
+// first) for the meaning of its axes; "": what the file says. Axes, positions and uneven grids:
+// hdf5_coordinates.h; the rules say whether a grid that is not even is resampled. Times are the
+// coordinates of the time axis; without any 0, 1, 2, ...
 //
-// Errors as OpenHdf5Dataset. INVALID_ARGUMENT also: axes that are not said anywhere (lists the
-// choices, with the shape); other letters than axes; a time axis of more than 100 000; a scale that
-// does not ascend. The library runs in a child process, one for each open volume.
+// Errors as OpenHdf5ByName, Hdf5AxesOf, Hdf5LayoutOf and FindHdf5Files; those of opening a volume
+// as Hdf5GridOf and ResampleSource. INVALID_ARGUMENT also: other types; a time axis of more than
+// 100 000; times that do not ascend; chunks that are too large. The library runs in a child
+// process, one for each open volume.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Series(const std::string& path,
-                                                             const std::string& axes);
+                                                             const std::string& axes,
+                                                             const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

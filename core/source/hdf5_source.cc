@@ -2,10 +2,12 @@
 // number of axes, slowest first: [z][y][x]. The library reads boxes of it ("hyperslabs") and
 // converts type and byte order on the way. Opening one takes these steps:
 //
-//   1. The name is split. If it names no dataset, the file must hold exactly one that is a volume.
+//   1. The name is split (hdf5_path.h), and a dataset is found (hdf5_dataset.h).
 //   2. All files of the dataset are located (hdf5_storage.h), because the library silently reads
 //      fill values in place of a missing file.
-//   3. Three axes are chosen: in (1, 93, 64, 1, 64) the axes 1, 2 and 4 are z, y and x.
+//   3. Three axes are chosen (hdf5_coordinates.h): in (1, 93, 64, 1, 64) the axes 1, 2 and 4 are z,
+//   y
+//      and x.
 //   4. For a dataset in chunks the cache is set to one layer of them, and the dataset opened again.
 //
 // The cache makes rows cheap. Chunks are compressed whole, and rows are read in ascending order, so
@@ -21,8 +23,6 @@
 #include "core/source/hdf5_source.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -30,7 +30,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
@@ -39,8 +38,9 @@
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_links.h"
+#include "core/source/hdf5_series.h"
 #include "core/source/hdf5_storage.h"
-#include "core/source/part_path.h"
+#include "core/source/series_format.h"
 #include "core/source/walled_source.h"
 #include "hdf5.h"
 
@@ -119,8 +119,7 @@ class Hdf5Source final : public VolumeSource {
         H5Dread(dataset_.get(), type_.memory_type.get(), memory_space.get(), file_space.get(),
                 H5P_DEFAULT, out) < 0) {
       return absl::DataLossError(
-          absl::StrFormat("%s: planes %d to %d can't be read: %s: the file is damaged or cut, or "
-                          "compressed with a filter that is not installed",
+          absl::StrFormat("%s: planes %d to %d can't be read: %s: the file is damaged or cut",
                           name_, z, z + planes - 1, LastHdf5Error()));
     }
     return absl::OkStatus();
@@ -168,42 +167,8 @@ absl::StatusOr<std::int64_t> ChunkCacheBytes(hid_t dataset, const std::vector<st
       static_cast<std::int64_t>(std::min(layer_bytes, static_cast<double>(kMaxChunkCacheBytes))));
 }
 
-// By the attribute "element_size_um" (z, y, x); 1 without it. INVALID_ARGUMENT: it has other than
-// three distances. The message is to follow a name and a colon.
-absl::StatusOr<math::Vec3d> SpacingOf(hid_t dataset) {
-  constexpr char kName[] = "element_size_um";
-  if (H5Aexists(dataset, kName) <= 0) {
-    return math::Vec3d{1, 1, 1};
-  }
-  const Hdf5Handle attribute(H5Aopen(dataset, kName, H5P_DEFAULT), H5Aclose);
-  const Hdf5Handle space(H5Aget_space(attribute.get()), H5Sclose);
-  std::array<double, 3> zyx{};
-  const hssize_t count = H5Sget_simple_extent_npoints(space.get());
-  const bool is_good =
-      count == 3 && H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, zyx.data()) >= 0 &&
-      std::all_of(zyx.begin(), zyx.end(), [](double d) { return std::isfinite(d) && d > 0; });
-  if (!is_good) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "its attribute %s has %s; expected three distances of samples above 0, of z, y and x",
-        kName, count == 3 ? absl::StrJoin(zyx, ", ") : absl::StrCat(count, " numbers")));
-  }
-  return math::Vec3d{zyx[2], zyx[1], zyx[0]};
-}
-
-// Where none is named, volumes of 64-bit integers or 16-bit floats come behind all others.
-absl::StatusOr<NamedHdf5Dataset> OpenVolumeByName(const std::string& path) {
-  auto named = OpenHdf5ByName(path, Hdf5Types::kOfVolumes);
-  if (!named.ok()) {
-    auto wide = OpenHdf5ByName(path, Hdf5Types::kAll);
-    if (wide.ok() && PlainAxisOrder(Hdf5DimsOf(wide->dataset.get())).has_value()) {
-      return wide;
-    }
-  }
-  return named;
-}
-
 absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const NamedHdf5Dataset named, OpenVolumeByName(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const NamedHdf5Dataset named, OpenHdf5ByName(path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> of_samples,
                             FindHdf5Files(named.dataset.get(), named.parts.name()));
   // Begins with the file that the path names, and has those that only lead to the samples, too.
@@ -216,43 +181,18 @@ absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
   return files;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path,
-                                                   const std::string& /*part*/) {
-  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenVolumeByName(path));
-  const std::string name = named.parts.name();
-  ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
-  const std::vector<std::int64_t> dims = Hdf5DimsOf(named.dataset.get());
-  const std::optional<AxisOrder> axes = PlainAxisOrder(dims);
-  if (!axes.has_value()) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: %d axes (%s elements); expected three, or three of more than one element; %s", name,
-        dims.size(), absl::StrJoin(dims, " x "), ListHdf5Volumes(named.file.get())));
-  }
-  auto type = Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll);
-  if (!type.ok()) {
-    return absl::Status(type.status().code(), absl::StrCat(name, ": ", type.status().message()));
-  }
-  return OpenHdf5Volume(std::move(named), *std::move(type), *axes, 0, 0);
-}
-
 constexpr WalledLibrary kHdf5 = {
-    .name = "HDF5", .open = Open, .find_files = FindFiles, .describe = nullptr};
+    .name = "HDF5", .open = nullptr, .find_files = FindFiles, .describe = nullptr};
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
     NamedHdf5Dataset named, Hdf5SampleType type, const AxisOrder& axes, std::int64_t step,
-    std::int64_t component, std::optional<math::Index3> samples) {
+    std::int64_t component, const volume::GridGeometry& geometry) {
   const std::string name = named.parts.name();
   Hdf5Handle& dataset = named.dataset;
   const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset.get());
-  volume::GridGeometry geometry;
-  geometry.sample_dims = samples.value_or(math::Index3{dims[axes.x], dims[axes.y], dims[axes.z]});
-  // Those of meshes stand elsewhere.
-  const absl::StatusOr<math::Vec3d> spacing =
-      samples.has_value() ? math::Vec3d{1, 1, 1} : SpacingOf(dataset.get());
-  geometry.spacing = spacing.value_or(math::Vec3d{1, 1, 1});
-  const absl::Status valid = spacing.ok() ? volume::Validate(geometry) : spacing.status();
+  const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
   }
@@ -288,21 +228,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
   return source;
 }
 
-bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
-  PartPath split;
-  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf", ".vtkhdf", ".ims"}, &split)) {
-    return false;
-  }
-  *parts = {split.file, split.part};
-  return true;
-}
-
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {
   return FindFilesWalled(kHdf5, {path});
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path) {
-  return OpenWalled(kHdf5, path);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path,
+                                                              const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
+                            OpenHdf5Series(path, "", rules));
+  return OpenOnlyVolume(*series, series->name(), false);
 }
 
 }  // namespace isoscope::source

@@ -17,6 +17,7 @@
 #include "core/source/silent_libraries.h"
 #include "core/source/slice_image.h"
 #include "core/source/slice_source.h"
+#include "core/source/stack_names.h"
 #include "core/source/walled_source.h"
 
 namespace isoscope::source {
@@ -82,9 +83,11 @@ class ImageSliceReader final : public SliceReader {
   const SliceImage first_;
 };
 
-// In the child.
+constexpr char kAsNeighbours[] = "neighbours";
+
+// In the child. `part`: kAsNeighbours, or "".
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path,
-                                                         const std::string& /*part*/) {
+                                                         const std::string& part) {
   std::vector<std::string> files = ImageSlicesNamed(path);
   if (files.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": no slices (", kImageSliceEndings, ")"));
@@ -94,6 +97,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path
         absl::StrCat(path, ": one slice", files[0] == path ? "" : absl::StrCat(" (", files[0], ")"),
                      "; a volume has two or more: give their folder, or a pattern such as "
                      "'slices/*.png'"));
+  }
+  if (part != kAsNeighbours) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckStackNames(path, files));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(SliceImage first, ReadSliceImage(files.front(), SlicePart::kHeader));
   volume::GridGeometry geometry;
@@ -121,9 +127,11 @@ std::vector<std::string> ImageSlicesNamed(const std::string& path) {
   return files;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path,
+                                                              bool as_neighbours) {
   SilenceImageLibraries();  // first, so that its lock is free when the process forks
-  return OpenWalled({.name = "the decoder of images", .open = OpenSlices}, path);
+  return OpenWalled({.name = "the decoder of images", .open = OpenSlices}, path,
+                    as_neighbours ? kAsNeighbours : "");
 }
 
 }  // namespace isoscope::source

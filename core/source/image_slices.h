@@ -23,9 +23,11 @@ std::vector<std::string> ImageSlicesNamed(const std::string& path);
 
 // Opens the slices that `path` names, one image each: grey, of one size and type. They are read one
 // at a time; the spacing is 1, since such files have only that of a print. INVALID_ARGUMENT: fewer
-// than two slices; colours; slices of different size or type, which are found when they are read.
+// than two slices; names that are not those of one stack (stack_names.h), unless they are taken
+// `as_neighbours`; colours; slices of different size or type, which are found when they are read.
 // DATA_LOSS: a file is cut, or its library ended the child.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenImageSlices(const std::string& path,
+                                                              bool as_neighbours = false);
 
 }  // namespace isoscope::source
 

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <system_error>
 
+#include "absl/strings/match.h"
+
 #include "core/io/file.h"
 #include "core/source/natural_order.h"
 
@@ -18,7 +20,10 @@ std::vector<std::string> FilesNamed(const std::string& path,
     std::error_code error;
     for (std::filesystem::directory_iterator entry(path, error), end; !error && entry != end;
          entry.increment(error)) {
-      files.push_back(entry->path().string());
+      // Hidden files are those of systems: "._s1.tif" beside "s1.tif".
+      if (!absl::StartsWith(entry->path().filename().string(), ".")) {
+        files.push_back(entry->path().string());
+      }
     }
   } else if (io::PathExists(path)) {
     files = {path};  // also if '[' is in its name

@@ -17,6 +17,8 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/hdf5_file.h"
+#include "core/source/hdf5_path.h"
 #include "core/source/netcdf_classic.h"
 #include "netcdf.h"
 
@@ -210,6 +212,10 @@ absl::StatusOr<std::unique_ptr<NetcdfFile>> NetcdfFile::Open(const std::string& 
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckClassicNetcdfLength(path));
+  if (IsHdf5File(path)) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        OpenHdf5File(path).status());  // says more than netCDF of a lock or a cut
+  }
   int id = 0;
   // With "./" no path looks like an address, which the library would fetch.
   const std::string local = path.front() == '/' ? path : absl::StrCat("./", path);

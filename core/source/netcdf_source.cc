@@ -19,7 +19,9 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/hdf5_filters.h"
 #include "netcdf.h"
+#include "netcdf_filter.h"
 
 namespace isoscope::source {
 namespace {
@@ -140,6 +142,20 @@ class NetcdfSource final : public VolumeSource {
   const volume::ScalarType type_;
 };
 
+// INVALID_ARGUMENT: a filter of HDF5 that compresses the variable is not installed.
+absl::Status CheckNetcdfFilters(const NetcdfVariable& variable) {
+  std::size_t count = 0;
+  if (nc_inq_var_filter_ids(variable.group, variable.id, &count, nullptr) != NC_NOERR) {
+    return absl::OkStatus();  // a classic file
+  }
+  std::vector<unsigned int> ids(count);
+  nc_inq_var_filter_ids(variable.group, variable.id, &count, ids.data());
+  for (const unsigned int id : ids) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckHdf5Filter(id));
+  }
+  return absl::OkStatus();
+}
+
 // Sets the cache of chunks to a layer of them; 0 if there are none.
 absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable) {
   std::vector<std::size_t> chunk(variable.axes.size());
@@ -181,6 +197,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnGrid(
     const volume::GridGeometry& geometry, std::int64_t step, std::int64_t component) {
   if (const absl::Status valid = volume::Validate(geometry); !valid.ok()) {
     return NamedNetcdf(valid, *file, variable);
+  }
+  if (const absl::Status filters = CheckNetcdfFilters(variable); !filters.ok()) {
+    return NamedNetcdf(filters, *file, variable);
   }
   const auto cache_bytes = SetNetcdfCache(variable);
   if (!cache_bytes.ok()) {

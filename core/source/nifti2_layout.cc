@@ -26,7 +26,6 @@
 #include <optional>
 #include <utility>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -289,7 +288,7 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
   auto skip = static_cast<std::int64_t>(header.skip());
   if (header.is_pair()) {
     ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
-    is_gzip = absl::EndsWithIgnoreCase(location.files.front(), ".gz");
+    is_gzip = IsNiftiStream(path, location.files.front());
   } else {
     location.files = {path};
     skip = std::max(skip, header.header_bytes());

@@ -21,7 +21,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <memory>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -33,7 +32,7 @@
 #include "core/io/file.h"
 #include "core/source/affine_grid.h"
 #include "core/source/data_files.h"
-#include "core/source/inflate_reader.h"
+#include "core/source/file_start.h"
 #include "core/source/nifti_layout.h"
 #include "core/source/sample_location.h"
 
@@ -74,23 +73,14 @@ struct NiftiHeader {
 bool IsGzipName(const std::string& path) { return absl::EndsWithIgnoreCase(path, ".gz"); }
 
 absl::StatusOr<NiftiHeader> ReadNiftiHeader(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
-                            io::OpenRandomAccessFile(path));
   NiftiHeader header;
-  std::size_t size = 0;
-  if (IsGzipName(path)) {
-    InflateReader reader(file.get(), 0);
-    ISOSCOPE_ASSIGN_OR_RETURN(size, reader.Read(header.bytes.size(), header.bytes.data()));
-  } else {
-    size = static_cast<std::size_t>(
-        std::min(file->size_bytes(), static_cast<std::int64_t>(header.bytes.size())));
-    ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, size, header.bytes.data()));
-  }
-  if (size < header.bytes.size()) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileStart start, ReadFileStart(path, header.bytes.size()));
+  if (start.bytes.size() < header.bytes.size()) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: the NIfTI header has %d bytes, expected %d: the file is cut", path,
-                        size, header.bytes.size()));
+                        start.bytes.size(), header.bytes.size()));
   }
+  std::copy_n(start.bytes.data(), header.bytes.size(), header.bytes.data());
   const auto first = header.Load<std::int32_t>(0);
   header.is_big_endian = true;
   if (header.Load<std::int32_t>(0) != std::int32_t{kNiftiHeaderBytes}) {
@@ -202,6 +192,10 @@ absl::Status SetNiftiScale(double slope, double intercept, const char* format,
   return absl::OkStatus();
 }
 
+bool IsNiftiStream(const std::string& header_path, const std::string& file) {
+  return (file == header_path || IsGzipName(file)) && IsGzipFile(file);
+}
+
 const char* NiftiTimeUnit(std::uint8_t units) {
   switch (units & 0x38) {
     case 8:
@@ -277,7 +271,7 @@ absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path) {
     ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
   }
   location.encoding =
-      IsGzipName(location.files.front()) ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
+      IsNiftiStream(path, location.files.front()) ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
   (location.is_encoded() ? location.decoded_skip : location.offset) = skip;
   ISOSCOPE_RETURN_IF_ERROR(SetNiftiScale(static_cast<double>(header.Load<float>(112)),
                                          static_cast<double>(header.Load<float>(116)), "NIfTI-1",

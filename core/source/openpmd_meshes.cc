@@ -196,7 +196,7 @@ std::string AddOpenPmdField(hid_t record, hid_t component, const std::string& na
   Hdf5MeshField field{.field = {.name = name, .unit = OpenPmdUnit(record, component)},
                       .geometry = {}};
   const std::optional<Hdf5Constant> constant = FindHdf5Constant(component);
-  if (!constant.has_value() && !Hdf5SampleTypeOf(component, Hdf5Types::kAll).ok()) {
+  if (!constant.has_value() && !Hdf5SampleTypeOf(component).ok()) {
     return absl::StrCat("; ", name, " has no numbers");
   }
   const auto grid =

@@ -1,4 +1,4 @@
-// Formats of volumes that are known, but not read.
+// Files that are not read: what they are, by content and by name, and what to do.
 
 #ifndef ISOSCOPE_CORE_SOURCE_REFUSED_FORMATS_H_
 #define ISOSCOPE_CORE_SOURCE_REFUSED_FORMATS_H_
@@ -6,13 +6,30 @@
 #include <optional>
 #include <string>
 
+#include "absl/status/status.h"
+
 namespace isoscope::source {
 
-// A sentence without its end that names the format of an existing file or folder, and says what to
-// do. Not set if it is none of these: N5, Zarr, VTK's meshes and parallel rectilinear grids, files
-// of microscopes, JPEG, and MINC as a gzip stream. Names decide, but for folders of arrays, which
-// have a file of theirs.
+// A sentence without its end that names what an existing regular file is by its first bytes, and
+// says what to do: a Git LFS pointer, a web page, an archive, a picture, a mesh, a format of
+// others. Not set for content that a reader takes, and for what has no mark. Opens no special file.
+std::optional<std::string> DescribeContent(const std::string& path);
+
+// The same of a file or folder by content, else by name: N5, Zarr, VTK's meshes and parallel
+// rectilinear grids, files of microscopes, ... A folder of arrays is known by a file of its own.
 std::optional<std::string> WhyRefused(const std::string& path);
+
+// "a.nii.gz, b.nrrd and 3 more": the files of a folder whose names or contents are those of volumes,
+// so that one can be given in place of the folder; "" if there are none.
+std::string ListVolumesIn(const std::string& folder);
+
+// INVALID_ARGUMENT for an existing file that no reader takes: WhyRefused; else that its kind is
+// unknown, how it begins, and how to read it as raw samples. 300 bytes beside the path at most.
+absl::Status UnknownKindOfFile(const std::string& path);
+
+// An error of a reader. If the file that `path` names, with or without a part behind a colon, is of
+// content that explains it (DescribeContent), says that in its place.
+absl::Status ExplainByContent(const std::string& path, absl::Status status);
 
 }  // namespace isoscope::source
 

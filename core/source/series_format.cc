@@ -300,7 +300,9 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const
   if (!file.has_value() || file->format->name != kNifti1Name) {
     return file;
   }
-  if (absl::EndsWithIgnoreCase(header_path, ".hdr.gz")) {
+  const bool is_named_gzip = absl::EndsWithIgnoreCase(header_path, ".gz");
+  if (absl::EndsWithIgnoreCase(header_path, ".hdr.gz") ||
+      is_named_gzip != IsGzipFile(header_path)) {
     return file;
   }
   const auto layout = ReadNiftiHeaderLayout(header_path);

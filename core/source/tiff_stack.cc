@@ -28,6 +28,7 @@
 #include "core/source/imagej_stack.h"
 #include "core/source/lsm_stack.h"
 #include "core/source/ome_stack.h"
+#include "core/source/stack_names.h"
 
 namespace isoscope::source {
 namespace {
@@ -212,6 +213,9 @@ absl::Status LayOut(const std::vector<std::string>& files, const std::string& ax
     }
     described = head.ok() ? *std::move(head) : std::optional<StackLayout>();
   } else {
+    if (axes.empty()) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckStackNames(stack->name, files));
+    }
     ISOSCOPE_RETURN_IF_ERROR(CheckSliceFiles(files, *stack));
   }
   const bool is_known = described.has_value();

@@ -1,9 +1,14 @@
 #include "core/source/value_range.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <memory>
 
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/volume/min_max.h"
@@ -14,9 +19,39 @@ namespace {
 
 constexpr std::int64_t kPortionBytes = 8 * base::kMiB;
 
+// Adds samples of which some are not finite, one by one.
+template <typename T>
+void AddOneByOne(const char* samples, std::size_t count, ValueRange* range) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto value = static_cast<double>(base::LoadLittleEndian<T>(samples + i * sizeof(T)));
+    if (std::isfinite(value)) {
+      range->span.min = std::min(range->span.min, value + 0.0);
+      range->span.max = std::max(range->span.max, value + 0.0);
+    } else if (!std::isnan(value)) {
+      ++range->infinite_count;
+    }
+  }
+}
+
+template <typename T>
+void AddSamples(const char* samples, std::size_t count, ValueRange* range) {
+  volume::MinMax<T> min_max;
+  min_max.AddRow(samples, count);
+  const volume::ScalarSpan span = min_max.Get();
+  if (span.min > span.max) {
+    return;  // NaN alone
+  }
+  if (!std::isfinite(span.min) || !std::isfinite(span.max)) {
+    AddOneByOne<T>(samples, count, range);
+    return;
+  }
+  range->span.min = std::min(range->span.min, span.min);
+  range->span.max = std::max(range->span.max, span.max);
+}
+
 }  // namespace
 
-absl::StatusOr<volume::ScalarSpan> FindValueRange(
+absl::StatusOr<ValueRange> FindValueRange(
     VolumeSource* source, const std::function<void(std::int64_t, std::int64_t)>& progress,
     const base::Cancellation& cancellation) {
   const math::Index3& dims = source->geometry().sample_dims;
@@ -27,20 +62,36 @@ absl::StatusOr<volume::ScalarSpan> FindValueRange(
   const auto portion =
       std::make_unique_for_overwrite<char[]>(static_cast<std::size_t>(portion_rows * row_bytes));
   return volume::VisitScalarType(
-      source->scalar_type(), [&]<typename T>() -> absl::StatusOr<volume::ScalarSpan> {
-        volume::MinMax<T> min_max;
+      source->scalar_type(), [&]<typename T>() -> absl::StatusOr<ValueRange> {
+        ValueRange range;
         for (std::int64_t row = 0; row < row_count;) {
           ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
           const std::int64_t end = std::min(row + portion_rows, row_count);
           ISOSCOPE_RETURN_IF_ERROR(source->ReadRows(row, end, portion.get()));
-          min_max.AddRow(portion.get(), static_cast<std::size_t>((end - row) * dims.x));
+          AddSamples<T>(portion.get(), static_cast<std::size_t>((end - row) * dims.x), &range);
           row = end;
           if (progress) {
             progress(row * row_bytes, row_count * row_bytes);
           }
         }
-        return min_max.Get();
+        return range;
       });
+}
+
+std::string MiddleIsovalue(const volume::ScalarSpan& span) {
+  if (!(span.min < span.max)) {
+    return "";
+  }
+  // Halves first: the sum of large numbers would overflow.
+  const double middle = span.min / 2 + span.max / 2;
+  for (const int digits : {6, 9, 17}) {
+    const std::string text = absl::StrFormat("%.*g", digits, middle);
+    double number = 0;
+    if (absl::SimpleAtod(text, &number) && volume::IsActive(span, number)) {
+      return text;
+    }
+  }
+  return absl::StrFormat("%.17g", span.max);  // neighbours, or as small as numbers get
 }
 
 }  // namespace isoscope::source

@@ -15,8 +15,10 @@
 #include "core/source/hdf5_file_series.h"
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/image_slices.h"
 #include "core/source/itk_header.h"
 #include "core/source/part_path.h"
+#include "core/source/refused_formats.h"
 #include "core/source/sample_location.h"
 #include "core/source/sample_series.h"
 #include "core/source/series_format.h"
@@ -42,7 +44,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSingle(const std::string& path
 // The meshes of the files, if they have some and the path names no dataset; else a dataset.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Path(const std::string& path,
                                                            const Hdf5Path& parts,
-                                                           const std::string& axes) {
+                                                           const std::string& axes,
+                                                           const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto pattern_files, FilesOfHdf5Pattern(parts.file));
   if (pattern_files.has_value() && !axes.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(
@@ -51,12 +54,12 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Path(const std::string& pa
         "dataset of one file"));
   }
   if (axes.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes, OpenHdf5Meshes(parts));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes, OpenHdf5Meshes(parts, rules));
     if (meshes != nullptr) {
       return meshes;
     }
   }
-  return OpenHdf5Series(path, axes);
+  return OpenHdf5Series(path, axes, rules);
 }
 
 // Whatever the name and the content say.
@@ -115,14 +118,16 @@ std::string FieldNameOf(absl::string_view path) {
   return std::string(!name.empty() ? name : !whole.empty() ? whole : "volume");
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
-                                                               const SeriesOptions& options) {
+namespace {
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenByNameOrContent(const std::string& path,
+                                                                  const SeriesOptions& options) {
   if (!options.format.empty()) {
     return OpenSeriesAs(path, options.format, options.rules, options.axes);
   }
   Hdf5Path hdf5;
   if (SplitHdf5Path(path, &hdf5)) {
-    return OpenHdf5Path(path, hdf5, options.axes);
+    return OpenHdf5Path(path, hdf5, options.axes, options.rules);
   }
   if (const auto stack = FilesOfTiffStack(path); stack.has_value()) {
     return OpenTiffSeries(*stack, path, FieldNameOf(path), options.axes, options.rules);
@@ -131,11 +136,17 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
   if (file.has_value()) {
     return OpenSeriesFile(*file, FieldNameOf(file->file), options.rules, options.axes);
   }
+  if (options.axes == "Z" && NamesImageSlices(path)) {
+    const auto open = [path] { return OpenImageSlices(path, true); };
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, open());
+    return MakeSingleSeries(
+        {.path = path, .field = FieldNameOf(path), .volume = std::move(volume), .open = open});
+  }
   if (!options.axes.empty()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": --axes ", options.axes,
-                     ": the axes of this kind of file have their meaning; "
-                     "--axes is for datasets of HDF5 files, for netCDF and for TIFF"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": --axes ", options.axes,
+        ": the axes of this kind of file have their meaning; --axes is for datasets of HDF5 files, "
+        "for netCDF, for TIFF, and as --axes Z for slices in any order of numbers"));
   }
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     return OpenPvdSeries(path);
@@ -171,6 +182,14 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string
     }
   }
   return OpenSingle(path, "", options.rules);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
+                                                               const SeriesOptions& options) {
+  auto series = OpenByNameOrContent(path, options);
+  return series.ok() ? std::move(series) : ExplainByContent(path, series.status());
 }
 
 }  // namespace isoscope::source

@@ -89,6 +89,12 @@ FoundVolume FoundSeries(SeriesFile series) {
 
 absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   std::vector<std::string> tiff_files = FilesNamed(path, IsTiffName);
+  if (!tiff_files.empty() && HasDicomFile(path)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: a folder with %d TIFF files and DICOM files: give a pattern such as '%s/*.tif', or a "
+        "file of the series",
+        path, tiff_files.size(), path));
+  }
   if (!tiff_files.empty()) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = std::move(tiff_files)};
   }
@@ -105,9 +111,11 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
   if (HasDicomFileBelow(path)) {
     return FoundVolume{.kind = SourceKind::kDicom};
   }
-  return absl::InvalidArgumentError(absl::StrCat(
+  const std::string volumes = ListVolumesIn(path);
+  return absl::NotFoundError(absl::StrCat(
       path, ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices (",
-      kImageSliceEndings, ") in it"));
+      kImageSliceEndings, ") in it",
+      volumes.empty() ? "" : absl::StrCat("; it holds ", volumes, ": give such a file")));
 }
 
 // `format`: the one that it has, or not set if that is to be found out.
@@ -121,21 +129,7 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
     if (std::optional<SeriesFile> series = FindSeriesFileByContent(path); series.has_value()) {
       return FoundSeries(*std::move(series));
     }
-    if (const auto why = WhyRefused(path); why.has_value()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
-    }
-    return absl::InvalidArgumentError(absl::StrCat(
-        path,
-        ": unknown kind of file; known are NIfTI (.nii .hdr .img, each also .gz), NRRD (.nrrd "
-        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
-        "file.vti:array:component), ",
-        ListedSeriesFormats(),
-        ", HDF5 (file.h5:/dataset, data%T.h5), DICOM (a series' folder or a file of it), TIFF (a "
-        "folder, a "
-        "pattern in quotation marks, or a file of many pages), PNG or BMP slices (a folder or a "
-        "pattern); anything else is read as raw "
-        "samples with --dims X,Y,Z "
-        "--type T [--endian little|big] [--header-bytes N] [--spacing X,Y,Z] [--origin X,Y,Z]"));
+    return UnknownKindOfFile(path);
   }
   std::string header_path = path;
   if (format == FileFormat::kNifti) {
@@ -227,10 +221,11 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
 }
 
 // The meshes of an HDF5 file or pattern, unless the path names a dataset; null if it has none.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMeshesOf(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMeshesOf(const std::string& path,
+                                                           const GridRules& rules) {
   Hdf5Path hdf5;
   ISOSCOPE_CHECK(SplitHdf5Path(path, &hdf5));
-  return OpenHdf5Meshes(hdf5);
+  return OpenHdf5Meshes(hdf5, rules);
 }
 
 // The collection and its steps, those of .pvti with their pieces.
@@ -246,9 +241,11 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
 
 // The files of a dataset, or of all meshes: those of a pattern, and all that they link to.
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5(const std::string& path,
-                                                     const std::vector<std::string>& found) {
+                                                     const std::vector<std::string>& found,
+                                                     const GridRules& rules) {
   if (found.size() == 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes,
+                              OpenMeshesOf(path, rules));
     if (meshes == nullptr) {
       return FilesOfHdf5Dataset(path);
     }
@@ -256,11 +253,9 @@ absl::StatusOr<std::vector<std::string>> FilesOfHdf5(const std::string& path,
   return FilesOfHdf5Trees(found);
 }
 
-}  // namespace
-
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
-                                                             const std::string& format,
-                                                             const GridRules& rules) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenFound(const std::string& path,
+                                                        const std::string& format,
+                                                        const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
   switch (found.kind) {
     case SourceKind::kTiff: {
@@ -271,9 +266,10 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
     case SourceKind::kImageSlices:
       return OpenImageSlices(path);
     case SourceKind::kHdf5: {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes, OpenMeshesOf(path));
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes,
+                                OpenMeshesOf(path, rules));
       return meshes != nullptr ? OpenOnlyVolume(*meshes, meshes->name(), true)
-                               : OpenHdf5Dataset(path);
+                               : OpenHdf5Dataset(path, rules);
     }
     case SourceKind::kDicom:
       return OpenDicomSeries(path, rules);
@@ -306,16 +302,16 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
   return MakeFileSource(header.geometry, found.location, path, header.patient_frame);
 }
 
-absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
-                                                       const std::string& format,
-                                                       const GridRules& rules) {
+absl::StatusOr<std::vector<std::string>> FilesOfFound(const std::string& path,
+                                                      const std::string& format,
+                                                      const GridRules& rules) {
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
     return FilesOfPvd(path);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
   if (found.kind == SourceKind::kHdf5) {
-    return FilesOfHdf5(path, found.files);
+    return FilesOfHdf5(path, found.files, rules);
   }
   // The only one may have a companion that is no TIFF file.
   if (found.kind == SourceKind::kTiff && found.files.size() == 1) {
@@ -330,6 +326,22 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
   return std::move(found.files);
 }
 
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path,
+                                                             const std::string& format,
+                                                             const GridRules& rules) {
+  auto volume = OpenFound(path, format, rules);
+  return volume.ok() ? std::move(volume) : ExplainByContent(path, volume.status());
+}
+
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
+                                                       const std::string& format,
+                                                       const GridRules& rules) {
+  auto files = FilesOfFound(path, format, rules);
+  return files.ok() ? std::move(files) : ExplainByContent(path, files.status());
+}
+
 std::optional<std::vector<std::string>> FilesOfTiffStack(const std::string& path) {
   if (io::PathExists(path) && !io::IsDirectory(path)) {
     return std::nullopt;
@@ -339,6 +351,11 @@ std::optional<std::vector<std::string>> FilesOfTiffStack(const std::string& path
     return std::nullopt;
   }
   return std::move(found->files);
+}
+
+bool NamesImageSlices(const std::string& path) {
+  const auto found = FindVolume(path, "");
+  return found.ok() && found->kind == SourceKind::kImageSlices;
 }
 
 bool NamesDicomSeries(const std::string& path) {

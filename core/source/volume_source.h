@@ -99,6 +99,8 @@ absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
 // The files of a TIFF stack of many files: a folder of them, or a pattern, which may name none. Not
 // set if the path is neither.
 std::optional<std::vector<std::string>> FilesOfTiffStack(const std::string& path);
+// Whether the path names a stack of images (image_slices.h): a folder of them, or a pattern.
+bool NamesImageSlices(const std::string& path);
 // Whether the path names a DICOM series: a folder that holds one and no TIFF files, or a file of
 // it.
 bool NamesDicomSeries(const std::string& path);

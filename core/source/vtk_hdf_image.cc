@@ -167,8 +167,7 @@ absl::Status AddVtkHdfArrays(hid_t root, const VtkHdfGrid& grid, bool is_of_cell
                             VtiGridOf(grid.image, grid.extent, is_of_cells, "VTKHDF"));
   for (const std::string& name : Hdf5NamesIn(group.get())) {
     const Hdf5Handle dataset(H5Dopen2(group.get(), name.c_str(), H5P_DEFAULT), H5Dclose);
-    if (!dataset.is_valid() || name == "vtkGhostType" ||
-        !Hdf5SampleTypeOf(dataset.get(), Hdf5Types::kAll).ok()) {
+    if (!dataset.is_valid() || name == "vtkGhostType" || !Hdf5SampleTypeOf(dataset.get()).ok()) {
       continue;
     }
     ISOSCOPE_ASSIGN_OR_RETURN(Hdf5MeshField field, VtkHdfFieldOf(root, part, name, dataset.get()));

@@ -44,7 +44,7 @@ struct Manifest {
   std::string source;  // file name (no folder) of the source volume, for people
   volume::GridGeometry geometry;
   volume::ScalarType scalar_type = volume::ScalarType::kUint8;
-  volume::ScalarSpan value_range;  // over all samples that are not NaN
+  volume::ScalarSpan value_range;  // over all finite samples
   math::Index3 block_cells;
   Distribution distribution = Distribution::kRandom;
   std::uint64_t seed = 0;

@@ -33,10 +33,10 @@ inline void WriteHdf5Dataset(hid_t file, const std::string& name, const std::vec
   H5Sclose(space);
 }
 
-// Texts of any length, or of one of 16 bytes.
-inline void WriteHdf5Texts(hid_t file, const std::string& dataset, const std::string& attribute,
+// Texts of any length, or of one of 16 bytes, on a dataset or a group.
+inline void WriteHdf5Texts(hid_t file, const std::string& name, const std::string& attribute,
                            const std::vector<std::string>& texts, bool is_fixed = false) {
-  const hid_t object = H5Dopen2(file, dataset.c_str(), H5P_DEFAULT);
+  const hid_t object = H5Oopen(file, name.c_str(), H5P_DEFAULT);
   const hid_t type = H5Tcopy(H5T_C_S1);
   H5Tset_size(type, is_fixed ? 16 : H5T_VARIABLE);
   const hsize_t count = texts.size();
@@ -55,7 +55,21 @@ inline void WriteHdf5Texts(hid_t file, const std::string& dataset, const std::st
   H5Aclose(opened);
   H5Sclose(space);
   H5Tclose(type);
-  H5Dclose(object);
+  H5Oclose(object);
+}
+
+// Numbers, on a dataset or a group.
+inline void WriteHdf5Numbers(hid_t file, const std::string& name, const std::string& attribute,
+                             const std::vector<double>& numbers) {
+  const hid_t object = H5Oopen(file, name.c_str(), H5P_DEFAULT);
+  const hsize_t count = numbers.size();
+  const hid_t space = count == 1 ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &count, nullptr);
+  const hid_t opened =
+      H5Acreate2(object, attribute.c_str(), H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT);
+  ASSERT_GE(H5Awrite(opened, H5T_NATIVE_DOUBLE, numbers.data()), 0);
+  H5Aclose(opened);
+  H5Sclose(space);
+  H5Oclose(object);
 }
 
 // DIMENSION_LIST: the names of scales by axis, "" for none.

@@ -28,8 +28,9 @@ class SourceJsonTest : public ::testing::Test {
     testing::WriteFile(path, bytes);
     const auto series = source::OpenVolumeSeries(path).value();
     const auto first = series->Open(0, 0, 0).value();
-    Json volume = VolumeToJson(*first, volume::ScalarSpan{-1, 4});
-    AddSource(*series, *first, {}, base::ShellWord(path), &volume);
+    Json volume = VolumeToJson(*first, source::ValueRange{{-1, 4}, 0});
+    AddSource(*series, *first, {.steps = 1, .ranges = {{{{-1, 4}, 0}}}}, base::ShellWord(path),
+              &volume);
     return volume;
   }
   testing::TempDir dir_;
@@ -77,12 +78,41 @@ TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {
     AddSource(*series, *first, ranges, base::ShellWord(path), &volume);
     return volume;
   };
-  const Json volume = describe({.steps = 1, .spans = {{{-1, 4}, {}}}});
+  const Json volume = describe({.steps = 1, .ranges = {{{{-1, 4}, 0}, {{}, 3}}}});
   EXPECT_EQ(volume.at("fields").at(0).at("value_ranges"),
             Json::array({Json::array({-1, 4}), nullptr}));
+  EXPECT_EQ(volume.at("fields").at(0).at("infinite_counts"), Json::array({0, 3}));
+  EXPECT_EQ(volume.at("commands").at(1), "isoscope render DIR --field v:0 --isovalue 1.5");
   EXPECT_THAT(DescribeSource(volume),
-              HasSubstr("values        v:0  -1.0 to 4.0\n              v:1  none but NaN\n"));
+              HasSubstr("values        v:0  -1.0 to 4.0\n              v:1  none that is finite, "
+                        "and 3 infinite samples\n"));
   EXPECT_THAT(DescribeSource(describe({})), HasSubstr("values        not read"));
+  EXPECT_EQ(describe({}).at("commands").at(1), "isoscope render DIR --isovalue VALUE");
+  const Json second = describe({.steps = 1, .ranges = {{{{7, 7}, 0}, {{0, 3}, 0}}}});
+  EXPECT_EQ(second.at("commands").at(1), "isoscope render DIR --field v:1 --isovalue 1.5")
+      << "the first has no surface";
+  EXPECT_EQ(describe({.steps = 1, .ranges = {{{{7, 7}, 0}, {{}, 9}}}}).at("commands").size(), 1U);
+}
+
+TEST_F(SourceJsonTest, InfiniteSamplesAreNoPartOfRangeAndIsovalue) {
+  const std::string path = dir_.Sub("a.nii");
+  testing::WriteFile(path, testing::NiftiHeaderBytes({.dims = {4, 3, 2}}) + std::string(48, 'x'));
+  const auto series = source::OpenVolumeSeries(path).value();
+  const auto first = series->Open(0, 0, 0).value();
+  const auto describe = [&](const source::ValueRange& range) {
+    Json volume = VolumeToJson(*first, range);
+    AddSource(*series, *first, {}, "a.nii", &volume);
+    return volume;
+  };
+  const Json some = describe({{-1, 4}, 1'200});
+  EXPECT_EQ(some.at("value_range"), Json::array({-1, 4}));
+  EXPECT_EQ(some.at("infinite_count"), 1'200);
+  EXPECT_THAT(DescribeValueRange(some), HasSubstr("-1.0 to 4.0, and 1,200 infinite samples\n"));
+  EXPECT_EQ(some.at("commands"), Json::array({"isoscope render a.nii --isovalue 1.5"}));
+  const Json none = describe({{}, 1});
+  EXPECT_THAT(DescribeValueRange(none), HasSubstr("none that is finite, and 1 infinite sample\n"));
+  EXPECT_TRUE(none.at("commands").empty());
+  EXPECT_THAT(DescribeSource(describe({{7, 7}, 0})), HasSubstr("draw          nothing: "));
 }
 
 // Measured: 86 342 659 and 444 215 820 bytes.

@@ -34,5 +34,18 @@ TEST(FileStartTest, DecodesGzipAndStopsAtTheEnd) {
               testing::StatusIs(absl::StatusCode::kNotFound));
 }
 
+TEST(FileStartTest, GzipIsKnownByThreeBytes) {
+  const testing::TempDir dir;
+  const auto is_gzip = [&](const std::string& bytes) {
+    testing::WriteFile(dir.Sub("a"), bytes);
+    return IsGzipFile(dir.Sub("a"));
+  };
+  EXPECT_TRUE(is_gzip(testing::Gzip("text")));
+  EXPECT_TRUE(is_gzip("\x1f\x8b\x08"));
+  EXPECT_FALSE(is_gzip("\x1f\x8b"));
+  EXPECT_FALSE(is_gzip("\x1f\x8b\x09 more"));
+  EXPECT_FALSE(IsGzipFile(dir.Sub("none")));
+}
+
 }  // namespace
 }  // namespace isoscope::source

@@ -62,39 +62,18 @@ TEST_F(Hdf5AttributesTest, NumbersAreNoTexts) {
       H5Acreate2(u.get(), "axes", H5T_IEEE_F64LE, space.get(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
   H5Awrite(attribute.get(), H5T_IEEE_F64LE, &number);
   EXPECT_THAT(Hdf5Texts(u.get(), "axes"), IsEmpty());
-  EXPECT_FALSE(Hdf5AxisOrder(u.get(), 4).has_value());
 }
 
-TEST_F(Hdf5AttributesTest, LabelsAndNamesOfScalesGiveTheOrder) {
+TEST_F(Hdf5AttributesTest, ScaleOfEachAxis) {
   const std::vector<double> times{0.5, 2};
   WriteHdf5Dataset(file_.get(), "time", {2}, H5T_IEEE_F64LE, times.data());
-  EXPECT_FALSE(Hdf5AxisOrder(Dataset().get(), 4).has_value());
-  WriteHdf5Texts(file_.get(), "u", "DIMENSION_LABELS", {"", "z", "y", "x"});
-  EXPECT_FALSE(Hdf5AxisOrder(Dataset().get(), 4).has_value());
   WriteHdf5Scales(file_.get(), "u", {"/time", "", "", ""});
   const Hdf5Handle u = Dataset();
-  EXPECT_EQ(Hdf5AxisOrder(u.get(), 4), (AxisOrder{.z = 1, .y = 2, .x = 3, .t = 0}));
-  EXPECT_FALSE(Hdf5AxisOrder(u.get(), 5).has_value());
   EXPECT_FALSE(Hdf5ScaleOf(u.get(), 1, 4).is_valid());
   EXPECT_FALSE(Hdf5ScaleOf(u.get(), 0, 3).is_valid());
   const Hdf5Handle scale = Hdf5ScaleOf(u.get(), 0, 4);
   ASSERT_TRUE(scale.is_valid());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto values, Hdf5ScaleValues(scale.get(), 2));
-  EXPECT_EQ(values, times);
-  EXPECT_THAT(Hdf5ScaleValues(scale.get(), 3),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"time\"")));
-}
-
-TEST_F(Hdf5AttributesTest, AxesAndTagsGiveTheOrder) {
-  WriteHdf5Texts(file_.get(), "u", "axes", {"nonsense"});
-  WriteHdf5Texts(file_.get(), "u", "axistags",
-                 {"{\"axes\": [{\"key\": \"z\"}, {\"key\": \"y\"}, {\"key\": \"x\"}, "
-                  "{\"key\": \"c\"}]}"});
-  EXPECT_EQ(Hdf5AxisOrder(Dataset().get(), 4), (AxisOrder{.z = 0, .y = 1, .x = 2, .c = 3}));
-  const std::vector<float> samples(16, 0);
-  WriteHdf5Dataset(file_.get(), "v", {2, 2, 2, 2}, H5T_IEEE_F32LE, samples.data());
-  WriteHdf5Texts(file_.get(), "v", "axes", {"t", "z", "y", "x"});
-  EXPECT_EQ(Hdf5AxisOrder(Dataset("v").get(), 4), (AxisOrder{.z = 1, .y = 2, .x = 3, .t = 0}));
+  EXPECT_EQ(Hdf5ScaleName(scale.get()), "time");
 }
 
 TEST_F(Hdf5AttributesTest, ScaleMustAscend) {

@@ -1,7 +1,5 @@
 #include "core/source/hdf5_dataset.h"
 
-#include <array>
-#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -12,8 +10,6 @@
 #include "tests/support/hdf5_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/support/volume_files.h"
-#include "tests/unit/core/source/vti_bytes.h"
 
 // libhdf5 does not free what it had read of a file that it then refuses.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
@@ -21,13 +17,10 @@ extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 namespace isoscope::source {
 namespace {
 
-using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::TempDir;
-using ::isoscope::testing::ValuesOf;
 using ::isoscope::testing::WriteHdf5Dataset;
-using ::testing::AllOf;
-using ::testing::Each;
+using ::isoscope::testing::WriteHdf5Texts;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -47,97 +40,68 @@ class Hdf5DatasetTest : public ::testing::Test {
 TEST_F(Hdf5DatasetTest, PathWithoutANameMeansTheOnlyOne) {
   Create();
   WriteHdf5Dataset(file_.get(), "u", {2, 3, 4, 5}, H5T_IEEE_F32LE, zeros_.data());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto u, OpenHdf5ByName(path_, Hdf5Types::kAll));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto u, OpenHdf5ByName(path_));
   EXPECT_EQ(u.parts.name(), path_ + ":/u");
   EXPECT_THAT(Hdf5DimsOf(u.dataset.get()), ElementsAre(2, 3, 4, 5));
-  EXPECT_THAT(OpenHdf5ByName(path_, Hdf5Types::kOfVolumes),
-              StatusIs(kInvalid, HasSubstr("no three-dim")));
   WriteHdf5Dataset(file_.get(), "volume", {2, 3, 4}, H5T_IEEE_F32LE, zeros_.data());
   WriteHdf5Dataset(file_.get(), "wide", {2, 3, 4}, H5T_STD_I64LE, zeros_.data());
-  for (const Hdf5Types types : {Hdf5Types::kAll, Hdf5Types::kOfVolumes}) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenHdf5ByName(path_, types));
-    EXPECT_EQ(volume.parts.dataset, "/volume") << "what has always been opened";
-  }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto four, OpenHdf5ByName(path_, Hdf5Types::kAll, 4));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenHdf5ByName(path_));
+  EXPECT_EQ(volume.parts.dataset, "/volume") << "what has always been opened";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto four, OpenHdf5ByName(path_, 4));
   EXPECT_EQ(four.parts.dataset, "/u");
   WriteHdf5Dataset(file_.get(), "v", {2, 3, 4, 5}, H5T_IEEE_F32LE, zeros_.data());
-  EXPECT_THAT(OpenHdf5ByName(path_, Hdf5Types::kAll, 4), StatusIs(kInvalid, HasSubstr("/u, /v")));
-  EXPECT_THAT(OpenHdf5ByName(path_ + ":/w", Hdf5Types::kAll, 4),
-              StatusIs(absl::StatusCode::kNotFound, HasSubstr("/u, /v")));
-  EXPECT_EQ(ListHdf5Volumes(file_.get()), "it holds /volume");
+  EXPECT_THAT(OpenHdf5ByName(path_, 4),
+              StatusIs(kInvalid, HasSubstr("say which dataset, as in " + path_ + ":/u; it holds")));
+  EXPECT_THAT(OpenHdf5ByName(path_, 5),
+              StatusIs(kInvalid, HasSubstr("no dataset of 5 axes; it holds /u")));
+  EXPECT_THAT(OpenHdf5ByName(path_ + ":/w", 4),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("no dataset /w; it holds /u")));
 }
 
-TEST_F(Hdf5DatasetTest, WideTypesAreThoseOfSeriesAlone) {
+TEST_F(Hdf5DatasetTest, OfSeveralAllAreListed) {
   Create();
-  const Hdf5Handle half(H5Tcopy(H5T_IEEE_F32LE), H5Tclose);
-  H5Tset_fields(half.get(), 15, 10, 5, 0, 10);
-  H5Tset_size(half.get(), 2);
-  H5Tset_ebias(half.get(), 15);
-  const Hdf5Handle big_half(H5Tcopy(half.get()), H5Tclose);
-  H5Tset_order(big_half.get(), H5T_ORDER_BE);
-  const Hdf5Handle odd_half(H5Tcopy(half.get()), H5Tclose);
-  H5Tset_ebias(odd_half.get(), 14);
-  const Hdf5Handle boolean(H5Tenum_create(H5T_STD_I8LE), H5Tclose);
-  const Hdf5Handle colours(H5Tenum_create(H5T_STD_I8LE), H5Tclose);
-  for (const char value : {'\0', '\1'}) {
-    H5Tenum_insert(boolean.get(), value == 0 ? "FALSE" : "TRUE", &value);
-    H5Tenum_insert(colours.get(), value == 0 ? "RED" : "GREEN", &value);
+  WriteHdf5Dataset(file_.get(), "a", {2, 3, 4}, H5T_STD_U8LE, zeros_.data());
+  WriteHdf5Dataset(file_.get(), "b", {2, 3, 4}, H5T_STD_U8LE, zeros_.data());
+  WriteHdf5Dataset(file_.get(), "wide", {2, 3, 4}, H5T_STD_U64LE, zeros_.data());
+  EXPECT_THAT(OpenHdf5ByName(path_),
+              StatusIs(kInvalid, HasSubstr("it holds /a (2 x 3 x 4 uint8), /b (2 x 3 x 4 uint8), "
+                                           "/wide (2 x 3 x 4 uint64)")));
+}
+
+TEST_F(Hdf5DatasetTest, PlotOfNexusIsMeantByItsGroupAndByItsFile) {
+  Create();
+  for (const char* group : {"entry", "entry/plot", "entry/other"}) {
+    H5Gclose(H5Gcreate2(file_.get(), group, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT));
   }
-  // 1 and 7 as int64, 1.0 as halves of both orders, TRUE.
-  const std::vector<std::int64_t> ones(8, 1);
-  const std::vector<std::uint16_t> halves(8, 0x3c00);
-  const std::vector<std::uint16_t> swapped(8, 0x003c);
-  const std::vector<std::int8_t> truths(8, 1);
-  struct Row {
-    const char* name;
-    hid_t type;
-    const void* samples;
-    volume::ScalarType served;
-  };
-  const std::vector<Row> rows{
-      {"i64", H5T_STD_I64LE, ones.data(), volume::ScalarType::kFloat64},
-      {"u64", H5T_STD_U64LE, ones.data(), volume::ScalarType::kFloat64},
-      {"f16", half.get(), halves.data(), volume::ScalarType::kFloat32},
-      {"f16be", big_half.get(), swapped.data(), volume::ScalarType::kFloat32},
-      {"bool", boolean.get(), truths.data(), volume::ScalarType::kUint8},
-      {"f32", H5T_IEEE_F32LE, zeros_.data(), volume::ScalarType::kFloat32}};
-  for (const Row& row : rows) {
-    WriteHdf5Dataset(file_.get(), row.name, {2, 2, 2}, row.type, row.samples);
+  WriteHdf5Dataset(file_.get(), "entry/plot/counts", {2, 3, 4}, H5T_STD_I64LE, zeros_.data());
+  WriteHdf5Dataset(file_.get(), "entry/other/a", {2, 3, 4}, H5T_STD_U8LE, zeros_.data());
+  WriteHdf5Texts(file_.get(), "entry", "NX_class", {"NXentry"});
+  WriteHdf5Texts(file_.get(), "entry/plot", "NX_class", {"NXdata"});
+  WriteHdf5Texts(file_.get(), "entry/plot", "signal", {"counts"});
+  for (const std::string part : {"", ":/entry/plot", ":/entry/plot/"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto named, OpenHdf5ByName(path_ + part));
+    EXPECT_EQ(named.parts.dataset, "/entry/plot/counts");
   }
-  WriteHdf5Dataset(file_.get(), "odd", {2, 2, 2}, odd_half.get(), halves.data());
-  WriteHdf5Dataset(file_.get(), "colours", {2, 2, 2}, colours.get(), truths.data());
-  for (const Row& row : rows) {
-    SCOPED_TRACE(row.name);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto named,
-                                  OpenHdf5ByName(path_ + ":/" + row.name, Hdf5Types::kAll));
-    if (std::string(row.name) != "f32") {
-      EXPECT_THAT(Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kOfVolumes).status(),
-                  StatusIs(kInvalid, HasSubstr("8, 16 or 32 bits or IEEE floats of 32 or 64")));
-    }
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto type,
-                                  Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const auto source,
-        OpenHdf5Volume(std::move(named), std::move(type), {.z = 0, .y = 1, .x = 2}, 0, 0));
-    ASSERT_EQ(source->scalar_type(), row.served);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 1));
-    switch (row.served) {
-      case volume::ScalarType::kFloat64:
-        EXPECT_THAT(ValuesOf<double>(bytes), Each(1.0));
-        break;
-      case volume::ScalarType::kUint8:
-        EXPECT_EQ(bytes, std::string(8, '\1'));
-        break;
-      default:
-        EXPECT_THAT(ValuesOf<float>(bytes), Each(row.samples == zeros_.data() ? 0.0F : 1.0F));
-    }
-  }
-  for (const char* name : {"odd", "colours"}) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto named,
-                                  OpenHdf5ByName(path_ + ":/" + name, Hdf5Types::kAll));
-    EXPECT_THAT(Hdf5SampleTypeOf(named.dataset.get(), Hdf5Types::kAll).status(),
-                StatusIs(kInvalid, AllOf(HasSubstr("bool"), HasSubstr("16, 32 or 64 bits"))));
-  }
+  // A plot that is no volume says nothing.
+  WriteHdf5Dataset(file_.get(), "entry/plot/line", {20}, H5T_STD_U8LE, zeros_.data());
+  const Hdf5Handle plot(H5Gopen2(file_.get(), "entry/plot", H5P_DEFAULT), H5Gclose);
+  H5Adelete(plot.get(), "signal");
+  WriteHdf5Texts(file_.get(), "entry/plot", "signal", {"line"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto named, OpenHdf5ByName(path_));
+  EXPECT_EQ(named.parts.dataset, "/entry/other/a");
+}
+
+TEST_F(Hdf5DatasetTest, MissingFilterIsNamedBeforeASampleIsRead) {
+  Create();
+  const hsize_t dims[] = {2, 3, 4};
+  const Hdf5Handle space(H5Screate_simple(3, dims, nullptr), H5Sclose);
+  const Hdf5Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  H5Pset_chunk(properties.get(), 3, dims);
+  H5Pset_filter(properties.get(), 32026, H5Z_FLAG_OPTIONAL, 0, nullptr);
+  H5Dclose(H5Dcreate2(file_.get(), "v", H5T_STD_U8LE, space.get(), H5P_DEFAULT, properties.get(),
+                      H5P_DEFAULT));
+  EXPECT_THAT(OpenHdf5ByName(path_),
+              StatusIs(kInvalid, HasSubstr(path_ + ":/v: compressed by filter 32026 (Blosc2)")));
 }
 
 }  // namespace

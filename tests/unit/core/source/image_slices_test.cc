@@ -17,6 +17,7 @@
 #include "itkJPEGImageIO.h"
 #include "itkPNGImageIO.h"
 
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -39,7 +40,7 @@ using ::testing::HasSubstr;
 
 TEST(ImageSlicesTest, SlicesAreStackedByTheNumbersInTheirNames) {
   const TempDir dir;
-  for (const int z : {10, 9, 2}) {
+  for (const int z : {10, 9, 8}) {
     WriteImage<itk::PNGImageIO>(dir.Sub(absl::StrCat("s", z, ".png")), {4, 3},
                                 Counted<std::uint16_t>(12, z));
   }
@@ -50,14 +51,32 @@ TEST(ImageSlicesTest, SlicesAreStackedByTheNumbersInTheirNames) {
     EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
     ASSERT_EQ(source->scalar_type(), volume::ScalarType::kUint16);
     std::vector<std::uint16_t> expected;
-    for (const int z : {2, 9, 10}) {
+    for (const int z : {8, 9, 10}) {
       for (const std::uint16_t sample : Counted<std::uint16_t>(12, z)) {
         expected.push_back(sample);
       }
     }
     EXPECT_EQ(SamplesOf<std::uint16_t>(*source, 1), expected) << path;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
-    EXPECT_THAT(files, ElementsAre(dir.Sub("s2.png"), dir.Sub("s9.png"), dir.Sub("s10.png")));
+    EXPECT_THAT(files, ElementsAre(dir.Sub("s8.png"), dir.Sub("s9.png"), dir.Sub("s10.png")));
+  }
+}
+
+TEST(ImageSlicesTest, StackWithAGapIsRefusedAndTakenAsNeighbours) {
+  const TempDir dir;
+  for (const int z : {1, 2, 4}) {
+    WriteImage<itk::PNGImageIO>(dir.Sub(absl::StrCat("s", z, ".png")), {4, 3},
+                                Counted<std::uint8_t>(12, z));
+  }
+  for (const std::string& path : {dir.path(), dir.Sub("s*.png")}) {
+    EXPECT_THAT(OpenVolumeSeries(path),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("missing between s2.png and s4.png: 3; --axes Z")));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path, {.axes = "Z"}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
+    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 3}));
+    EXPECT_THAT(OpenVolumeSeries(path, {.axes = "TZ"}),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--axes TZ")));
   }
 }
 

@@ -7,6 +7,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/volume_series.h"
+#include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
@@ -67,6 +69,39 @@ TEST_F(NiftiLayoutTest, SizesThatAreNoneAreRefused) {
               StatusIs(kInvalid, HasSubstr("a.nii: 4 x 3 x 2 x 0")));
   EXPECT_THAT(Read(With(With(four, 40, std::int16_t{6}), 52, std::int16_t{2})),
               StatusIs(kInvalid, HasSubstr("x 1 x 2 x 1 samples")));
+}
+
+// Servers and browsers unpack or rename such files. Content decides, as in nibabel's and ITK's
+// zlib.
+TEST_F(NiftiLayoutTest, GzipStreamIsKnownByItsContentWhateverTheNameSays) {
+  const std::string samples = testing::Noise({4, 3, 2}, volume::ScalarType::kInt16);
+  const std::string plain = NiftiHeaderBytes({.dims = {4, 3, 2}}) + samples;
+  for (const auto& [name, bytes] :
+       {std::pair{"a.nii", plain}, std::pair{"a.nii.gz", testing::Gzip(plain)},
+        std::pair{"b.nii", testing::Gzip(plain)}, std::pair{"b.nii.gz", plain}}) {
+    SCOPED_TRACE(name);
+    testing::WriteFile(dir_.Sub(name), bytes);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub(name)));
+    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, testing::ReadAll(*volume, 2));
+    EXPECT_TRUE(read == samples);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub(name)));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, series->Open(0, 0, 0));
+    EXPECT_EQ(first->geometry(), volume->geometry());
+  }
+}
+
+TEST_F(NiftiLayoutTest, SamplesBesideTheirHeaderAreAStreamIfNameAndContentSaySo) {
+  testing::WriteFile(dir_.Sub("a.img.gz"), testing::Gzip("samples"));
+  testing::WriteFile(dir_.Sub("plain.img.gz"), "samples");
+  testing::WriteFile(dir_.Sub("odd.img"), "\x1f\x8b\x08 may be samples");
+  const auto is_stream = [&](const std::string& name) {
+    return IsNiftiStream(dir_.Sub("a.hdr"), dir_.Sub(name));
+  };
+  EXPECT_TRUE(is_stream("a.img.gz"));
+  EXPECT_FALSE(is_stream("plain.img.gz"));
+  EXPECT_FALSE(is_stream("odd.img"));
+  EXPECT_FALSE(is_stream("none.img.gz"));
 }
 
 }  // namespace

@@ -165,6 +165,22 @@ TEST(TiffSourceTest, PartsOfSlicesAreCutOutOfThem) {
   }
 }
 
+TEST(TiffSourceTest, FilesOfTwoStacksAreRefusedAndTakenAsNeighbours) {
+  const TempDir dir;
+  const std::string samples = Noise({37, 21, 1}, ScalarType::kUint8);
+  for (const char* name : {"ct1.tif", "ct2.tif", "mask1.tif", "mask2.tif"}) {
+    WriteSlice(dir.Sub(name), {.type = ScalarType::kUint8}, 37, 21, samples.data());
+  }
+  EXPECT_THAT(OpenVolumeFile(dir.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr(absl::StrCat("choose one, as in '", dir.Sub("ct[0-9]*.tif'")))));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeFile(dir.Sub("ct[0-9]*.tif")));
+  EXPECT_EQ(one->geometry().sample_dims.z, 2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, OpenVolumeSeries(dir.path(), {.axes = "Z"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, all->Open(0, 0, 0));
+  EXPECT_EQ(source->geometry().sample_dims.z, 4);
+}
+
 TEST(TiffSourceTest, FolderAndPatternAreStackedByTheNumbersInTheirNames) {
   const TempDir dir;
   const std::string samples = Noise({37, 21, 12}, ScalarType::kUint8);

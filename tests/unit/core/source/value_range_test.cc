@@ -1,7 +1,9 @@
 #include "core/source/value_range.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -54,25 +56,41 @@ TEST(FindValueRangeTest, IsTheLeastAndTheGreatestSampleOfEveryType) {
         expected.max = std::max(expected.max, static_cast<double>(sample));
       }
     });
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::ScalarSpan range,
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ValueRange range,
                                   FindValueRange(source.get(), nullptr, base::Cancellation()));
-    EXPECT_EQ(range, expected);
+    EXPECT_EQ(range.span, expected);
+    EXPECT_EQ(range.infinite_count, 0);
   }
 }
 
-TEST(FindValueRangeTest, LeavesOutNanAndKeepsInfinity) {
+TEST(FindValueRangeTest, LeavesOutNanAndInfinitiesAndCountsTheLatter) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   constexpr float kInf = std::numeric_limits<float>::infinity();
   const auto range_of = [](const std::vector<float>& samples) {
     return *FindValueRange(SourceOf<float>({2, 2, 2}, volume::ScalarType::kFloat32, samples).get(),
                            nullptr, base::Cancellation());
   };
-  EXPECT_EQ(range_of({kNan, 3, kNan, -2, kNan, kNan, kNan, kNan}), (volume::ScalarSpan{-2, 3}));
-  constexpr double kInfinite = std::numeric_limits<double>::infinity();
-  EXPECT_EQ(range_of({kNan, 3, -kInf, 2, kInf, 0, 0, 0}),
-            (volume::ScalarSpan{-kInfinite, kInfinite}));
-  const volume::ScalarSpan none = range_of(std::vector<float>(8, kNan));
-  EXPECT_GT(none.min, none.max);
+  EXPECT_EQ(range_of({kNan, 3, kNan, -2, kNan, kNan, kNan, kNan}), (ValueRange{{-2, 3}, 0}));
+  EXPECT_EQ(range_of({kNan, 3, -kInf, 2, kInf, 1, 1, 1}), (ValueRange{{1, 3}, 2}));
+  EXPECT_EQ(range_of(std::vector<float>(8, kNan)), ValueRange());
+  EXPECT_EQ(range_of(std::vector<float>(8, -kInf)), (ValueRange{{}, 8}));
+}
+
+TEST(MiddleIsovalueTest, HasASurfaceAndAsFewDigitsAsThatTakes) {
+  EXPECT_EQ(MiddleIsovalue({0, 255}), "127.5");
+  EXPECT_EQ(MiddleIsovalue({-2, 3}), "0.5");
+  EXPECT_EQ(MiddleIsovalue({1'000'000, 1'000'000.5}), "1000000.25");
+  EXPECT_EQ(MiddleIsovalue({-1e308, 1.7e308}), "3.5e+307");
+  EXPECT_EQ(MiddleIsovalue({7, 7}), "") << "all samples are equal";
+  EXPECT_EQ(MiddleIsovalue({}), "");
+  constexpr double kTiny = std::numeric_limits<double>::denorm_min();
+  for (const auto& span :
+       {volume::ScalarSpan{0, kTiny}, volume::ScalarSpan{1, std::nextafter(1.0, 2.0)},
+        volume::ScalarSpan{-1.7e308, 1.7e308}, volume::ScalarSpan{-1e-310, 1e-310},
+        volume::ScalarSpan{16'777'216, 16'777'217}}) {
+    EXPECT_TRUE(volume::IsActive(span, std::strtod(MiddleIsovalue(span).c_str(), nullptr)))
+        << MiddleIsovalue(span);
+  }
 }
 
 TEST(FindValueRangeTest, ExtremesInTheFirstAndTheLastOfManyPortionsCount) {
@@ -84,12 +102,12 @@ TEST(FindValueRangeTest, ExtremesInTheFirstAndTheLastOfManyPortionsCount) {
   const auto source = SourceOf(dims, volume::ScalarType::kUint16, samples);
   std::vector<std::pair<std::int64_t, std::int64_t>> told;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const volume::ScalarSpan range,
+      const ValueRange range,
       FindValueRange(
           source.get(),
           [&](std::int64_t done, std::int64_t total) { told.emplace_back(done, total); },
           base::Cancellation()));
-  EXPECT_EQ(range, (volume::ScalarSpan{7, 60000}));
+  EXPECT_EQ(range.span, (volume::ScalarSpan{7, 60000}));
   ASSERT_GE(told.size(), 3U);
   EXPECT_TRUE(std::is_sorted(told.begin(), told.end()));
   EXPECT_EQ(told.back(), std::make_pair(2 * math::Volume(dims), 2 * math::Volume(dims)));

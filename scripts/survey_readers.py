@@ -1,0 +1,170 @@
+"""Other programs' readers, for scripts/survey.py --compare: Debian's python3-nibabel, python3-h5py, python3-netcdf4,
+python3-tifffile, python3-mrcfile and python3-vtk9. A reader that is not installed takes no file.
+
+A reader gets the path and what `isoscope info --json` says of the first volume, and returns its samples in the same
+order, [z][y][x], and the world positions of indices, as far as it knows them. It returns None for what it does not
+take.
+"""
+
+import contextlib
+import math
+
+import numpy as np
+
+
+class Other:
+    """A volume of another reader: samples [z][y][x], and a 4 x 4 matrix from (x, y, z, 1) to the world, or None."""
+
+    def __init__(self, samples, affine=None):
+        self.samples = samples
+        self.affine = affine
+
+    def position_of(self, index):
+        if self.affine is None:
+            return None
+        return [float(number) for number in (self.affine @ np.array([*index, 1.0]))[:3]]
+
+
+def range_of(samples):
+    """The least and the greatest of the finite samples, or None."""
+    numbers = np.asarray(samples, dtype=np.float64).ravel()
+    numbers = numbers[np.isfinite(numbers)]
+    return [float(numbers.min()), float(numbers.max())] if numbers.size else None
+
+
+def reversed_affine(affine):
+    """The matrix of the same grid with its axes in the other order."""
+    return affine[:, [2, 1, 0, 3]]
+
+
+def read_with_nibabel(path, volume):
+    import nibabel
+    image = nibabel.load(path)
+    data = image.dataobj
+    is_slowest_first = path.lower().endswith(".mnc")
+    if is_slowest_first:
+        samples, affine = np.asarray(data), reversed_affine(image.affine)
+        while samples.ndim > 3:
+            samples = samples[0]
+    else:
+        slices = (slice(None),) * 3 + (0,) * (len(data.shape) - 3)
+        samples, affine = np.asarray(data[slices]).T, image.affine
+    if not isinstance(image, (nibabel.Nifti1Image, nibabel.MGHImage, nibabel.Minc1Image, nibabel.Minc2Image)):
+        affine = None  # Analyze and PAR/REC have other conventions, or none
+    if affine is not None:
+        affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine  # RAS to LPS
+    return Other(samples, affine)
+
+
+def read_with_h5py(path, volume):
+    import h5py
+    found = []
+    name = volume["fields"][0]["name"]
+
+    def visit(where, item):
+        if isinstance(item, h5py.Dataset) and where.rsplit("/", 1)[-1] == name:
+            shape = [size for size in item.shape if size != 1]
+            if shape == volume["sample_dims"][::-1]:
+                found.append(item)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+        return Other(found[0][()].reshape(volume["sample_dims"][::-1])) if len(found) == 1 else None
+
+
+def read_with_netcdf4(path, volume):
+    import netCDF4
+    with netCDF4.Dataset(path) as file:
+        group = file
+        *groups, name = volume["fields"][0]["name"].split("/")
+        for inner in groups:
+            group = group[inner]
+        variable = group[name]
+        sizes = volume["sample_dims"][::-1]
+        extra = len(variable.shape) - 3
+        if extra < 0:
+            return None
+        # The first step, whichever axis that is: the others must have the sizes in this order.
+        index = []
+        left = list(sizes)
+        for size in variable.shape:
+            if left and size == left[0] and len(variable.shape) - len(index) <= len(left):
+                index.append(slice(None))
+                left.pop(0)
+            elif extra > 0:
+                index.append(0)
+                extra -= 1
+            else:
+                index.append(slice(None))
+                left and left.pop(0)
+        data = variable[tuple(index)]
+        return Other(np.ma.filled(np.ma.asarray(data, dtype=np.float64), math.nan))
+
+
+def read_with_tifffile(path, volume):
+    import tifffile
+    pages = tifffile.imread(path)
+    while pages.ndim > 3:
+        pages = pages[0]
+    return Other(pages)
+
+
+def read_with_mrcfile(path, volume):
+    import mrcfile
+    with mrcfile.open(path, permissive=True) as file:
+        data = np.asarray(file.data)
+        return Other(data[0] if data.ndim == 4 else data)
+
+
+def read_with_vtk(path, volume):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOLegacy import vtkStructuredPointsReader
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+    reader = vtkXMLImageDataReader() if path.lower().endswith(".vti") else vtkStructuredPointsReader()
+    reader.SetFileName(path)
+    if path.lower().endswith(".vtk"):
+        reader.ReadAllScalarsOn()
+        reader.ReadAllVectorsOn()
+    reader.Update()
+    image = reader.GetOutput()
+    if image is None or image.GetNumberOfPoints() == 0:
+        return None
+    name = volume["fields"][0]["name"]
+    sizes = volume["sample_dims"][::-1]
+    origin, spacing = np.array(image.GetOrigin()), np.array(image.GetSpacing())
+    for data, shift in ((image.GetPointData(), 0.0), (image.GetCellData(), 0.5)):
+        array = data.GetArray(name)
+        if array is None or array.GetNumberOfTuples() != math.prod(sizes):
+            continue
+        values = vtk_to_numpy(array)
+        matrix = image.GetDirectionMatrix()
+        directions = np.array([[matrix.GetElement(row, column) for column in range(3)] for row in range(3)])
+        affine = np.eye(4)
+        affine[:3, :3] = directions * spacing
+        affine[:3, 3] = origin + affine[:3, :3] @ (np.array(image.GetExtent()[::2]) + shift)
+        return Other((values if values.ndim == 1 else values[:, 0]).reshape(sizes), affine)
+    return None
+
+
+READERS = {
+    ".nii": read_with_nibabel, ".nii.gz": read_with_nibabel, ".mgz": read_with_nibabel, ".mgh": read_with_nibabel,
+    ".mnc": read_with_nibabel, ".hdr": read_with_nibabel, ".img": read_with_nibabel, ".par": read_with_nibabel,
+    ".h5": read_with_h5py, ".hdf5": read_with_h5py, ".nxs": read_with_h5py, ".mat": read_with_h5py,
+    ".hdf": read_with_h5py, ".nx5": read_with_h5py, ".h5ad": read_with_h5py,
+    ".nc": read_with_netcdf4, ".nc4": read_with_netcdf4,
+    ".tif": read_with_tifffile, ".tiff": read_with_tifffile,
+    ".mrc": read_with_mrcfile, ".map": read_with_mrcfile, ".ccp4": read_with_mrcfile, ".map.gz": read_with_mrcfile,
+    ".mrc.gz": read_with_mrcfile, ".ccp4.gz": read_with_mrcfile,
+    ".vti": read_with_vtk, ".vtk": read_with_vtk,
+}
+
+
+def read(path, volume):
+    """The first volume of a file by another reader, or None."""
+    lower = path.lower()
+    for ending in sorted(READERS, key=len, reverse=True):
+        if lower.endswith(ending):
+            with contextlib.suppress(Exception):  # whatever a reader thinks of a file
+                return READERS[ending](path, volume)
+            return None
+    return None
