@@ -35,17 +35,16 @@ namespace {
 using render::CapFragment;
 using render::CapPainter;
 
-render::SampleColor SampleColorOf(const frame::ClipCaps& caps, const store::Manifest& manifest) {
+render::SampleColor SampleColorOf(const frame::ClipCaps& caps) {
   if (!caps.map.has_value()) {
     return nullptr;
   }
   const picture::ColorMapTable* const table = &picture::ColorMapTableOf(*caps.map);
-  const volume::ScalarSpan& samples = manifest.value_range;
-  const frame::ColorRange range =
-      caps.range.value_or(frame::ColorRangeOfSamples(samples.min, samples.max));
+  const frame::ColorRange range = caps.range.value();
   return [table, range](double value) {
     // Infinities of both signs around a point leave it without a value.
-    return (*table)[picture::ColorMapStepOf(std::isnan(value) ? range.max : value, range)];
+    return std::isnan(value) ? picture::kNoSample
+                             : (*table)[picture::ColorMapStepOf(value, range)];
   };
 }
 
@@ -231,8 +230,7 @@ absl::StatusOr<std::int64_t> DrawCaps(const Shards& shards, const ColorVolumes& 
                                       const base::Cancellation& cancellation,
                                       image::FrameImage* image) {
   const store::ShardReader& first = *shards.front()->reader;
-  const CapPainter painter(view, first.layout(), spec, drawn_by,
-                           SampleColorOf(*spec.caps, first.manifest()));
+  const CapPainter painter(view, first.layout(), spec, drawn_by, SampleColorOf(*spec.caps));
   CapSink sink({.block_count = static_cast<std::uint32_t>(first.layout().block_count()),
                 .ties = frame::TieRuleOf(drawn_by)},
                image);

@@ -370,6 +370,10 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
   if (!task.spec.camera.has_value()) {
     return absl::InvalidArgumentError("the frame has no camera; the coordinator must resolve it");
   }
+  if (frame::HasSampleCaps(task.spec) && !task.spec.caps->range.has_value()) {
+    return absl::InvalidArgumentError(
+        "the map of the caps has no range; the coordinator must resolve it");
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                             view::View::Make(*task.spec.camera, task.spec.viewport,
                                              first.manifest().geometry, task.spec.region));

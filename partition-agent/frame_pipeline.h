@@ -49,9 +49,10 @@ struct RaySelection {
 //   kNone:         RenderAll
 class FramePipeline {
  public:
-  // All shards are of one dataset. INVALID_ARGUMENT if the camera is not set, or camera or viewport
-  // do not validate, or surfaces times blocks are too many (frame::CheckOwners), or a surface shows
-  // a field and has no shards in `color_shards`. FAILED_PRECONDITION as ColorVolumes::Make.
+  // All shards are of one dataset. INVALID_ARGUMENT if the camera or the range of caps with a map is
+  // not set, or camera or viewport do not validate, or surfaces times blocks are too many
+  // (frame::CheckOwners), or a surface shows a field and has no shards in `color_shards`.
+  // FAILED_PRECONDITION as ColorVolumes::Make.
   //
   // color_shards: as ColorVolumes::Make takes them. They are read if pixels carry steps.
   static absl::StatusOr<std::unique_ptr<FramePipeline>> Make(

@@ -44,8 +44,8 @@ absl::StatusOr<std::optional<volume::SampleHistogram>> SamplesOf(const Shards& s
 // finite ones in their blocks.
 volume::HistogramBins BinsFromRanges(const store::ShardReader& reader) {
   const store::Manifest& manifest = reader.manifest();
-  volume::ScalarSpan range = manifest.value_range;
-  if (!std::isfinite(range.min) || !std::isfinite(range.max)) {
+  volume::ScalarSpan range = manifest.finite_range.value_or(manifest.value_range);
+  if (!manifest.finite_range.has_value() && !volume::IsFinite(range)) {
     range = {};
     for (std::int64_t id = 0; id < reader.ranges().block_count(); ++id) {
       const volume::ScalarSpan span = reader.ranges().Get(static_cast<volume::BlockId>(id));
@@ -109,6 +109,7 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
     const std::optional<volume::ScalarSpan>& range) {
   ISOSCOPE_CHECK(!shards.empty());
   volume::HistogramPart part;
+  part.value_range = shards.front()->reader->manifest().value_range;
   ISOSCOPE_ASSIGN_OR_RETURN(part.samples, SamplesOf(shards));
   const volume::HistogramBins bins =
       part.samples.has_value() ? part.samples->bins : BinsFromRanges(*shards.front()->reader);

@@ -151,7 +151,8 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
       ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &flags.label)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(view, flags.camera)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(look, flags.surface_count())));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(CheckUsage(look, flags.surface_count(), flags.has_sample_caps())));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(look, dataset)));
   if (quality && format != Format::kJpeg) {
     return absl::InvalidArgumentError(

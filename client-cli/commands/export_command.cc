@@ -19,7 +19,7 @@
 #include "absl/strings/str_format.h"
 
 #include "client-cli/commands/program.h"
-#include "client-cli/output/no_surface.h"
+#include "client-cli/commands/surface_notes.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/mesh_export.h"
@@ -30,7 +30,6 @@
 #include "clients/cpp/mesh_file/mesh_store.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "clients/cpp/request/clip_flags.h"
-#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/selection_flags.h"
@@ -268,33 +267,29 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
       dataset, flags.selection, session->question_timeout(), &session->client(), &flags.label));
   ISOSCOPE_ASSIGN_OR_RETURN(file_options, FileOptions(flags));
-  const isoscope::v1::Dataset of_field = client::DatasetOfField(dataset, flags.selection);
-  for (const client::MeshSurface& surface : file_options.surfaces) {
-    if (surface.name.empty()) {
-      WarnIfNoSurface(of_field, {surface.isovalue}, context);
-    }
-  }
-  WarnIfNoLabel(of_field, flags.label, context);
   isoscope::v1::ExportIsosurfaceRequest request = MakeRequest(flags, dataset.name());
   file_options.field = client::PinSelection(dataset, &request);
   const base::MonotonicTime start = base::MonotonicNow();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,
                             client::MeshWriter::Create(file_options));
+  std::optional<SurfaceCounter> counter;
   if (flags.has_filter()) {
     const std::string folder = std::filesystem::path(*flags.output).parent_path().string();
     SurfaceStores surfaces(folder.empty() ? "." : folder);
-    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), &surfaces, context));
+    counter.emplace(&surfaces);
+    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), &*counter, context));
     ISOSCOPE_RETURN_IF_ERROR(Filter(flags, surfaces, context));
     ISOSCOPE_RETURN_IF_ERROR(surfaces.Emit(writer.get()));
   } else {
-    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), writer.get(), context));
+    counter.emplace(writer.get());
+    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), &*counter, context));
   }
   ISOSCOPE_RETURN_IF_ERROR(writer->Finish());
   *context.out << *flags.output << ": " << FormatCount(writer->vertex_count()) << " vertices, "
                << FormatCount(writer->triangle_count()) << " triangles, "
                << FormatMebibytes(writer->size_bytes()) << ", in "
                << FormatElapsed(base::MonotonicNow() - start) << "\n";
-  return absl::OkStatus();
+  return WriteNotesOnMesh(request, *counter, session.get(), context);
 }
 
 Action RegisterExportFlags(FlagSet* set) {

@@ -4,8 +4,10 @@
 // point at each pixel. So --region is removed: pixels refer to the whole picture. --json prints one
 // object a pixel with the names of the API.
 
+#include <algorithm>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,12 +19,11 @@
 #include <nlohmann/json.hpp>
 
 #include "client-cli/commands/program.h"
-#include "client-cli/output/no_surface.h"
+#include "client-cli/commands/surface_notes.h"
 #include "client-cli/session/session.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/camera_file.h"
-#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/view_flags.h"
 #include "core/base/printable.h"
@@ -180,6 +181,25 @@ std::string DescribeValues(const v1::PickSurfaceRequest& request,
   return has_values ? absl::StrCat("\n", table.ToString(max_width)) : "";
 }
 
+// Tells why surfaces do not show, unless the pixels show all of them.
+absl::Status WriteNotesOnUnpicked(const v1::PickSurfaceRequest& request,
+                                  const v1::PickSurfaceResponse& response, Session* session,
+                                  const Context& context) {
+  std::set<int> picked;
+  for (const v1::PickedPoint& point : response.points()) {
+    if (point.is_hit()) {
+      picked.insert(point.surface_index());
+    }
+  }
+  if (static_cast<int>(picked.size()) >= std::max(request.frame().surfaces_size(), 1)) {
+    return absl::OkStatus();
+  }
+  return WriteNotesOf(
+      request.frame(),
+      [&](const v1::SurfaceNote& note) { return picked.count(note.surface_index()) == 0; }, session,
+      context);
+}
+
 absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.view.save_camera_file) {
@@ -199,9 +219,6 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
                                                  session->question_timeout(), &session->client(),
                                                  &of_frame.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(of_frame));
-  const v1::Dataset of_field = client::DatasetOfField(dataset, of_frame.selection);
-  WarnIfNoSurface(of_field, of_frame.isovalues(), context);
-  WarnIfNoLabel(of_field, of_frame.label, context);
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   v1::PickSurfaceRequest request;
@@ -235,7 +252,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
                  << DescribeLabelsOf(request, response, context.out_columns)
                  << DescribeValues(request, response, context.out_columns);
   }
-  return absl::OkStatus();
+  return WriteNotesOnUnpicked(request, response, session.get(), context);
 }
 
 Action RegisterPickFlags(FlagSet* set) {

@@ -19,11 +19,13 @@
 
 #include "client-cli/commands/program.h"
 #include "client-cli/commands/render_flags.h"
+#include "client-cli/commands/surface_notes.h"
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/frame_statistics.h"
-#include "client-cli/output/no_surface.h"
+#include "client-cli/output/note_lines.h"
 #include "client-cli/output/picture_output.h"
 #include "client-cli/output/trace_file.h"
+#include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/connection/png_metadata.h"
@@ -32,7 +34,6 @@
 #include "clients/cpp/picture_file/picture_scaling.h"
 #include "clients/cpp/picture_file/poster.h"
 #include "clients/cpp/request/camera_file.h"
-#include "clients/cpp/request/dataset_fields.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
@@ -73,6 +74,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
 struct Subject {
   v1::Dataset dataset;
   std::string picture_revision;
+  bool has_notes = false;  // the server knows notes on surfaces
 };
 
 absl::StatusOr<Subject> FindSubject(Session* session) {
@@ -83,6 +85,9 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                             session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = client::PictureRevisionOf(cluster, subject.dataset);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      subject.has_notes,
+      client::HasFeature("notes", session->question_timeout(), &session->client()));
   return subject;
 }
 
@@ -109,7 +114,8 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
       v1::RenderIsosurfaceResponse response,
       client::RenderFrame(request, session->frame_timeout(), &session->client()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - start),
-                     .statistics = response.statistics()});
+                     .statistics = response.statistics(),
+                     .notes = {response.notes().begin(), response.notes().end()}});
   if (trace_path) {
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
         *trace_path, TraceToJson(response.trace(), base::MonotonicNow() - start)));
@@ -253,11 +259,12 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   return client::WritePlanes(flags.planes.files, response);
 }
 
-// Returns the request of frame `i`, whose camera is `first`, rotated.
+// Returns the request of frame `i`, whose camera is `first`, rotated. `has_notes`: with notes.
 absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& flags,
                                                              const client::RequestFlags& of_frame,
                                                              const std::string& dataset,
-                                                             const v1::Camera& first, int i) {
+                                                             const v1::Camera& first, int i,
+                                                             bool has_notes) {
   ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
                             client::MakeRequest(of_frame, dataset, first, flags.view.fit));
   if (flags.sweep.is_step_sweep()) {
@@ -273,6 +280,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   client::AddLook(flags.look, &request);
   request.set_allow_partial(flags.allow_partial);
   request.set_dataset_id(flags.dataset_id.value_or(""));
+  request.set_with_notes(has_notes);
   if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -293,22 +301,19 @@ std::string DescribeResult(const RenderFlags& flags) {
 
 // Draws all frames and writes their pictures. Returns the last answer.
 absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags,
-                                                        const v1::Dataset& dataset,
+                                                        const Subject& subject,
                                                         const v1::Camera& camera, Session* session,
                                                         std::vector<FrameRecord>* frames,
                                                         PictureOutput* output,
                                                         const Context& context) {
   const int frame_count = flags.sweep.frame_count();
-  const v1::Dataset of_field = client::DatasetOfField(dataset, flags.request.selection);
   v1::RenderIsosurfaceResponse last;
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
     const client::RequestFlags of_frame = RequestOfFrame(flags.sweep, flags.request, i);
-    if (i == 0 || flags.sweep.is_isovalue_sweep()) {
-      WarnIfNoSurface(of_field, of_frame.isovalues(), context);
-    }
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
-                              MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
+                              MakeFrameRequest(flags, of_frame, subject.dataset.name(), camera, i,
+                                               subject.has_notes));
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
     if (i == 0 && flags.view.save_camera_file) {
@@ -334,9 +339,8 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
                                                  session->question_timeout(), &session->client(),
                                                  &flags.request.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count()));
-  WarnIfNoLabel(client::DatasetOfField(dataset, flags.request.selection), flags.request.label,
-                context);
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count(),
+                                      flags.request.has_sample_caps()));
   ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(dataset, &flags.sweep));
   if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
     flags.annotations.caption = "{time}";
@@ -344,19 +348,20 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   if (flags.is_poster()) {
-    WarnIfNoSurface(client::DatasetOfField(dataset, flags.request.selection),
-                    flags.request.isovalues(), context);
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const v1::RenderIsosurfaceRequest whole,
-        MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
-    return RunPoster(flags, whole, display, session, context);
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest whole,
+                              MakeFrameRequest(flags, flags.request, dataset.name(), camera,
+                                               /*i=*/0, /*has_notes=*/false));
+    ISOSCOPE_RETURN_IF_ERROR(RunPoster(flags, whole, display, session, context));
+    return WriteNotesOf(
+        whole, [](const v1::SurfaceNote&) { return true; }, session, context);
   }
   PictureOutput output = MakeOutput(flags, subject, context);
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse last,
-                            DrawFrames(flags, dataset, camera, session, &frames, &output, context));
+                            DrawFrames(flags, subject, camera, session, &frames, &output, context));
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, last, context));
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  WriteNotes(frames, context);
   WarnIfTruncated(frames, flags, context);
   WarnIfPartial(frames, context);
   if (flags.stats) {
@@ -374,6 +379,7 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   v1::RenderIsosurfaceRequest request = recorded.record.request;
   request.set_dataset(subject.dataset.name());
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
+  request.set_with_notes(subject.has_notes);
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
                             RenderFrame(request, flags.trace, session, &frames,
@@ -383,6 +389,7 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, response, context));
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  WriteNotes(frames, context);
   ISOSCOPE_ASSIGN_OR_RETURN(const client::PictureComparison comparison,
                             client::ComparePictures(recorded, response.png()));
   ISOSCOPE_ASSIGN_OR_RETURN(

@@ -180,7 +180,8 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count()));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count(),
+                                        flags.request.has_sample_caps()));
     const bool has_frames = flags.sweep.frame_count() > 1 || flags.sweep.is_step_sweep();
     if (flags.planes.files.any_plane() && has_frames) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
@@ -188,8 +189,10 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
     if (flags.trace && has_frames) {
       return UsageError("--trace is for one frame: leave --repeat and sweeps out");
     }
-    if (flags.annotations.has_legend && flags.look.color_by.empty()) {
-      return UsageError("--legend shows what the colours of --color-by mean: give that too");
+    if (flags.annotations.has_legend && flags.look.color_by.empty() &&
+        !flags.request.has_sample_caps()) {
+      return UsageError(
+          "--legend shows what the colours of --color-by and of --caps MAP mean: give one of them");
     }
     ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
     return CheckUsage(flags.sweep, flags.output.value_or(""));

@@ -34,13 +34,11 @@
 #include <sys/wait.h>
 
 #include "client-cli/commands/redirect_file.h"
-#include "client-cli/output/no_surface.h"
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "client-cli/terminal/terminal_viewer.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/label_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
@@ -172,9 +170,8 @@ struct FirstSurfaces {
 // Returns the isovalue to begin with. Without a histogram any value will do: the page can change
 // it.
 absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
-                                      Session* session, const Context& context) {
+                                      Session* session) {
   if (flags.isovalue) {
-    WarnIfNoSurface(dataset, {*flags.isovalue}, context);
     return *flags.isovalue;
   }
   v1::GetHistogramRequest request;
@@ -185,13 +182,12 @@ absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset&
 }
 
 absl::StatusOr<FirstSurfaces> ChooseSurfaces(const ViewFlags& flags, const v1::Dataset& dataset,
-                                             Session* session, const Context& context) {
+                                             Session* session) {
   FirstSurfaces first{.label = flags.label};
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
       dataset, /*selection=*/{}, session->question_timeout(), &session->client(), &first.label));
-  WarnIfNoLabel(client::DatasetOfField(dataset, /*selection=*/{}), first.label, context);
   if (flags.isovalue || flags.label.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(first.isovalue, ChooseIsovalue(flags, dataset, session, context));
+    ISOSCOPE_ASSIGN_OR_RETURN(first.isovalue, ChooseIsovalue(flags, dataset, session));
     ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(first.isovalue, /*surfaces=*/{},
                                                    /*color=*/std::nullopt, first.label));
   }
@@ -244,7 +240,7 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstSurfaces first,
-                            ChooseSurfaces(flags, dataset, session.get(), context));
+                            ChooseSurfaces(flags, dataset, session.get()));
   if (flags.is_in_terminal) {
     return RunTerminalViewer(dataset, first.isovalue.value_or(0),
                              flags.show.value_or(ShowMode::kAuto), session.get(), context);

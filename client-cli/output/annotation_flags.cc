@@ -18,7 +18,8 @@ void AddAnnotationFlags(FlagSet* set, client::Annotations* flags) {
                  "perspective camera it holds at the target's distance")
       .Group(group);
   set->AddSwitch("--legend", &flags->has_legend,
-                 "the colour map of --color-by with its range, at the right side")
+                 "the colour maps of --color-by and --caps MAP with their ranges, at the right "
+                 "side; with a swatch where the picture shows missing values (NaN)")
       .Group(group);
   AddFlag(
       set, "--caption", "TEXT", &flags->caption, ParseText,

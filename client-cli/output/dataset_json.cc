@@ -8,6 +8,7 @@
 #include "client-cli/output/dataset_json.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -45,7 +46,9 @@ std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
 // "1 x 2 x 3": the numbers of an array, joined.
 std::string Joined(const Json& array, absl::string_view separator) {
   return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
-    absl::StrAppend(out, element.dump());
+    // As JSON, an infinite number is null.
+    const bool is_infinite = element.is_number_float() && std::isinf(element.get<double>());
+    absl::StrAppend(out, is_infinite ? absl::StrCat(element.get<double>()) : element.dump());
   });
 }
 
@@ -74,6 +77,15 @@ void AddSamples(v1::SampleType type, bool has_range, double min, double max, Jso
   (*json)["value_range"] = has_range ? Json::array({min, max}) : Json(nullptr);
 }
 
+// Adds "finite_range" if a Dataset or a FieldComponent has one.
+template <typename Message>
+void AddFiniteRange(const Message& message, Json* json) {
+  if (message.has_finite_range()) {
+    (*json)["finite_range"] =
+        Json::array({message.finite_range().min(), message.finite_range().max()});
+  }
+}
+
 Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 // Adds "length_unit", "time_unit", "fields", "time_steps", as SeriesDirectoryToJson.
@@ -89,6 +101,7 @@ void AddFields(const v1::Dataset& dataset, Json* json) {
       Json of_component{{"name", component.name()}};
       AddSamples(component.sample_type(), component.has_value_range(),
                  component.value_range().min(), component.value_range().max(), &of_component);
+      AddFiniteRange(component, &of_component);
       of_component["max_gradient_magnitude"] = component.has_max_gradient_magnitude()
                                                    ? Json(component.max_gradient_magnitude())
                                                    : Json(nullptr);
@@ -159,6 +172,7 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   AddGeometry(dataset.geometry(), &json);
   AddSamples(dataset.sample_type(), dataset.has_value_range(), dataset.value_range().min(),
              dataset.value_range().max(), &json);
+  AddFiniteRange(dataset, &json);
   json["max_gradient_magnitude"] =
       dataset.has_max_gradient_magnitude() ? Json(dataset.max_gradient_magnitude()) : Json(nullptr);
   json["block_cells"] = ToJson(dataset.block_cells());

@@ -3,9 +3,12 @@
 #include <cmath>
 #include <cstddef>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
 #include "clients/cpp/request/json_text.h"
@@ -39,6 +42,13 @@ nlohmann::ordered_json AgentToJson(const v1::AgentStatistics& agent) {
   }
   json["address"] = agent.agent_address();
   return json;
+}
+
+// "outside_range", in snake_case without the prefix of the message.
+std::string NameOf(v1::SurfaceNote::Reason reason) {
+  constexpr absl::string_view kPrefix = "REASON_";
+  return absl::AsciiStrToLower(
+      absl::StripPrefix(v1::SurfaceNote::Reason_Name(reason), kPrefix));
 }
 
 nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
@@ -78,6 +88,11 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
       json["surfaces"].push_back({{"triangle_count", surface.triangle_count()},
                                   {"unique_vertex_count", surface.unique_vertex_count()}});
     }
+  }
+  for (const v1::SurfaceNote& note : frame.notes) {
+    json["notes"].push_back({{"surface_index", note.surface_index()},
+                             {"reason", NameOf(note.reason())},
+                             {"message", note.message()}});
   }
   json["agents"] = nlohmann::ordered_json::array();
   for (const v1::AgentStatistics& agent : statistics.agents()) {

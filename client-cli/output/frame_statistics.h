@@ -7,12 +7,14 @@
 #include <vector>
 
 #include "isoscope/v1/frame.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 
 struct FrameRecord {
   double wall_ms = 0;  // the client's clock around one request
   isoscope::v1::RenderStatistics statistics;
+  std::vector<isoscope::v1::SurfaceNote> notes = {};
 };
 
 // Returns {"frames": [...]}. Scripts depend on it: members may be added, never renamed or moved.

@@ -18,6 +18,7 @@
 #include "core/io/atomic_file.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/surface_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -60,6 +61,29 @@ std::string FieldTitle(const isoscope::v1::Dataset& dataset, const frame::ColorB
   return absl::StrCat(client::TitleOfField(dataset, field), unit.empty() ? "" : ", ", unit);
 }
 
+// How caps with a colour map were coloured, for a legend.
+absl::StatusOr<client::CapsColoring> CapsColoringOf(
+    const isoscope::v1::RenderIsosurfaceResponse& response, const isoscope::v1::Dataset& dataset) {
+  const isoscope::v1::CapsColoring& proto = response.caps_coloring();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const frame::ClipCaps caps,
+      rpc::ClipCapsFromProto(proto.caps(), "the response's caps_coloring.caps"));
+  const client::FieldValue field{response.selection().field(), response.selection().component()};
+  const std::string title = client::TitleOfField(dataset, field);
+  const std::string unit = client::UnitOfField(dataset, field);
+  client::CapsColoring coloring{
+      .map = caps.map.value_or(frame::ColorMap::kViridis),
+      .range = caps.range.value_or(frame::ColorRange()),
+      .title = absl::StrCat(title.empty() ? "samples" : title, " on cuts",
+                            unit.empty() ? "" : ", ", unit)};
+  if (proto.shows_nan()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        coloring.nan_color,
+        rpc::ColorFromProto(proto.nan_color(), "the response's caps_coloring.nan_color"));
+  }
+  return coloring;
+}
+
 // Draws the annotations of a frame over `*png`, and tells what the record says of that.
 absl::Status AnnotatePng(const client::Annotations& annotations,
                          const isoscope::v1::RenderIsosurfaceRequest& request,
@@ -89,8 +113,17 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
     ISOSCOPE_ASSIGN_OR_RETURN(
         const frame::ColorBy color_by,
         rpc::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
-    scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by,
-                               FieldTitle(dataset, color_by)});
+    client::SurfaceColoring& of_scene = scene.colorings.emplace_back();
+    of_scene = {static_cast<std::size_t>(coloring.surface_index()), color_by,
+                FieldTitle(dataset, color_by)};
+    if (coloring.shows_nan()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          of_scene.nan_color,
+          rpc::ColorFromProto(coloring.nan_color(), "the response's colorings.nan_color"));
+    }
+  }
+  if (response.has_caps_coloring()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(scene.caps_coloring, CapsColoringOf(response, dataset));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
   ISOSCOPE_ASSIGN_OR_RETURN(client::Annotated drawn,

@@ -19,6 +19,7 @@
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/io/file.h"
+#include "core/rpc/series_convert.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
 
@@ -71,6 +72,7 @@ ByComponent GatherOverSteps(const store::SeriesManifest& series) {
 
 Json FieldsToJson(const store::SeriesManifest& series) {
   ByComponent gathered = GatherOverSteps(series);
+  const isoscope::v1::Dataset served = rpc::ToProto(series);
   Json fields = Json::array();
   for (int i = 0; i < static_cast<int>(series.fields.size()); ++i) {
     const store::Field& field = series.fields[static_cast<std::size_t>(i)];
@@ -86,14 +88,19 @@ Json FieldsToJson(const store::SeriesManifest& series) {
       std::set_intersection(steps.begin(), steps.end(), over.steps.begin(), over.steps.end(),
                             std::back_inserter(common));
       steps = std::move(common);
-      json["components"].push_back(
-          {{"name", component.name},
-           {"sample_type", std::string(volume::NameOf(component.scalar_type))},
-           {"value_range", over.range.min <= over.range.max
-                               ? Json::array({over.range.min, over.range.max})
-                               : Json(nullptr)},
-           {"max_gradient_magnitude",
-            over.gradient.has_value() ? Json(*over.gradient) : Json(nullptr)}});
+      Json of_component{{"name", component.name},
+                        {"sample_type", std::string(volume::NameOf(component.scalar_type))},
+                        {"value_range", over.range.min <= over.range.max
+                                            ? Json::array({over.range.min, over.range.max})
+                                            : Json(nullptr)}};
+      if (const auto& component_served = served.fields(i).components(j);
+          component_served.has_finite_range()) {
+        const isoscope::v1::ValueRange& finite = component_served.finite_range();
+        of_component["finite_range"] = Json::array({finite.min(), finite.max()});
+      }
+      of_component["max_gradient_magnitude"] =
+          over.gradient.has_value() ? Json(*over.gradient) : Json(nullptr);
+      json["components"].push_back(std::move(of_component));
     }
     json["time_steps"] = steps;
     fields.push_back(std::move(json));

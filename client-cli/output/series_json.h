@@ -17,9 +17,9 @@ namespace isoscope::cli {
 //
 //   "length_unit", "time_unit"   null if unknown
 //   "fields"    [{"name", "long_name", "unit", "components": [{"name", "sample_type",
-//   "value_range",
-//               "max_gradient_magnitude"}], "time_steps"}]; ranges are over all steps; time_steps
-//               are the numbers of those at which the field is there with all components
+//               "value_range", "finite_range", "max_gradient_magnitude"}], "time_steps"}]; ranges
+//               are over all steps; finite_range as in DatasetToJson; time_steps are the numbers of
+//               those at which the field is there with all components
 //   "time_steps"        [{"number", "value"}]; empty: one step without a time
 //   "missing_volumes"   [{"field", "component", "step", "shards"}]: the shards of this folder that
 //                       lack the volume; all if the series has none

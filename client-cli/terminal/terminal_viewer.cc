@@ -25,6 +25,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include <nlohmann/json.hpp>
 
@@ -33,6 +34,7 @@
 #include "client-cli/terminal/terminal_picture.h"
 #include "client-cli/terminal/view_controls.h"
 #include "client-cli/terminal/viewer_layout.h"
+#include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/service_client.h"
 #include "core/base/cancellation.h"
 #include "core/base/monotonic_time.h"
@@ -146,11 +148,20 @@ class Tty {
   const int fd_;
 };
 
+// The notes of a frame, with semicolons between.
+std::string NotesOf(const v1::RenderIsosurfaceResponse& frame) {
+  return absl::StrJoin(frame.notes(), "; ", [](std::string* out, const v1::SurfaceNote& note) {
+    absl::StrAppend(out, note.message());
+  });
+}
+
 class Viewer {
  public:
-  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, double isovalue, int tty,
-         const PictureTerminal& terminal, client::InteractStream* stream)
+  // has_notes: the server tells why surfaces do not show
+  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, double isovalue, bool has_notes,
+         int tty, const PictureTerminal& terminal, client::InteractStream* stream)
       : dataset_name_(dataset.name()),
+        has_notes_(has_notes),
         tty_(tty),
         stream_(stream),
         controls_(volume, isovalue),
@@ -177,6 +188,7 @@ class Viewer {
   }
 
   const std::string dataset_name_;
+  const bool has_notes_;
   const int tty_;
   client::InteractStream* const stream_;
   ViewControls controls_;
@@ -188,7 +200,7 @@ class Viewer {
   SentStates sent_;
   std::optional<v1::InteractResponse> last_;
   std::optional<absl::Duration> latency_;  // of last_
-  std::string message_;                    // error of the last frame
+  std::string message_;                    // error of the last frame, or its notes
   int image_number_ = 1;
   bool shows_help_ = false;
   bool is_done_ = false;
@@ -203,6 +215,7 @@ v1::RenderIsosurfaceRequest Viewer::Frame() const {
   frame.mutable_viewport()->set_width_px(layout_.viewport.width_px);
   frame.mutable_viewport()->set_height_px(layout_.viewport.height_px);
   frame.set_culling(v1::CULLING_DEPTH);
+  frame.set_with_notes(has_notes_);
   return frame;
 }
 
@@ -266,7 +279,7 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
   }
   const base::MonotonicTime start = base::MonotonicNow();
   const std::int64_t frame_number = newest->frame_number();
-  message_ = newest->has_error() ? newest->error().message() : "";
+  message_ = newest->has_error() ? newest->error().message() : NotesOf(newest->frame());
   if (newest->has_frame()) {
     latency_ = sent_.TakeLatency(newest->sequence_number(), start);
     last_ = std::move(newest);
@@ -413,10 +426,15 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
                               volume::PatientFrame::FromName(dataset.patient_frame()));
   }
   if (dataset.has_value_range()) {
-    volume.values = {dataset.value_range().min(), dataset.value_range().max()};
+    const v1::ValueRange& values =
+        dataset.has_finite_range() ? dataset.finite_range() : dataset.value_range();
+    volume.values = {values.min(), values.max()};
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const bool has_notes,
+      client::HasFeature("notes", session->question_timeout(), &session->client()));
   const std::unique_ptr<client::InteractStream> stream = session->client().Interact();
-  Viewer viewer(dataset, volume, isovalue, tty.fd(), *terminal, stream.get());
+  Viewer viewer(dataset, volume, isovalue, has_notes, tty.fd(), *terminal, stream.get());
   const absl::Status status = viewer.Run(context.interrupt->cancellation());
   const absl::Status of_stream = stream->Finish();
   ISOSCOPE_RETURN_IF_ERROR(status);

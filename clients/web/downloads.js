@@ -74,7 +74,7 @@ export function listenToDownloads(series) {
   page.savePng.onclick = () => {
     const state = series.pinned(shown.getState());
     /** @type {FrameRequest} */
-    const request = { ...state, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
+    const request = { ...state, withNotes: undefined, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
       samples: Number(page.saveSamples.value) };
     if (page.transparent.checked) {
       request.backgroundColor = { red: 0, green: 0, blue: 0, alpha: 0 };

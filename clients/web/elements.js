@@ -46,6 +46,7 @@ export const page = {
   map: byId('map', HTMLSelectElement), rangeMin: byId('range-min', HTMLInputElement),
   rangeMax: byId('range-max', HTMLInputElement), opacityMin: byId('opacity-min', HTMLInputElement),
   opacityMax: byId('opacity-max', HTMLInputElement), caps: byId('caps', HTMLSelectElement), background: byId('background', HTMLInputElement),
+  nanColor: byId('nan-color', HTMLInputElement), nanDefault: byId('nan-default', HTMLButtonElement), notes: byId('notes', HTMLElement),
   lights: byId('lights', HTMLSelectElement), occlusion: byId('occlusion', HTMLInputElement),
   silhouette: byId('silhouette', HTMLInputElement), samples: byId('samples', HTMLSelectElement),
   parallel: byId('parallel', HTMLInputElement), box: byId('box', HTMLInputElement), clip: byId('clip', HTMLElement),

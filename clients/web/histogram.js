@@ -4,7 +4,7 @@
 import { afterKey, byId, describeSlider, page, svg } from './elements.js';
 import { MAX_SURFACES, asShown, isOfLabels } from './label-sets.js';
 import { say } from './messages.js';
-import { change, client, redraw, samplesOf, shown } from './page-view.js';
+import { change, client, finiteRangeOf, redraw, shown } from './page-view.js';
 import { histogramWords } from './series.js';
 import { PALETTE, format, fromHex, toHex } from './values.js';
 
@@ -18,7 +18,7 @@ let histogramOf = '';
 export function suggestedIsovalue(dataset, selection) {
   const suggestions = histogram?.suggestions ?? [];
   const best = suggestions.find((/** @type {any} */ one) => one.method === 'METHOD_BETWEEN_CLASSES') ?? suggestions[0];
-  const { min = 0, max = 1 } = samplesOf(dataset, selection).valueRange ?? {};
+  const { min = 0, max = 1 } = finiteRangeOf(dataset, selection) ?? {};
   return best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2;
 }
 
@@ -75,7 +75,7 @@ const CHART = { width: 294, height: 132, left: 6, right: 6, top: 16, bottom: 18 
 function valueRange() {
   // A field has its range over all steps, so that a surface's line stands still during play.
   const bins = (shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [];
-  const { min = 0, max = 1 } = samplesOf(shown.dataset, shown.state.selection).valueRange ?? {};
+  const { min = 0, max = 1 } = finiteRangeOf(shown.dataset, shown.state.selection) ?? {};
   const low = bins.length > 0 ? Number(bins[0].min ?? 0) : Number(min);
   const high = bins.length > 0 ? Number(bins.at(-1).max ?? 0) : Number(max);
   return high > low ? { min: low, max: high } : { min: low - 0.5, max: low + 0.5 };
@@ -176,7 +176,7 @@ function addSurface(isovalue) {
   }
   const isClear = surfaces.some((/** @type {any} */ surface) => isovalue < (surface.isovalue ?? 0));
   surfaces.push({ isovalue, color: fromHex(color, isClear ? 0.4 : 1), ...(surfaces[0]?.colorBy ? { colorBy: surfaces[0].colorBy } : {}) });
-  change({ surfaces: asShown([...surfaces, ...all.filter(isOfLabels)], samplesOf(shown.dataset, shown.state.selection).valueRange) });
+  change({ surfaces: asShown([...surfaces, ...all.filter(isOfLabels)], finiteRangeOf(shown.dataset, shown.state.selection)) });
 }
 
 /** Adds a surface at a suggestion that has none near it, else above the others. */

@@ -9,14 +9,14 @@ import { byId, make, page } from './elements.js';
 import { changeSurface } from './histogram.js';
 import { MAX_SURFACES, allLabels, asShown, colorOfLabel, indexOfLabel, isOfLabels, labelsOf, nameOfLabels, valuesOfText, withLabels } from './label-sets.js';
 import { say } from './messages.js';
-import { change, samplesOf, shown } from './page-view.js';
+import { change, finiteRangeOf, shown } from './page-view.js';
 import { fromHex, percent, toHex } from './values.js';
 
 /** More rows make the page slow; the field below the list takes every label. */
 const MAX_ROWS = 500;
 
 const surfacesNow = () => shown.state.surfaces ?? [];
-const rangeNow = () => samplesOf(shown.dataset, shown.state.selection).valueRange;
+const rangeNow = () => finiteRangeOf(shown.dataset, shown.state.selection);
 
 /** @param {number[]} values */
 function addLabels(values) {

@@ -4,12 +4,12 @@
 import { COLOR_MAP_POINTS } from './color-maps.js';
 import { make, page } from './elements.js';
 import { basisOf } from './isoscope-view.js';
-import { isOfLabels } from './label-sets.js';
-import { say } from './messages.js';
-import { change, shown } from './page-view.js';
-import { titleOfColoring } from './series.js';
+import { isNothing, isOfLabels } from './label-sets.js';
+import { announcer, say } from './messages.js';
+import { change, finiteRangeOf, shown } from './page-view.js';
+import { legendOf } from './series.js';
 import { format, fromHex, percent, toHex } from './values.js';
-import { COLOR_MAPS, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, stateToHash } from './view-state.js';
+import { COLOR_MAPS, defaultNanColor, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, stateToHash } from './view-state.js';
 
 /** @param {boolean} [isMoving] */
 function changeColorBy(isMoving) {
@@ -34,6 +34,8 @@ function changeColorBy(isMoving) {
   change({ surfaces }, isMoving === true);
 }
 
+/** @typedef {import('./series.js').LegendEntry} LegendEntry */
+
 /** @type {Record<string, any[] | undefined>} */
 const LIGHTS = {
   head: undefined,
@@ -55,6 +57,8 @@ export function listenToLook() {
   };
   page.map.onchange = page.rangeMin.onchange = page.rangeMax.onchange = () => changeColorBy();
   page.opacityMin.oninput = page.opacityMax.oninput = () => changeColorBy(true);
+  page.nanColor.oninput = () => change({ nanColor: fromHex(page.nanColor.value) }, true);
+  page.nanDefault.onclick = () => change({ nanColor: undefined });
   page.background.oninput = () => change({ backgroundColor: fromHex(page.background.value) }, true);
   page.lights.onchange = () => change({ lights: LIGHTS[page.lights.value] });
   page.occlusion.onchange = () => change({ ambientOcclusion: page.occlusion.checked ? { radiusPx: 32 } : undefined });
@@ -89,6 +93,11 @@ export function drawLook() {
     input.value = String(opacity);
     input.setAttribute('aria-valuetext', percent(opacity));
   }
+  const showsSamples = Boolean(state.caps?.colorMap) ||
+    (state.surfaces ?? []).some((/** @type {any} */ { colorBy: one }) => one?.quantity === 'QUANTITY_FIELD');
+  document.querySelectorAll('[data-for=nan]').forEach((row) => { /** @type {HTMLElement} */ (row).hidden = !showsSamples; });
+  page.nanColor.value = state.nanColor ? toHex(state.nanColor) : defaultNanColor(state.caps?.colorMap ?? colorBy?.colorMap);
+  page.nanDefault.disabled = !state.nanColor;
   page.background.value = toHex(state.backgroundColor);
   const words = lightWords(state.lights);
   page.lights.value = Object.keys(LIGHTS).find((name) => lightWords(LIGHTS[name]) === words) ?? 'custom';
@@ -99,29 +108,60 @@ export function drawLook() {
   page.parallel.checked = (shown.camera?.height ?? 0) > 0;
 }
 
-let legendDrawn = 'null';
-/** @param {any} frame of the response */
-export function drawLegend(frame) {
-  const coloring = (frame?.colorings ?? [])[0]?.colorBy;
-  const words = JSON.stringify(coloring?.range ? coloring : null);
-  if (words === legendDrawn) {
-    return;
-  }
-  legendDrawn = words;
-  page.legend.hidden = !coloring?.range;
-  if (!coloring?.range) {
-    return;
-  }
-  const [title, canvas, top, bottom] = page.legend.children;
-  title.textContent = titleOfColoring(coloring, shown.dataset);
-  top.textContent = format(Number(coloring.range.max ?? 0), 4);
-  bottom.textContent = format(Number(coloring.range.min ?? 0), 4);
-  const context = /** @type {HTMLCanvasElement} */ (canvas).getContext('2d');
-  const points = COLOR_MAP_POINTS[colorMapFromJson(coloring.colorMap)] ?? [];
+/** @param {LegendEntry} entry */
+function barOf({ title, colorMap, range, nan }) {
+  const canvas = /** @type {HTMLCanvasElement} */ (make('canvas', { width: 12, height: 160 }));
+  const context = canvas.getContext('2d');
+  const points = COLOR_MAP_POINTS[colorMapFromJson(colorMap)] ?? [];
   if (context) {
     const gradient = context.createLinearGradient(0, 160, 0, 0);
     points.forEach((color, i) => gradient.addColorStop(i / (points.length - 1), color));
     context.fillStyle = gradient;
     context.fillRect(0, 0, 12, 160);
+  }
+  const bar = make('div', { className: 'legend' }, make('span', {}, title), canvas,
+    make('b', {}, format(Number(range.max ?? 0), 4)), make('em', {}, format(Number(range.min ?? 0), 4)));
+  if (nan) {
+    const swatch = make('i', {});
+    swatch.style.background = nan;
+    bar.append(swatch, make('small', {}, 'no data'));
+  }
+  return bar;
+}
+
+let legendDrawn = '[]';
+/** @param {any} frame of the response */
+export function drawLegend(frame) {
+  const entries = legendOf(frame, shown.dataset);
+  const words = JSON.stringify(entries);
+  if (words !== legendDrawn) {
+    legendDrawn = words;
+    page.legend.hidden = entries.length === 0;
+    page.legend.replaceChildren(...entries.map(barOf));
+  }
+}
+
+let notesDrawn = '';
+/**
+ * Shows why surfaces do not show. Only exact pictures have notes; the last ones stay while the picture moves.
+ * @param {any} frame of the response @param {boolean} isExact
+ */
+export function drawNotes(frame, isExact) {
+  if (!frame || !isExact) {
+    return;
+  }
+  const { surfaces = [], selection } = shown.state;
+  const notes = (frame.notes ?? []).filter((/** @type {any} */ note) => {
+    const surface = surfaces[note.surfaceIndex ?? 0];
+    return !surface || !isNothing(surface, finiteRangeOf(shown.dataset, selection));
+  });
+  const text = notes.map((/** @type {any} */ { message }) => message).join('\n');
+  if (text !== notesDrawn) {
+    notesDrawn = text;
+    page.notes.textContent = text;
+    page.notes.hidden = text === '';
+    if (text) {
+      announcer.say(text);
+    }
   }
 }

@@ -100,6 +100,15 @@ export const unit = () => ` ${lengthUnitOf(shown.dataset)}`.trimEnd();
  */
 export const samplesOf = (dataset, selection) => choiceOf(dataset, selection)?.component ?? dataset ?? {};
 
+/**
+ * The range of their finite values; undefined if there are none.
+ * @param {any} dataset @param {any} selection
+ */
+export function finiteRangeOf(dataset, selection) {
+  const { finiteRange, valueRange } = samplesOf(dataset, selection);
+  return finiteRange ?? valueRange;
+}
+
 /** Draws all controls; page.js sets it. @type {() => void} */
 let drawControls = () => {};
 /** @param {() => void} draw what `redraw` calls */

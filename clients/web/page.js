@@ -17,7 +17,7 @@ import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, sugge
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
 import { withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
-import { drawLegend, drawLook, listenToLook } from './look.js';
+import { drawLegend, drawLook, drawNotes, listenToLook } from './look.js';
 import { say } from './messages.js';
 import { client, drawControlsBy, redraw, shown, start, stateOfAddress, theme } from './page-view.js';
 import { clearPoints, listenToPoints } from './points.js';
@@ -72,6 +72,8 @@ window.addEventListener('hashchange', () => {
 
 /** @type {any[]} */
 let datasets = [];
+/** Whether the coordinator tells why surfaces do not show; older ones refuse the question. */
+let hasNotes = false;
 
 /** @param {any} dataset */
 function factsOf(dataset) {
@@ -96,6 +98,7 @@ function labelOf(name, datasets) {
 async function loadDatasets() {
   try {
     datasets = (await client.get('v1/datasets')).datasets ?? [];
+    hasNotes = ((await client.get('v1/capabilities')).features ?? []).includes('notes');
   } catch (error) {
     say(/** @type {Error} */ (error).message, true);
     return;
@@ -134,7 +137,7 @@ async function open(state, problems) {
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
-  shown.setState(filled);
+  shown.setState({ ...filled, ...(hasNotes ? { withNotes: true } : {}) });
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -189,6 +192,7 @@ shown.addEventListener('frame', (event) => {
     addCost(header.frame.statistics);
   }
   drawLegend(header.frame);
+  drawNotes(header.frame, Boolean(header.isExact));
   series.frameShown(header.frame);
   pillChanged();
 });

@@ -7,6 +7,7 @@
 // Steps have numbers, which never change; the slider counts the steps that are served of the field.
 // @ts-check
 
+import { toHex } from './values.js';
 import { fieldToWord, quantityFromJson } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
@@ -399,6 +400,31 @@ export class SeriesControls {
     }
     event.preventDefault();
   }
+}
+
+/** @typedef {{title: string, colorMap: any, range: any, nan: string}} LegendEntry `nan`: "" where the picture has none */
+
+/**
+ * The bars of the legend: of each colouring with a map, once, and of cuts that show samples.
+ * @param {any} frame of the response @param {any} dataset @returns {LegendEntry[]}
+ */
+export function legendOf(frame, dataset) {
+  /** @type {Map<string, LegendEntry>} */
+  const entries = new Map();
+  for (const { colorBy, nanColor, showsNan } of frame?.colorings ?? []) {
+    if (colorBy?.range) {
+      const key = JSON.stringify(colorBy);
+      const nan = showsNan ? toHex(nanColor) : '';
+      entries.set(key, { title: titleOfColoring(colorBy, dataset), colorMap: colorBy.colorMap, range: colorBy.range,
+        nan: nan || (entries.get(key)?.nan ?? '') });
+    }
+  }
+  const { caps, nanColor, showsNan } = frame?.capsColoring ?? {};
+  if (caps?.range) {
+    const title = choiceOf(dataset, frame.selection)?.label ?? 'samples';
+    entries.set('caps', { title: `${title} on cuts`, colorMap: caps.colorMap, range: caps.range, nan: showsNan ? toHex(nanColor) : '' });
+  }
+  return [...entries.values()];
 }
 
 /**

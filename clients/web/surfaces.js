@@ -6,7 +6,7 @@ import { make, page } from './elements.js';
 import { changeSurface } from './histogram.js';
 import { isNothing, isOfLabels, labelsOf, nameOfLabels } from './label-sets.js';
 import { removeSurface } from './labels.js';
-import { samplesOf, shown } from './page-view.js';
+import { finiteRangeOf, shown } from './page-view.js';
 import { PALETTE, fromHex, percent, toHex } from './values.js';
 
 /**
@@ -14,7 +14,7 @@ import { PALETTE, fromHex, percent, toHex } from './values.js';
  * @param {any} surface
  */
 function isListed(surface) {
-  return !isOfLabels(surface) || !isNothing(surface, samplesOf(shown.dataset, shown.state.selection).valueRange) &&
+  return !isOfLabels(surface) || !isNothing(surface, finiteRangeOf(shown.dataset, shown.state.selection)) &&
     !(surface.labels.length === 1 && labelsOf(shown.dataset).some((label) => (label.value ?? 0) === surface.labels[0]));
 }
 

@@ -20,6 +20,11 @@ const QUANTITIES = {
 export const colorMapToJson = (name) => `COLOR_MAP_${name.toUpperCase().replace('-', '_')}`;
 /** @param {string | undefined} json */
 export const colorMapFromJson = (json) => (json ?? 'COLOR_MAP_VIRIDIS').replace('COLOR_MAP_', '').toLowerCase().replace('_', '-');
+/**
+ * The colour of missing samples, unless a state has one: purple beside maps that have this grey.
+ * @param {string | undefined} json of the map
+ */
+export const defaultNanColor = (json) => ['grey', 'cividis'].includes(colorMapFromJson(json)) ? '#800080' : '#808080';
 /** @param {string | undefined} json */
 export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) => QUANTITIES[name] === json) ?? 'none';
 /** @param {string} name */
@@ -111,6 +116,9 @@ const FLAG_VALUES = {
     const { colorMap, range } = caps ?? {};
     return !caps ? [] : colorMap ? [`${colorMapFromJson(colorMap)}${range ? `:${range.min ?? 0},${range.max ?? 0}` : ''}`] : [''];
   },
+  // Only where it means something: `isoscope render` refuses it elsewhere.
+  'nan-color': ({ nanColor, caps, surfaces }) => nanColor && (caps?.colorMap ||
+    (surfaces ?? []).some((/** @type {any} */ { colorBy }) => colorBy?.quantity === 'QUANTITY_FIELD')) ? [rgb(nanColor)] : [],
   light: ({ lights }) => (lights ?? []).map((/** @type {any} */ { direction, intensity, color }) =>
     `${vec(direction)}:${intensity ?? 1}${color ? `:${rgb(color)}` : ''}`),
   'light-space': ({ lights }) => lights?.[0]?.space === 'SPACE_WORLD' ? ['world'] : [],
@@ -357,6 +365,10 @@ const WORDS = {
   'max-layers': (link, value) => {
     const layers = link.numbers('max-layers', value, 1);
     link.state.maxLayers = layers ? Math.round(layers[0]) : undefined;
+  },
+  'nan-color': (link, value) => {
+    const color = link.color('nan-color', value);
+    link.state.nanColor = color ? { ...color, alpha: 1 } : undefined;
   },
   background: (link, value) => { link.state.backgroundColor = link.color('background', value) ?? undefined; },
 };

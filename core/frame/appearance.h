@@ -30,6 +30,13 @@ inline constexpr float kMaxLightIntensity = 10;
 
 enum class ColorMap { kViridis, kMagma, kCividis, kTurbo, kCoolWarm, kGrey };
 
+// Returns the colour of missing values (NaN), unless a frame has its own: grey, or purple beside a
+// map that has this grey.
+constexpr image::Rgba8 DefaultNanColor(ColorMap map) {
+  return map == ColorMap::kGrey || map == ColorMap::kCividis ? image::Rgba8{128, 0, 128, 255}
+                                                             : image::Rgba8{128, 128, 128, 255};
+}
+
 // min < max, both finite.
 struct ColorRange {
   double min = 0;
@@ -38,7 +45,8 @@ struct ColorRange {
   friend bool operator==(const ColorRange&, const ColorRange&) = default;
 };
 
-// Returns the range of a map over samples in [min, max], which may be infinite or one value.
+// Returns the range of a map over samples in [min, max], which may be one value. REQUIRES: both are
+// finite.
 ColorRange ColorRangeOfSamples(double min, double max);
 
 // The quantity that the colour of a surface shows, in place of its base colour.
@@ -55,7 +63,7 @@ struct ColorBy {
   Quantity quantity = Quantity::kPositionX;
   ColorMap map = ColorMap::kViridis;  // not of kNormal
   // Not of kNormal. Not set: the volume's box, 0 to the dataset's bound of the gradient, or the
-  // range of the field over all steps.
+  // range of the field's finite samples over all steps.
   std::optional<ColorRange> range = std::nullopt;
   // Opacities at the ends of the map, in [0, 1]; ignored for kNormal.
   float opacity_at_min = 1;
@@ -72,7 +80,8 @@ struct ColorBy {
 // How the cuts of a clip region through the inside of opaque surfaces are filled.
 struct ClipCaps {
   std::optional<ColorMap> map = std::nullopt;      // not set: the look of the surface
-  std::optional<ColorRange> range = std::nullopt;  // not set: that of the dataset's samples
+  // Not set: that of the drawn field's finite samples, over all steps.
+  std::optional<ColorRange> range = std::nullopt;
 
   friend bool operator==(const ClipCaps&, const ClipCaps&) = default;
 };

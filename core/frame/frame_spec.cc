@@ -43,8 +43,7 @@ std::string TextOf(const std::vector<volume::InsideRule>& rules) {
 }
 
 std::size_t OwnerSurfaceCount(const FrameSpec& spec) {
-  const bool has_maps = spec.caps.has_value() && spec.caps->map.has_value();
-  return spec.surfaces.size() * (has_maps ? 2 : 1);
+  return spec.surfaces.size() * (HasSampleCaps(spec) ? 2 : 1);
 }
 
 absl::Status CheckOwners(std::size_t surface_count, std::int64_t block_count) {

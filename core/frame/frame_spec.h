@@ -70,7 +70,9 @@ struct FrameSpec {
   int max_layers = kDefaultLayers;
   std::vector<Light> lights;  // at most kMaxLights; none: the head light
   std::uint64_t ray_seed = 0;
-  // Only the coordinator reads these two.
+  // Only the coordinator reads these three. Missing values (NaN) that a colour map would show have
+  // this colour; not set: DefaultNanColor of the map.
+  std::optional<image::Rgba8> nan_color;
   OutputSpec output;
   PictureEffects effects;
   // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
@@ -93,6 +95,14 @@ bool HasLayers(const FrameSpec& spec);
 
 // Whether a surface shows values of vertices.
 bool ShowsValues(const FrameSpec& spec);
+// Whether caps show samples through a colour map.
+inline bool HasSampleCaps(const FrameSpec& spec) {
+  return spec.caps.has_value() && spec.caps->map.has_value();
+}
+// Returns the colour of missing values (NaN) beside the colours of a map.
+inline image::Rgba8 NanColorOf(const FrameSpec& spec, ColorMap map) {
+  return spec.nan_color.value_or(DefaultNanColor(map));
+}
 // Returns the back end that draws a frame on agents of `of_agents`: the CPU draws values. It
 // decides the frame's tie rule and the margin of its caps.
 inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {

@@ -13,7 +13,7 @@ namespace isoscope::frame {
 // Raise it with every change of code that can change a pixel for an unchanged request: extraction,
 // normals, projection, rasterising, shading, the order of fragments. docs/numerics.md lists what
 // each revision changed.
-inline constexpr int kPictureRevisionNumber = 3;
+inline constexpr int kPictureRevisionNumber = 4;
 
 enum class BackEnd { kCpu, kEgl };
 
@@ -26,7 +26,7 @@ struct PictureRevision {
   friend bool operator==(const PictureRevision&, const PictureRevision&) = default;
 };
 
-// Returns "3 cpu", "3 egl (llvmpipe ..., OpenGL 4.5 ...)", for messages and logs.
+// Returns "4 cpu", "4 egl (llvmpipe ..., OpenGL 4.5 ...)", for messages and logs.
 std::string ToString(const PictureRevision& revision);
 
 // OpenGL settles fragments of equal depth before their colours can be compared.

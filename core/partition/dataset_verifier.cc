@@ -220,6 +220,7 @@ class Verifier {
            manifest.distribution == store::Distribution::kRandom && manifest.seed == series.seed &&
            manifest.scalar_type == component.scalar_type &&
            manifest.value_range == volume.value_range &&
+           manifest.finite_range == volume.finite_range &&
            manifest.max_gradient_magnitude == volume.max_gradient_magnitude;
   }
 

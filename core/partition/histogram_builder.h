@@ -41,8 +41,8 @@ class HistogramBuilder {
   // Counts the samples that belong to these blocks of one shard (volume::CountedSamplesOf).
   // Thread-safe. REQUIRES: their finite samples are covered; as SpanOfBlock.
   void Count(int shard, absl::Span<const volume::BlockId> ids, const Slab& slab);
-  // The span of all finite samples that were covered; 0 has no sign.
-  [[nodiscard]] volume::ScalarSpan range() const { return {range_.min + 0.0, range_.max + 0.0}; }
+  // Returns the range that the bins cover: of all finite samples so far; empty if there are none.
+  [[nodiscard]] const volume::ScalarSpan& finite_range() const { return range_; }
   // Returns the histogram of a shard.
   [[nodiscard]] volume::SampleHistogram Get(int shard) const;
 

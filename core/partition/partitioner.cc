@@ -225,6 +225,9 @@ class Partitioner {
     }
     writing.wait();
     ISOSCOPE_RETURN_IF_ERROR(written);
+    const volume::ScalarSpan total = ranges.Total();
+    value_range_.min = std::min(value_range_.min, total.min);
+    value_range_.max = std::max(value_range_.max, total.max);
     return range_writer_->Append(ranges);
   }
 
@@ -243,7 +246,10 @@ class Partitioner {
     manifest.patient_frame = source_.patient_frame();
     manifest.labels = options_.labels;
     manifest.scalar_type = type_;
-    manifest.value_range = cutter_->histograms().range();
+    manifest.value_range = value_range_;
+    if (value_range_.min <= value_range_.max && !volume::IsFinite(value_range_)) {
+      manifest.finite_range = cutter_->histograms().finite_range();
+    }
     manifest.max_gradient_magnitude = cutter_->max_gradient_magnitude();
     manifest.block_cells = layout_.block_cells();
     manifest.distribution = options_.distribution;
@@ -279,7 +285,8 @@ class Partitioner {
   std::optional<BatchCutter> cutter_;
   std::optional<ShardSet> shards_;
   std::unique_ptr<store::RangeTableWriter> range_writer_;
-  SamplesDigest samples_digest_;  // of the portions so far
+  volume::ScalarSpan value_range_;  // of the portions so far
+  SamplesDigest samples_digest_;    // of the portions so far
 };
 
 }  // namespace

@@ -26,6 +26,18 @@ void AppendVector(const math::Vec3d& vector, std::string* out) {
 
 }  // namespace
 
+DigestSum SumOf(const DigestSum& a, const DigestSum& b) {
+  DigestSum sum{};
+  std::uint64_t carry = 0;
+  for (std::size_t i = 0; i < sum.size(); ++i) {
+    const std::uint64_t with_carry = a[i] + carry;
+    carry = with_carry < carry ? 1 : 0;
+    sum[i] = with_carry + b[i];
+    carry += static_cast<std::uint64_t>(sum[i] < with_carry);
+  }
+  return sum;
+}
+
 // Kept between rows, because making it costs more than hashing a row.
 struct SamplesDigest::Hash {
   Hash() { ISOSCOPE_CHECK(context != nullptr && algorithm != nullptr); }
@@ -67,15 +79,7 @@ void SamplesDigest::AddRow(std::int64_t y, std::int64_t z, absl::string_view sam
   Add(row);
 }
 
-void SamplesDigest::Add(const SamplesDigest& other) {
-  std::uint64_t carry = 0;
-  for (std::size_t i = 0; i < sum_.size(); ++i) {
-    const std::uint64_t with_carry = sum_[i] + carry;
-    carry = with_carry < carry ? 1 : 0;
-    sum_[i] = with_carry + other.sum_[i];
-    carry += static_cast<std::uint64_t>(sum_[i] < with_carry);
-  }
-}
+void SamplesDigest::Add(const SamplesDigest& other) { sum_ = SumOf(sum_, other.sum_); }
 
 std::string SamplesDigest::Finish(const volume::GridGeometry& geometry,
                                   volume::ScalarType type) const {

@@ -16,6 +16,12 @@
 
 namespace isoscope::partition {
 
+// A number below 2^256, lowest word first.
+using DigestSum = std::array<std::uint64_t, 4>;
+
+// Returns a + b modulo 2^256.
+DigestSum SumOf(const DigestSum& a, const DigestSum& b);
+
 // A sum of the digests of rows: rows may come in any order, and the sums of several threads may be
 // added. Two different volumes have the same digest with a chance of 2^-128, unless somebody
 // searches for such a pair. Thread-compatible.
@@ -38,8 +44,8 @@ class SamplesDigest {
  private:
   struct Hash;  // OpenSSL's
 
-  std::array<std::uint64_t, 4> sum_{};  // modulo 2^256, lowest word first
-  std::unique_ptr<Hash> hash_;          // made for the first row
+  DigestSum sum_{};
+  std::unique_ptr<Hash> hash_;  // made for the first row
 };
 
 }  // namespace isoscope::partition

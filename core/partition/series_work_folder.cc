@@ -237,6 +237,7 @@ absl::StatusOr<store::ScalarVolume> SeriesWorkFolder::Describe(
   volume.key = key;
   volume.dataset_id = std::move(manifest.dataset_id);
   volume.value_range = manifest.value_range;
+  volume.finite_range = manifest.finite_range;
   volume.max_gradient_magnitude = manifest.max_gradient_magnitude;
   return volume;
 }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 #include "core/frame/appearance.h"
 #include "core/image/fragment.h"
@@ -16,6 +17,10 @@ namespace isoscope::picture {
 // Opaque colours, from the least value to the greatest.
 inline constexpr std::size_t kColorMapSteps = 256;
 using ColorMapTable = std::array<image::Rgba8, kColorMapSteps>;
+
+// Stands for the colour of a cap where its sample is missing (NaN). The coordinator knows the true
+// one. No map has it, because the colours of maps are opaque.
+inline constexpr image::Rgba8 kNoSample{0, 0, 0, 0};
 
 // Returns the colours of a map, the same on every machine. Thread-safe.
 const ColorMapTable& ColorMapTableOf(frame::ColorMap map);
@@ -36,6 +41,14 @@ inline float OpacityOf(const frame::ColorBy& color_by, std::size_t step) {
   }
   const float share = static_cast<float>(step) / static_cast<float>(kColorMapSteps - 1);
   return color_by.opacity_at_min + (color_by.opacity_at_max - color_by.opacity_at_min) * share;
+}
+
+// Returns the step whose opacity missing values (NaN) have: that of the more opaque end, so that they
+// are never fainter than all that has a value.
+inline std::uint8_t StepOfNan(const frame::ColorBy& color_by) {
+  return color_by.opacity_at_min > color_by.opacity_at_max
+             ? std::uint8_t{0}
+             : static_cast<std::uint8_t>(kColorMapSteps - 1);
 }
 
 // Returns the range that a surface is coloured by: its own, or the volume's box on the axis.

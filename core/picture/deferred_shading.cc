@@ -84,7 +84,9 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
       first_x_(static_cast<float>(view.region().x) + 0.5F),
       first_y_(static_cast<float>(view.region().y) + 0.5F),
       rays_(view::ToFloats(view.image_plane().rays.direction)),
-      has_sample_caps_(frame::OwnerSurfaceCount(spec) > spec.surfaces.size()) {
+      has_sample_caps_(frame::HasSampleCaps(spec)),
+      nan_color_of_caps_(has_sample_caps_ ? frame::NanColorOf(spec, *spec.caps->map)
+                                          : image::Rgba8()) {
   ISOSCOPE_CHECK_LE(spec.surfaces.size(), frame::kMaxSurfaces);
   for (const frame::Light& light : spec.lights) {
     lights_.push_back(LightTermOf(light, view));
@@ -101,21 +103,33 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
         base.axis = AxisOf(surface.color_by->quantity);
       }
       base.keeps_step = surface.color_by->is_translucent();
+      base.nan_color = frame::NanColorOf(spec, surface.color_by->map);
+      base.step_of_nan = StepOfNan(*surface.color_by);
     }
   }
+}
+
+// REQUIRES: the surface has a map.
+std::size_t DeferredShader::StepOf(const BaseColor& base, const NormalFragment& fragment) const {
+  if (base.has_step) {
+    return image::HasStep(fragment.normal) ? image::StepOf(fragment.normal) : base.step_of_nan;
+  }
+  const float distance = unprojection_.DistanceOf(image::DepthOf(fragment.key));
+  return ColorMapStepOf(unprojection_.CoordinateOf(base.axis, fragment.x, fragment.y, distance),
+                        base.range);
+}
+
+std::size_t DeferredShader::OpacityStepOf(const NormalFragment& fragment) const {
+  return StepOf(bases_[order_.SurfaceOf(image::OwnerOf(fragment.key))], fragment);
 }
 
 image::Rgba8 DeferredShader::BaseOf(const BaseColor& base, const NormalFragment& fragment) const {
   if (base.map == nullptr) {
     return base.color;
   }
-  std::size_t step = image::StepOf(fragment.normal);
-  if (!base.has_step) {
-    const float distance = unprojection_.DistanceOf(image::DepthOf(fragment.key));
-    step = ColorMapStepOf(unprojection_.CoordinateOf(base.axis, fragment.x, fragment.y, distance),
-                          base.range);
-  }
-  image::Rgba8 color = (*base.map)[step];
+  const std::size_t step = StepOf(base, fragment);
+  const bool is_nan = base.has_step && !image::HasStep(fragment.normal);
+  image::Rgba8 color = is_nan ? base.nan_color : (*base.map)[step];
   color.a = base.keeps_step ? static_cast<std::uint8_t>(step) : base.color.a;
   return color;
 }
@@ -177,6 +191,9 @@ void DeferredShader::ShadeTileRow(int row, image::FrameImage* image) const {
         const int x = column * kTilePx + std::countr_zero(rest);
         const std::size_t pixel = image->IndexOf(x, y);
         if (has_sample_caps_ && TakeSampleCap(&image->keys[pixel])) {
+          if (image->colors[pixel] == kNoSample) {
+            image->colors[pixel] = nan_color_of_caps_;
+          }
           continue;
         }
         if (image::OwnerOf(image->keys[pixel]) != image::kNoOwner) {

@@ -44,7 +44,8 @@ struct NormalFragment {
   int x = 0;
   int y = 0;
   std::uint64_t key = 0;
-  // image::EncodeNormal; of a surface that shows the gradient, image::EncodeNormalAndStep.
+  // image::EncodeNormal; of a surface that shows values, image::EncodeNormalAndStep, or
+  // image::EncodeNormalWithoutStep where the value is missing.
   image::Rgba8 normal;
 };
 
@@ -64,20 +65,27 @@ class DeferredShader {
   void Shade(std::span<const NormalFragment> fragments, std::span<image::Rgba8> colors) const;
 
   // Turns the normals of all covered pixels into colours. Caps that show samples have theirs, and
-  // get the owner of their surface. Works in parallel, in the tbb::task_arena of the caller.
+  // get the owner of their surface; picture::kNoSample becomes the colour of missing values. Works
+  // in parallel, in the tbb::task_arena of the caller.
   void ShadeImage(image::FrameImage* image) const;
+
+  // Returns the step of its surface's map that a fragment's opacity has. REQUIRES: it has a map.
+  [[nodiscard]] std::size_t OpacityStepOf(const NormalFragment& fragment) const;
 
  private:
   // How a surface gets its base colour.
   struct BaseColor {
     image::Rgba8 color;
     const ColorMapTable* map = nullptr;  // null: the colour, or that of the normal
+    image::Rgba8 nan_color;              // where the value is missing
+    std::uint8_t step_of_nan = 0;
     frame::ColorRange range;
     int axis = 0;
     bool has_step = false;    // fragments carry the step of the map
     bool keeps_step = false;  // the step of the map is the alpha
   };
 
+  [[nodiscard]] std::size_t StepOf(const BaseColor& base, const NormalFragment& fragment) const;
   [[nodiscard]] image::Rgba8 BaseOf(const BaseColor& base, const NormalFragment& fragment) const;
   void Append(const NormalFragment& fragment, LightBatch* batch) const;
   // Gives the owner of a cap that shows samples the number of its surface
@@ -91,6 +99,7 @@ class DeferredShader {
   const float first_y_;
   const view::LinearVec3f rays_;  // directions
   const bool has_sample_caps_;
+  const image::Rgba8 nan_color_of_caps_;
   std::vector<LightTerm> lights_;
   MaterialTerms materials_;
   std::vector<BaseColor> bases_;  // by surface

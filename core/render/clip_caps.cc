@@ -17,7 +17,6 @@
 
 #include "core/base/check.h"
 #include "core/extract/cell_inside.h"
-#include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/math/box.h"
 #include "core/render/pass_resources.h"
@@ -198,8 +197,7 @@ CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
     fragment.color = sample_color_(filling.value);
     surface += sends_normals_ ? surface_count_ : 0;
   } else if (const std::optional<MapScale>& scale = scales_[surface]; scale.has_value()) {
-    fragment.color =
-        image::EncodeNormalAndStep(fragment.color, MapStepOf(scale->LevelOf(filling.value)));
+    fragment.color = CodeOf(fragment.color, scale->LevelOf(filling.value));
   } else if (!sends_normals_) {
     const math::Vec3d ray =
         crossings_.DirectionAt(x + view_.region().x + 0.5, y + view_.region().y + 0.5);

@@ -5,8 +5,9 @@
 
 #include "core/render/fragment_shader.h"
 
+#include <array>
+
 #include "core/base/check.h"
-#include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/render/pass_resources.h"
 
@@ -89,11 +90,15 @@ void FragmentShader::Shade(ShadeList* list) const {
 void FragmentShader::FillLevels(ShadeList* list) const {
   for (std::size_t i = 0; i < list->batch.count; ++i) {
     const ShadedMesh& mesh = *list->meshes[i];
+    std::array<float, 3> levels{};
+    if (mesh.map_scale != nullptr) {
+      const auto level_of = [&](std::size_t corner) {
+        return mesh.map_scale->LevelOf(mesh.mesh->values[list->corners[i][corner]]);
+      };
+      levels = LevelsToMix({level_of(0), level_of(1), level_of(2)});
+    }
     for (std::size_t c = 0; c < 3; ++c) {
-      list->batch.level[c][i] =
-          mesh.map_scale == nullptr
-              ? 0.0F
-              : mesh.map_scale->LevelOf(mesh.mesh->values[list->corners[i][c]]);
+      list->batch.level[c][i] = levels[c];
     }
   }
 }
@@ -116,8 +121,7 @@ void FragmentShader::EncodeNormals(ShadeList* list) const {
   }
   for (std::size_t i = 0; sends_map_steps_ && i < batch.count; ++i) {
     if (list->meshes[i]->map_scale != nullptr) {
-      list->colors[i] =
-          image::EncodeNormalAndStep(list->colors[i], MapStepOf(batch.mixed_level[i]));
+      list->colors[i] = CodeOf(list->colors[i], batch.mixed_level[i]);
     }
   }
 }

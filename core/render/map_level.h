@@ -6,12 +6,17 @@
 #define ISOSCOPE_CORE_RENDER_MAP_LEVEL_H_
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
 #include "core/frame/frame_spec.h"
+#include "core/image/fragment.h"
+#include "core/image/normal_and_step.h"
 
 namespace isoscope::render {
 
@@ -23,26 +28,53 @@ class MapScale {
   explicit MapScale(const frame::ColorRange& range)
       : min_(range.min), length_(range.max - range.min) {}
 
-  // Finite, for any value: that of NaN lies far beyond the greatest end, so that it shows in every
-  // triangle that has it.
+  // NaN for NaN, else finite: infinite values have the largest level, with their sign.
   [[nodiscard]] float LevelOf(double value) const {
     const double level = (value - min_) / length_ * kMapSteps;
-    // False for NaN.
-    return static_cast<float>(level < kMostLevel ? std::max(level, -kMostLevel) : kMostLevel);
+    // Comparisons are false for NaN.
+    return static_cast<float>(level > kLargestLevel    ? kLargestLevel
+                              : level < -kLargestLevel ? -kLargestLevel
+                                                       : level);
   }
 
- private:
-  static constexpr double kMostLevel = 1e30;
+  static constexpr double kLargestLevel = 1e30;
 
+ private:
   double min_;
   double length_;
 };
 
+// Returns the levels of a triangle's corners as they are mixed: finite ones as they are. Else all
+// three are alike, so that no weight can show: NaN if one is NaN or if they have both ends of
+// infinite values, else that end.
+inline std::array<float, 3> LevelsToMix(const std::array<float, 3>& levels) {
+  constexpr auto kLargest = static_cast<float>(MapScale::kLargestLevel);
+  float end = 0;
+  for (const float level : levels) {
+    // False for NaN.
+    if (!(std::abs(level) < kLargest)) {
+      // NaN stays, and infinities of both signs add up to it.
+      end += level * std::numeric_limits<float>::infinity();
+    }
+  }
+  if (end == 0) {
+    return levels;
+  }
+  end = std::isnan(end) ? end : std::copysign(kLargest, end);
+  return {end, end, end};
+}
+
 // Returns the step of a level. All steps have the same length; levels outside the range get the
-// nearest end's step.
+// nearest end's step. REQUIRES: the level is not NaN.
 inline std::uint8_t MapStepOf(float level) {
-  // False for NaN.
   return level > 0 ? static_cast<std::uint8_t>(std::min(level, kMapSteps - 1.0F)) : std::uint8_t{0};
+}
+
+// Returns the colour of a fragment of a surface that shows values: image::EncodeNormal of its
+// normal, with the step of its level. Without one where the level is NaN.
+inline image::Rgba8 CodeOf(image::Rgba8 normal, float level) {
+  return std::isnan(level) ? image::EncodeNormalWithoutStep(normal)
+                           : image::EncodeNormalAndStep(normal, MapStepOf(level));
 }
 
 // By surface; none where fragments carry no step. REQUIRES: of a frame that sends map steps,

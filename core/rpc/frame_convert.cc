@@ -219,6 +219,9 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
     ISOSCOPE_ASSIGN_OR_RETURN(spec.background_color,
                               ColorFromProto(request.background_color(), "background_color"));
   }
+  if (request.has_nan_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec.nan_color, NanColorFromProto(request.nan_color()));
+  }
   ISOSCOPE_RETURN_IF_ERROR(SetClipAndLayers(request, &spec));
   ISOSCOPE_ASSIGN_OR_RETURN(spec.lights, LightsFromProto(request));
   spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());

@@ -148,6 +148,10 @@ internal::GetShardHistogramResponse ToProto(const volume::HistogramPart& part) {
   Assign(part.active_block_counts, proto.mutable_active_block_counts());
   Assign(part.active_block_bytes, proto.mutable_active_block_bytes());
   Assign(part.estimated_triangle_counts, proto.mutable_estimated_triangle_counts());
+  if (part.value_range.min <= part.value_range.max) {
+    proto.mutable_value_range()->set_min(part.value_range.min);
+    proto.mutable_value_range()->set_max(part.value_range.max);
+  }
   if (part.samples.has_value()) {
     internal::SampleCounts* samples = proto.mutable_samples();
     Assign(part.samples->counts, samples->mutable_counts());
@@ -171,6 +175,14 @@ absl::StatusOr<volume::HistogramPart> HistogramPartFromProto(
   ISOSCOPE_ASSIGN_OR_RETURN(
       part.estimated_triangle_counts,
       CountsFromProto(proto.estimated_triangle_counts(), count, "estimated_triangle_counts"));
+  if (proto.has_value_range()) {
+    part.value_range = {proto.value_range().min(), proto.value_range().max()};
+    if (!(part.value_range.min <= part.value_range.max)) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("value_range is %g to %g: min must be <= max", part.value_range.min,
+                          part.value_range.max));
+    }
+  }
   if (proto.has_samples()) {
     ISOSCOPE_ASSIGN_OR_RETURN(part.samples, SamplesFromProto(proto.samples(), part.groups.bins));
   }

@@ -308,6 +308,10 @@ v1::Dataset ToProto(const store::Manifest& manifest) {
     proto.mutable_value_range()->set_min(manifest.value_range.min);
     proto.mutable_value_range()->set_max(manifest.value_range.max);
   }
+  if (manifest.finite_range.has_value() && volume::IsFinite(*manifest.finite_range)) {
+    proto.mutable_finite_range()->set_min(manifest.finite_range->min);
+    proto.mutable_finite_range()->set_max(manifest.finite_range->max);
+  }
   *proto.mutable_block_cells() = ToProto(manifest.block_cells);
   const absl::StatusOr<volume::BlockLayout> layout =
       volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells);
@@ -406,6 +410,12 @@ absl::Status Validate(const v1::Dataset& dataset, absl::string_view path) {
   if (dataset.has_value_range() && !(range.min() <= range.max())) {
     return Invalid(Join(path, "value_range"), absl::StrCat(range.min(), " to ", range.max()),
                    "min must be <= max");
+  }
+  const v1::ValueRange& finite = dataset.finite_range();
+  if (!(finite.min() <= finite.max() && std::isfinite(finite.min()) &&
+        std::isfinite(finite.max()))) {
+    return Invalid(Join(path, "finite_range"), absl::StrCat(finite.min(), " to ", finite.max()),
+                   "both must be finite, and min must be <= max");
   }
   return absl::OkStatus();
 }

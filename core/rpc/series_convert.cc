@@ -12,15 +12,36 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// Widens the range and the bound of a component to those of one of its volumes.
-void Cover(const store::ScalarVolume& volume, v1::FieldComponent* component) {
-  if (volume.value_range.min <= volume.value_range.max) {
-    const bool is_first = !component->has_value_range();
-    v1::ValueRange* const range = component->mutable_value_range();
-    range->set_min(is_first ? volume.value_range.min
-                            : std::min(range->min(), volume.value_range.min));
-    range->set_max(is_first ? volume.value_range.max
-                            : std::max(range->max(), volume.value_range.max));
+v1::ValueRange SpanToProto(const volume::ScalarSpan& span) {
+  v1::ValueRange range;
+  range.set_min(span.min);
+  range.set_max(span.max);
+  return range;
+}
+
+void Cover(const volume::ScalarSpan& more, volume::ScalarSpan* span) {
+  span->min = std::min(span->min, more.min);
+  span->max = std::max(span->max, more.max);
+}
+
+// Sets the ranges of a component to those of all its volumes.
+void SetRanges(const std::vector<const store::ScalarVolume*>& volumes,
+               v1::FieldComponent* component) {
+  volume::ScalarSpan all;
+  volume::ScalarSpan finite;
+  bool is_finite_known = true;
+  for (const store::ScalarVolume* volume : volumes) {
+    const volume::ScalarSpan& range = volume->value_range;
+    Cover(range, &all);
+    Cover(volume->finite_range.value_or(range), &finite);
+    is_finite_known &= volume->finite_range.has_value() || volume::IsFinite(range) ||
+                       !(range.min <= range.max);
+  }
+  if (all.min <= all.max) {
+    *component->mutable_value_range() = SpanToProto(all);
+    if (!volume::IsFinite(all) && is_finite_known && finite.min <= finite.max) {
+      *component->mutable_finite_range() = SpanToProto(finite);
+    }
   }
 }
 
@@ -72,10 +93,10 @@ v1::Dataset ToProto(const store::SeriesManifest& manifest) {
       for (const store::ScalarVolume& volume : manifest.volumes) {
         if (volume.key.field == static_cast<int>(i) &&
             volume.key.component == static_cast<int>(j)) {
-          Cover(volume, component);
           volumes.push_back(&volume);
         }
       }
+      SetRanges(volumes, component);
       CoverGradients(volumes, component);
     }
   }
@@ -84,6 +105,9 @@ v1::Dataset ToProto(const store::SeriesManifest& manifest) {
   proto.set_sample_type(standard.sample_type());
   if (standard.has_value_range()) {
     *proto.mutable_value_range() = standard.value_range();
+  }
+  if (standard.has_finite_range()) {
+    *proto.mutable_finite_range() = standard.finite_range();
   }
   if (standard.has_max_gradient_magnitude()) {
     proto.set_max_gradient_magnitude(standard.max_gradient_magnitude());

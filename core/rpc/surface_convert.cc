@@ -4,7 +4,7 @@
 //
 // Numbers are checked with InRange or CheckFinite, which refuse NaN, and directions with
 // CheckLength. A range of colours that the request leaves out is filled in later by
-// ResolveGradientRanges, because it depends on the dataset.
+// ResolveColorRanges, because it depends on the dataset.
 
 #include "core/rpc/surface_convert.h"
 
@@ -119,6 +119,23 @@ absl::Status SetField(const v1::ColorBy& proto, absl::string_view path, frame::C
                      ", which shows no other field: must be unset"));
   }
   return absl::OkStatus();
+}
+
+// The range of a map over samples of these ranges (v1::Dataset, v1::FieldComponent).
+template <typename Samples>
+absl::StatusOr<frame::ColorRange> RangeOfSamples(const Samples& samples, const std::string& path) {
+  if (!samples.has_value_range()) {
+    return frame::ColorRange();
+  }
+  const v1::ValueRange& values =
+      samples.has_finite_range() ? samples.finite_range() : samples.value_range();
+  if (!std::isfinite(values.min()) || !std::isfinite(values.max())) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, " is not set: required, because there are infinite samples, and the dataset does not "
+              "tell the range of the finite ones; give the range (MAP:MIN,MAX), or partition the "
+              "volume anew"));
+  }
+  return frame::ColorRangeOfSamples(values.min(), values.max());
 }
 
 v1::ColorRange RangeToProto(const frame::ColorRange& range) {
@@ -382,24 +399,36 @@ v1::Light ToProto(const frame::Light& light) {
   return proto;
 }
 
-v1::ColorRange ColorRangeOf(const v1::FieldComponent& component) {
-  const v1::ValueRange& values = component.value_range();
-  return RangeToProto(component.has_value_range()
-                          ? frame::ColorRangeOfSamples(values.min(), values.max())
-                          : frame::ColorRange());
+absl::StatusOr<image::Rgba8> NanColorFromProto(const v1::Color& proto) {
+  if (proto.alpha() != 1.0F) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "nan_color.alpha is ", proto.alpha(),
+        ": must be 1, missing values have the opacity of the surface"));
+  }
+  return ColorFromProto(proto, "nan_color");
 }
 
-absl::Status ResolveGradientRanges(const v1::Dataset& dataset, v1::RenderIsosurfaceRequest* request,
-                                   frame::FrameSpec* spec) {
+absl::StatusOr<v1::ColorRange> ColorRangeOf(const v1::FieldComponent& component,
+                                            const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const frame::ColorRange range, RangeOfSamples(component, path));
+  return RangeToProto(range);
+}
+
+absl::Status ResolveColorRanges(const v1::Dataset& dataset, v1::RenderIsosurfaceRequest* request,
+                                frame::FrameSpec* spec) {
   for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
     frame::Surface& surface = spec->surfaces[i];
-    if (!surface.shows_values() || surface.shows_field() || surface.color_by->range.has_value()) {
+    if (!surface.shows_gradient() || surface.color_by->range.has_value()) {
       continue;
     }
     ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by->range,
                               GradientRangeOf(dataset, absl::StrCat("surfaces[", i, "].color_by")));
     *request->mutable_surfaces(static_cast<int>(i))->mutable_color_by() =
         ToProto(*surface.color_by);
+  }
+  if (frame::HasSampleCaps(*spec) && !spec->caps->range.has_value()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec->caps->range, RangeOfSamples(dataset, "caps.range"));
+    *request->mutable_caps() = ToProto(*spec->caps);
   }
   return absl::OkStatus();
 }

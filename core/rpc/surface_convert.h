@@ -14,6 +14,7 @@
 #include "google/protobuf/repeated_field.h"
 
 #include "core/frame/frame_spec.h"
+#include "core/image/fragment.h"
 #include "core/math/vec.h"
 #include "core/volume/inside_rule.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -49,14 +50,20 @@ isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
 isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps);
 isoscope::v1::Light ToProto(const frame::Light& light);
 
-// Returns the range of a map over the samples of a component at all steps; 0 to 1 if all are NaN.
-isoscope::v1::ColorRange ColorRangeOf(const isoscope::v1::FieldComponent& component);
+// The opaque colour of missing values.
+absl::StatusOr<image::Rgba8> NanColorFromProto(const isoscope::v1::Color& proto);
 
-// Gives the maps of surfaces that show the gradient's magnitude a range, where the request has
-// none: 0 to the dataset's bound. INVALID_ARGUMENT if the dataset has no such bound.
-absl::Status ResolveGradientRanges(const isoscope::v1::Dataset& dataset,
-                                   isoscope::v1::RenderIsosurfaceRequest* request,
-                                   frame::FrameSpec* spec);
+// Returns the range of a map over the finite samples of a component at all steps; 0 to 1 if all are
+// NaN. INVALID_ARGUMENT if the component does not tell it; `path` is that of the range.
+absl::StatusOr<isoscope::v1::ColorRange> ColorRangeOf(
+    const isoscope::v1::FieldComponent& component, const std::string& path);
+
+// Gives the maps that show the gradient's magnitude, and the map of caps, a range where the request
+// has none: 0 to the dataset's bound, and that of its finite samples. INVALID_ARGUMENT if the
+// dataset does not tell it.
+absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
+                                isoscope::v1::RenderIsosurfaceRequest* request,
+                                frame::FrameSpec* spec);
 
 }  // namespace isoscope::rpc
 

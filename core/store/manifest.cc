@@ -71,6 +71,10 @@ absl::Status CheckConsistency(const Manifest& manifest, absl::string_view where)
     return absl::DataLossError(absl::StrCat(where, ": member \"max_gradient_magnitude\" is ", bound,
                                             ": expected a finite number >= 0"));
   }
+  if (const absl::Status status = CheckFiniteRange(manifest.value_range, manifest.finite_range);
+      !status.ok()) {
+    return WithContext(where, status);
+  }
   if (const absl::Status status = volume::Validate(manifest.geometry); !status.ok()) {
     return WithContext(where, status);
   }
@@ -133,8 +137,10 @@ std::string EncodeManifest(const Manifest& manifest) {
   json["source"] = manifest.source;
   json["sample_dims"] = JsonFromIndex(geometry.sample_dims);
   json["scalar_type"] = std::string(volume::NameOf(manifest.scalar_type));
-  json["value_range"] = Json{{"min", JsonFromDouble(manifest.value_range.min)},
-                             {"max", JsonFromDouble(manifest.value_range.max)}};
+  json["value_range"] = JsonFromRange(manifest.value_range);
+  if (manifest.finite_range.has_value()) {
+    json["finite_range"] = JsonFromRange(*manifest.finite_range);
+  }
   if (manifest.max_gradient_magnitude.has_value()) {
     json["max_gradient_magnitude"] = JsonFromDouble(*manifest.max_gradient_magnitude);
   }
@@ -172,6 +178,7 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
   if (const Json* range = fields.ReadObject("value_range")) {
     fields.Fail(ReadRange(*range, where, &manifest.value_range));
   }
+  ReadFiniteRange(where, &fields, &manifest.finite_range);
   if (fields.Has("max_gradient_magnitude")) {
     fields.ReadDouble("max_gradient_magnitude", &manifest.max_gradient_magnitude.emplace());
   }

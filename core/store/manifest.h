@@ -44,7 +44,10 @@ struct Manifest {
   std::string source;  // file name (no folder) of the source volume, for people
   volume::GridGeometry geometry;
   volume::ScalarType scalar_type = volume::ScalarType::kUint8;
-  volume::ScalarSpan value_range;  // over all finite samples
+  volume::ScalarSpan value_range;  // over all samples that are not NaN
+  // Over the finite samples; empty if there are none. Only if `value_range` has an infinite end, and
+  // not in datasets of programs that did not know it.
+  std::optional<volume::ScalarSpan> finite_range = std::nullopt;
   math::Index3 block_cells;
   Distribution distribution = Distribution::kRandom;
   std::uint64_t seed = 0;

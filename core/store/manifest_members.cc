@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
 
 namespace isoscope::store {
@@ -18,6 +19,10 @@ Json JsonFromDirection(const math::Mat3d& direction) {
   return Json{{"x", JsonFromVector(direction.columns[0])},
               {"y", JsonFromVector(direction.columns[1])},
               {"z", JsonFromVector(direction.columns[2])}};
+}
+
+Json JsonFromRange(const volume::ScalarSpan& range) {
+  return Json{{"min", JsonFromDouble(range.min)}, {"max", JsonFromDouble(range.max)}};
 }
 
 void ReadIndex(const char* name, std::int64_t min, std::int64_t max, JsonFields* fields,
@@ -114,6 +119,31 @@ absl::Status ReadRange(const Json& json, absl::string_view where, volume::Scalar
   fields.ReadDouble("min", &range->min);
   fields.ReadDouble("max", &range->max);
   return fields.status();
+}
+
+void ReadFiniteRange(absl::string_view where, JsonFields* fields,
+                     std::optional<volume::ScalarSpan>* range) {
+  const Json* const json =
+      fields->Has("finite_range") ? fields->ReadObject("finite_range") : nullptr;
+  if (json != nullptr) {
+    fields->Fail(ReadRange(*json, where, &range->emplace()));
+  }
+}
+
+absl::Status CheckFiniteRange(const volume::ScalarSpan& value_range,
+                              const std::optional<volume::ScalarSpan>& finite_range) {
+  if (!finite_range.has_value() || *finite_range == volume::ScalarSpan()) {
+    return absl::OkStatus();
+  }
+  if (!volume::IsFinite(value_range) && volume::IsFinite(*finite_range) &&
+      value_range.min <= finite_range->min && finite_range->min <= finite_range->max &&
+      finite_range->max <= value_range.max) {
+    return absl::OkStatus();
+  }
+  return absl::DataLossError(absl::StrFormat(
+      "member \"finite_range\" is %g to %g: expected finite numbers in the range of all samples, "
+      "%g to %g, which has an infinite end",
+      finite_range->min, finite_range->max, value_range.min, value_range.max));
 }
 
 bool IsDigest(const std::string& id) {

@@ -24,6 +24,7 @@ namespace isoscope::store {
 Json JsonFromIndex(const math::Index3& index);
 Json JsonFromVector(const math::Vec3d& vector);
 Json JsonFromDirection(const math::Mat3d& direction);
+Json JsonFromRange(const volume::ScalarSpan& range);
 // Adds the member "labels"; none if there are no labels.
 void AddLabels(const std::vector<volume::Label>& labels, Json* json);
 
@@ -34,12 +35,19 @@ void ReadVector(const char* name, JsonFields* fields, math::Vec3d* vector);
 // Leaves the frame unset if there is no such member.
 void ReadPatientFrame(absl::string_view where, JsonFields* fields,
                       std::optional<volume::PatientFrame>* frame);
+// Leaves the range unset if there is no such member.
+void ReadFiniteRange(absl::string_view where, JsonFields* fields,
+                     std::optional<volume::ScalarSpan>* range);
 // Leaves the labels empty if there is no such member.
 void ReadLabels(absl::string_view where, JsonFields* fields, std::vector<volume::Label>* labels);
 
 // Read an object. DATA_LOSS names `where`.
 absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction);
 absl::Status ReadRange(const Json& json, absl::string_view where, volume::ScalarSpan* range);
+
+// DATA_LOSS if the range of the finite samples contradicts that of all samples.
+absl::Status CheckFiniteRange(const volume::ScalarSpan& value_range,
+                              const std::optional<volume::ScalarSpan>& finite_range);
 
 // True for the digests of a manifest: 32 lower-case hex digits.
 bool IsDigest(const std::string& id);

@@ -112,6 +112,9 @@ std::string LineOf(const ScalarVolume& volume) {
   json["manifest_crc32c"] = JsonFromCrc32c(volume.manifest_crc32c);
   json["min"] = JsonFromDouble(volume.value_range.min);
   json["max"] = JsonFromDouble(volume.value_range.max);
+  if (volume.finite_range.has_value()) {
+    json["finite_range"] = JsonFromRange(*volume.finite_range);
+  }
   if (volume.max_gradient_magnitude.has_value()) {
     json["max_gradient_magnitude"] = JsonFromDouble(*volume.max_gradient_magnitude);
   }
@@ -192,6 +195,7 @@ absl::Status ReadVolumes(const Json& json, absl::string_view where,
     fields.ReadCrc32c("manifest_crc32c", &volume.manifest_crc32c);
     fields.ReadDouble("min", &volume.value_range.min);
     fields.ReadDouble("max", &volume.value_range.max);
+    ReadFiniteRange(where, &fields, &volume.finite_range);
     if (fields.Has("max_gradient_magnitude")) {
       fields.ReadDouble("max_gradient_magnitude", &volume.max_gradient_magnitude.emplace());
     }
@@ -286,6 +290,10 @@ absl::Status CheckVolumes(const SeriesManifest& manifest, absl::string_view wher
         !(bound >= 0 && std::isfinite(bound))) {
       return fails(absl::StrCat("member \"max_gradient_magnitude\" is ", bound,
                                 ": expected a finite number >= 0"));
+    }
+    if (const absl::Status status = CheckFiniteRange(volume.value_range, volume.finite_range);
+        !status.ok()) {
+      return fails(status.message());
     }
     before = &volume;
   }

@@ -80,6 +80,7 @@ struct ScalarVolume {
   std::string dataset_id;  // of its own manifest: what agents are asked for
   std::uint32_t manifest_crc32c = 0;
   volume::ScalarSpan value_range;
+  std::optional<volume::ScalarSpan> finite_range = std::nullopt;  // as in Manifest
   std::optional<double> max_gradient_magnitude = std::nullopt;
 
   friend bool operator==(const ScalarVolume&, const ScalarVolume&) = default;

@@ -286,9 +286,9 @@ absl::StatusOr<std::optional<volume::SampleHistogram>> ShardReader::ReadHistogra
   }
   ISOSCOPE_ASSIGN_OR_RETURN(volume::SampleHistogram histogram,
                             DecodeHistogram(bytes, manifest_.scalar_type, path));
-  const volume::ScalarSpan& range = manifest_.value_range;
   // Infinite samples do not count for the range of the bins.
-  if (std::isfinite(range.min) && std::isfinite(range.max) &&
+  const volume::ScalarSpan range = manifest_.finite_range.value_or(manifest_.value_range);
+  if ((volume::IsFinite(range) || manifest_.finite_range.has_value()) &&
       !(histogram.bins == volume::BinsOf(manifest_.scalar_type, range))) {
     return absl::DataLossError(absl::StrFormat(
         "%s: %d bins of 2^%d from %d on, expected those of the samples' range, %g to %g", path,

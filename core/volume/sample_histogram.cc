@@ -140,6 +140,14 @@ absl::Status AddPart(const HistogramPart& other, HistogramPart* sum) {
         other.groups.count, other.groups.bins.exponent, other.groups.size, sum->groups.count,
         sum->groups.bins.exponent, sum->groups.size));
   }
+  const bool is_told = other.value_range.min <= other.value_range.max;
+  const bool is_known = sum->value_range.min <= sum->value_range.max;
+  if (is_told && is_known && !(other.value_range == sum->value_range)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "samples in %g to %g, expected %g to %g: shards of different datasets",
+        other.value_range.min, other.value_range.max, sum->value_range.min, sum->value_range.max));
+  }
+  sum->value_range = is_known ? sum->value_range : other.value_range;
   for (std::size_t i = 0; i < sum->active_block_counts.size(); ++i) {
     sum->active_block_counts[i] += other.active_block_counts[i];
     sum->active_block_bytes[i] += other.active_block_bytes[i];

@@ -109,9 +109,12 @@ struct HistogramPart {
   std::vector<std::int64_t> estimated_triangle_counts;
   // Not set if the samples of some blocks were not counted (datasets of earlier versions).
   std::optional<SampleHistogram> samples;
+  // Of all samples of the volume that are not NaN; empty as well in a part of an earlier version.
+  ScalarSpan value_range;
 };
 
-// Adds `other`. INVALID_ARGUMENT if its groups differ from those of `sum`.
+// Adds `other`. INVALID_ARGUMENT if its groups differ from those of `sum`, or its range, where both
+// have one.
 absl::Status AddPart(const HistogramPart& other, HistogramPart* sum);
 
 // Returns the estimated triangles of an active block: kTrianglesPerFaceCell times the area of a

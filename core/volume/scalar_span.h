@@ -18,6 +18,11 @@ struct ScalarSpan {
   friend constexpr bool operator==(const ScalarSpan&, const ScalarSpan&) = default;
 };
 
+// Returns true if there are samples, and all of them are finite.
+inline bool IsFinite(const ScalarSpan& span) {
+  return std::isfinite(span.min) && std::isfinite(span.max);
+}
+
 // Returns true if the surface passes through a block, cell or edge with these samples: a sample is
 // inside iff sample >= isovalue (as in VTK), so min < isovalue <= max (docs/numerics.md).
 constexpr bool IsActive(const ScalarSpan& span, double isovalue) {

@@ -193,8 +193,10 @@ absl::Status AddColors(const v1::Dataset& description,
     selected->color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
     selected->color_dataset_ids[static_cast<std::size_t>(i)] = std::move(id);
     if (!color_by->has_range()) {
-      *color_by->mutable_range() =
-          rpc::ColorRangeOf(description.fields(place.field).components(place.component));
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          *color_by->mutable_range(),
+          rpc::ColorRangeOf(description.fields(place.field).components(place.component),
+                            absl::StrCat(path, "range")));
     }
   }
   return absl::OkStatus();
@@ -231,6 +233,10 @@ DatasetState StateOfVolume(const DatasetState& dataset, const rpc::FieldPlace& p
   of_volume.clear_value_range();
   if (component.has_value_range()) {
     *of_volume.mutable_value_range() = component.value_range();
+  }
+  of_volume.clear_finite_range();
+  if (component.has_finite_range()) {
+    *of_volume.mutable_finite_range() = component.finite_range();
   }
   of_volume.clear_max_gradient_magnitude();
   if (component.has_max_gradient_magnitude()) {

@@ -200,7 +200,9 @@ class FrameRunner::Attempt {
     begin_.set_frame_number(identity.number);
     begin_.set_dataset_id(target.dataset->dataset.dataset_id());
     *begin_.mutable_request() = asked.request;
-    begin_.mutable_request()->clear_allow_partial();  // without effect on an agent
+    begin_.mutable_request()->clear_allow_partial();  // without effect on an agent, as the next two
+    begin_.mutable_request()->clear_nan_color();
+    begin_.mutable_request()->clear_with_notes();
     begin_.mutable_request()->clear_dataset_id();     // older agents refuse it
     begin_.mutable_request()->clear_selection();      // likewise
     begin_.mutable_color_dataset_ids()->Assign(target.selected.color_dataset_ids.begin(),

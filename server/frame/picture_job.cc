@@ -3,6 +3,7 @@
 #include <string>
 #include <utility>
 
+#include "core/base/log.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
@@ -11,6 +12,7 @@
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/trace_convert.h"
 #include "server/frame/render_statistics.h"
+#include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
 
 namespace isoscope::server {
@@ -48,13 +50,13 @@ bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
 // Returns true if a picture of this spec is shaded from an image that carries the plane of normals.
 // Caps with samples and layers have no normals, and steps of a colour map are sent in their place.
 bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& layers) {
-  const bool shows_samples = spec.caps.has_value() && spec.caps->map.has_value();
-  return picture::NeedsDeferredShading(spec) && layers.empty() && !shows_samples &&
+  return picture::NeedsDeferredShading(spec) && layers.empty() && !frame::HasSampleCaps(spec) &&
          !frame::ShowsValues(spec);
 }
 
-// Records the colouring of each surface.
+// Records the colouring of each surface, and of caps.
 void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geometry,
+                  const picture::PictureContents& contents,
                   v1::RenderIsosurfaceResponse* response) {
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
     std::optional<frame::ColorBy> color_by = spec.surfaces[i].color_by;
@@ -67,6 +69,16 @@ void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geom
     v1::SurfaceColoring* const coloring = response->add_colorings();
     coloring->set_surface_index(static_cast<std::int32_t>(i));
     *coloring->mutable_color_by() = rpc::ToProto(*color_by);
+    if (spec.surfaces[i].shows_field()) {
+      *coloring->mutable_nan_color() = rpc::ToProto(frame::NanColorOf(spec, color_by->map));
+      coloring->set_shows_nan(contents.without_values.test(i));
+    }
+  }
+  if (frame::HasSampleCaps(spec)) {
+    v1::CapsColoring* const coloring = response->mutable_caps_coloring();
+    *coloring->mutable_caps() = rpc::ToProto(*spec.caps);
+    *coloring->mutable_nan_color() = rpc::ToProto(frame::NanColorOf(spec, *spec.caps->map));
+    coloring->set_shows_nan(contents.has_caps_without_samples);
   }
 }
 
@@ -146,10 +158,9 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
   ISOSCOPE_RETURN_IF_ERROR(
-      rpc::ResolveGradientRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
+      rpc::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
   *response->mutable_camera() = asked_.request.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
-  AddColorings(asked_.spec, target.view.geometry(), response);
   if (target.selected.selection.has_value()) {
     *response->mutable_selection() = *target.selected.selection;
   }
@@ -163,9 +174,35 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output, statistics));
   ISOSCOPE_RETURN_IF_ERROR(
       ticket_->runner()->AddMissingShards(Identity(), asked_, target, parts_, statistics));
+  AddColorings(asked_.spec, target.view.geometry(), contents_, response);
+  ISOSCOPE_RETURN_IF_ERROR(AddNotes(target, response));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
   ticket_->CountAnswer(output.size_bytes());
   MoveInto(std::move(output), asked_.spec.output.image_format, response);
+  return absl::OkStatus();
+}
+
+absl::Status PictureJob::AddNotes(const FrameTarget& target, Response* response) {
+  // The blocks of missing shards may hold what does not show.
+  if (!asked_.request.with_notes() || response->statistics().missing_shards_size() > 0) {
+    return absl::OkStatus();
+  }
+  ReleaseImages();
+  const base::TraceScope trace(recorder(), "notes");
+  const FrameIdentity identity = Identity();
+  const absl::StatusOr<std::vector<v1::SurfaceNote>> notes =
+      NotesOf({.runner = ticket_->runner(),
+               .identity = &identity,
+               .asked = &asked_,
+               .target = &target,
+               .parts = &parts_,
+               .shown = contents_.shown});
+  if (!notes.ok()) {
+    base::LogWarning("notes_failed", {{"request", ticket_->request().request_id()},
+                                      {"status", notes.status()}});
+    return absl::IsCancelled(notes.status()) ? notes.status() : absl::OkStatus();
+  }
+  response->mutable_notes()->Assign(notes->begin(), notes->end());
   return absl::OkStatus();
 }
 
@@ -243,9 +280,11 @@ absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
                                             .drawn_view = &drawn_view,
                                             .order = target.order,
                                             .layers = &layers_,
-                                            .images = ticket_->runner()->images()},
+                                            .images = ticket_->runner()->images(),
+                                            .finds_shown_surfaces = asked_.request.with_notes()},
                                            &drawn_);
   image_ = std::move(finished.image);
+  contents_ = finished.contents;
   shade.End();
   statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
   base::TraceScope encode(recorder(), EncodingOf(spec.output.image_format).name);
@@ -274,6 +313,11 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "planes");
   base::RunIn(ticket_->runner()->arena(), [&] {
+    if (is_first && asked_.request.with_notes()) {
+      contents_ = picture::FindContents(
+          {.spec = &spec, .order = target.order, .image = &image_, .layers = &layers_},
+          {0, 0, image_.width, image_.height}, /*with_shown=*/true);
+    }
     picture::ShowNearest(layers_, &image_);
     if (spec.output.normal) {
       output->normal = NormalPlane(image_);

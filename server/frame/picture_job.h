@@ -6,6 +6,7 @@
 //    the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
+// 4. With notes, surfaces that do not show are looked for (surface_notes).
 //
 // A picture with several samples, or with effects that read neighbouring pixels, is drawn in a
 // larger window (core/frame/drawn_window) and finished by picture_finish. Planes are those of one
@@ -32,6 +33,7 @@
 #include "core/frame/drawn_window.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
+#include "core/picture/picture_contents.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/frame/frame_runner.h"
 #include "server/frame/frame_ticket.h"
@@ -84,6 +86,8 @@ class PictureJob {
                                isoscope::v1::RenderStatistics* statistics);
   absl::Status RenderPlanes(const FrameTarget& target, FrameOutput* output,
                             isoscope::v1::RenderStatistics* statistics);
+  // Adds the notes on surfaces. A picture without them is still right.
+  absl::Status AddNotes(const FrameTarget& target, Response* response);
   absl::StatusOr<FrameResult> Draw(const FrameTarget& target, const frame::DrawnWindow& window,
                                    Content content);
   [[nodiscard]] FrameIdentity Identity();
@@ -102,6 +106,7 @@ class PictureJob {
   image::FrameImage image_;
   image::FrameImage drawn_;   // if it differs from image_
   image::LayerStack layers_;  // layers of the drawn image
+  picture::PictureContents contents_;
 };
 
 }  // namespace isoscope::server

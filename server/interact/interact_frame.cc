@@ -50,6 +50,7 @@ v1::RenderIsosurfaceRequest MovingRequest(const v1::RenderIsosurfaceRequest& req
   moving.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
   moving.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
   moving.clear_samples();
+  moving.clear_with_notes();
   if (quality.scale >= 1 || request.has_region()) {
     return moving;
   }

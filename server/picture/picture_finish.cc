@@ -1,6 +1,7 @@
 // The stages, in this order:
 //
-//   0. Deferred shading turns normals into colours, if the agents sent normals instead.
+//   0. The contents are found. Then deferred shading turns normals into colours, if the agents sent
+//      normals instead.
 //   1. Ambient occlusion darkens the drawn pixels, in all samples and in the margin.
 //   2. Silhouettes are drawn over them.
 //   3. Translucent layers are blended over both: they neither cast nor receive occlusion.
@@ -8,6 +9,7 @@
 
 #include "server/picture/picture_finish.h"
 
+#include <optional>
 #include <utility>
 
 #include "core/base/check.h"
@@ -18,6 +20,19 @@
 #include "core/picture/silhouette.h"
 
 namespace isoscope::server {
+namespace {
+
+// The pixels of the drawn window that the picture is made of.
+view::PixelRect PictureRectOf(const frame::FrameSpec& spec, const frame::DrawnWindow& window) {
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  const int side = spec.effects.samples_per_side;
+  return {.begin_x = window.begin_x,
+          .begin_y = window.begin_y,
+          .end_x = window.begin_x + side * size.width_px,
+          .end_y = window.begin_y + side * size.height_px};
+}
+
+}  // namespace
 
 FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* drawn) {
   const frame::FrameSpec& spec = *setup.spec;
@@ -25,12 +40,25 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
   ISOSCOPE_CHECK_EQ(drawn->width, window.image_size().width_px);
   ISOSCOPE_CHECK_EQ(drawn->height, window.image_size().height_px);
   const int samples_per_side = spec.effects.samples_per_side;
+  FinishedPicture finished;
+  std::optional<picture::DeferredShader> shader;
   if (picture::NeedsDeferredShading(spec)) {
-    const picture::DeferredShader shader(spec, *setup.drawn_view, setup.order);
-    shader.ShadeImage(drawn);
+    shader.emplace(spec, *setup.drawn_view, setup.order);
+  }
+  finished.contents = picture::FindContents({.spec = &spec,
+                                             .order = setup.order,
+                                             .image = drawn,
+                                             .layers = setup.layers,
+                                             .shader = shader ? &*shader : nullptr},
+                                            PictureRectOf(spec, window),
+                                            setup.finds_shown_surfaces);
+  if (shader.has_value()) {
+    shader->ShadeImage(drawn);
     for (image::FrameImage* level : setup.layers->MutableLevels()) {
-      shader.ShadeImage(level);
+      shader->ShadeImage(level);
     }
+  } else {
+    picture::ColorCapsWithoutSamples(spec, drawn);
   }
   if (spec.effects.ambient_occlusion.has_value()) {
     picture::ShadeAmbientOcclusion(*spec.effects.ambient_occlusion, *setup.drawn_view,
@@ -40,7 +68,6 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
     picture::DrawSilhouettes(*spec.effects.silhouette, *setup.drawn_view, setup.order,
                              samples_per_side, drawn);
   }
-  FinishedPicture finished;
   finished.truncated_pixel_count = picture::BlendLayers(*setup.layers, spec, drawn);
   if (spec.output.any_plane()) {
     picture::ShowNearestKeys(*setup.layers, drawn);

@@ -11,6 +11,7 @@
 #include "core/image/fragment.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
+#include "core/picture/picture_contents.h"
 #include "core/view/view.h"
 
 namespace isoscope::server {
@@ -23,12 +24,15 @@ struct PictureSetup {
   image::FragmentOrder order;
   image::LayerStack* layers = nullptr;  // layers of the drawn image
   image::FrameImagePool* images = nullptr;
+  bool finds_shown_surfaces = false;
 };
 
 struct FinishedPicture {
   image::FrameImage image;
   // Drawn pixels that have more translucent layers than the spec allows.
   std::int64_t truncated_pixel_count = 0;
+  // Of the picture, without its margin. `shown` is empty unless it was asked for.
+  picture::PictureContents contents;
 };
 
 // Finishes the drawn image: a picture of the spec's size, to be encoded over the background. If the

@@ -98,9 +98,7 @@ void AddRandomCaps(std::uint64_t seed, frame::FrameSpec* spec) {
   spec->caps.emplace();
   if (choice > 0.66) {
     spec->caps->map = static_cast<frame::ColorMap>(static_cast<int>(600 * choice) % 6);
-    if (seed % 2 == 0) {
-      spec->caps->range = frame::ColorRange{0.0, 200 * choice};
-    }
+    spec->caps->range = frame::ColorRange{0.0, 200 * choice};
   }
 }
 
@@ -159,6 +157,9 @@ void ShowRandomFields(std::uint64_t seed, const std::vector<std::string>& fields
       AddRandomMap(random, &color_by);
     }
   }
+  if (random() < 0.5) {
+    spec->nan_color = image::Rgba8{250, 20, 200, 255};
+  }
   spec->sends_normals = true;
   spec->sends_map_steps = true;
 }
@@ -167,16 +168,28 @@ absl::StatusOr<Picture> PictureOf(server::FrameResult result, const frame::Frame
                                   const volume::BlockLayout& layout,
                                   const volume::GridGeometry& geometry) {
   Picture picture;
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
+  const image::FragmentOrder order{.block_count =
+                                       static_cast<std::uint32_t>(layout.block_count())};
+  std::optional<picture::DeferredShader> shader;
   if (spec.sends_normals) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
-                              view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
-    const image::FragmentOrder order{.block_count =
-                                         static_cast<std::uint32_t>(layout.block_count())};
-    const picture::DeferredShader shader(spec, view, order);
-    shader.ShadeImage(&result.image);
+    shader.emplace(spec, view, order);
+  }
+  picture.contents = picture::FindContents({.spec = &spec,
+                                            .order = order,
+                                            .image = &result.image,
+                                            .layers = &result.layers,
+                                            .shader = shader ? &*shader : nullptr},
+                                           {0, 0, result.image.width, result.image.height},
+                                           /*with_shown=*/true);
+  if (shader.has_value()) {
+    shader->ShadeImage(&result.image);
     for (image::FrameImage* const level : result.layers.MutableLevels()) {
-      shader.ShadeImage(level);
+      shader->ShadeImage(level);
     }
+  } else {
+    picture::ColorCapsWithoutSamples(spec, &result.image);
   }
   picture.image = std::move(result.image);
   picture.truncated_pixel_count = picture::BlendLayers(result.layers, spec, &picture.image);

@@ -12,6 +12,7 @@
 
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
+#include "core/picture/picture_contents.h"
 #include "core/math/box.h"
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
@@ -47,6 +48,7 @@ struct Picture {
   image::FrameImage image;  // shaded, with the layers blended
   std::int64_t truncated_pixel_count = 0;
   std::int64_t layer_pixel_count = 0;
+  picture::PictureContents contents;
 };
 
 // Shades and blends a frame, as the coordinator does. INVALID_ARGUMENT for a bad view.

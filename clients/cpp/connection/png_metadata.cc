@@ -2,7 +2,7 @@
 // read it:
 //
 //   {"format": "isoscope-picture", "format_version": 1,
-//    "picture_revision": "3 cpu",
+//    "picture_revision": "4 cpu",
 //    "samples_digest": "4ea8...",
 //    "request": {"isovalue": 60, "camera": {...}, "viewport": {...}},
 //    "annotated": {"plain_png_sha256": "...", "boxes": [[x, y, width, height], ...]}}
@@ -168,6 +168,7 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_output();
   deciding.clear_with_trace();
   deciding.clear_allow_partial();
+  deciding.clear_with_notes();
   deciding.clear_dataset_id();
   return deciding;
 }

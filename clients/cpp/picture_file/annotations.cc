@@ -114,6 +114,7 @@ absl::Status DrawScaleBar(const AnnotationScene& scene, Annotated* annotated) {
 struct LegendItem {
   frame::ColorBy color_by;
   std::string title;
+  std::optional<image::Rgba8> nan_color;  // of a swatch below the bar
 };
 
 std::string SurfaceText(const AnnotationScene& scene, std::size_t surface_index) {
@@ -132,8 +133,11 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
       ++i;
     }
     if (i == items.size()) {
-      items.push_back({coloring.color_by, coloring.field_title});
+      items.push_back({coloring.color_by, coloring.field_title, std::nullopt});
       isovalues.emplace_back();
+    }
+    if (coloring.nan_color.has_value()) {
+      items[i].nan_color = coloring.nan_color;
     }
     if (coloring.surface_index < scene.isovalues.size()) {
       isovalues[i].push_back(SurfaceText(scene, coloring.surface_index));
@@ -147,6 +151,14 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
         items[i].title.empty() ? quantities[static_cast<std::size_t>(items[i].color_by.quantity)]
                                : items[i].title,
         is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", ")));
+  }
+  if (scene.caps_coloring.has_value()) {
+    const CapsColoring& caps = *scene.caps_coloring;
+    items.push_back({{.quantity = frame::ColorBy::Quantity::kField,
+                      .map = caps.map,
+                      .range = caps.range},
+                     caps.title,
+                     caps.nan_color});
   }
   return items;
 }
@@ -197,44 +209,105 @@ void DrawBar(const Sheet& sheet, double x, double y, double width, double height
   }
 }
 
-// Draws a bar with its title so that it ends at column `right`; returns its first column.
-absl::StatusOr<double> DrawBarItem(const AnnotationScene& scene, const LegendItem& item,
-                                   double right, double top, double bar_height,
-                                   Annotated* annotated) {
-  const double text = TextPx(annotated->picture);
-  const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);
+constexpr char kNoData[] = "no data";
+
+// The width of a bar with its title, ticks and swatch.
+int WidthOf(const LegendItem& item, double text, bool is_light) {
+  const Sheet ruler(0, 0, 1, 1, text, is_light);
   const frame::ColorRange range = item.color_by.range.value_or(frame::ColorRange());
-  double labels = 0;
+  double labels = item.nan_color.has_value() ? ruler.WidthOf(kNoData) : 0;
   for (const double value : LegendTicks(range, kMaxLegendTicks)) {
     labels = std::max(labels, ruler.WidthOf(TickLabel(value, range.max - range.min)));
   }
-  const double item_width = std::max(ruler.WidthOf(item.title), 1.7 * text + labels) + text;
-  const int width = Ceil(item_width);
-  const double left = std::floor(right - width);
-  Sheet sheet(static_cast<int>(left), static_cast<int>(top), width, Ceil(bar_height + 4 * text),
-              text, scene.is_background_light);
-  sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
-  DrawBar(sheet, 0.5 * text, std::round(2.5 * text), std::round(text), bar_height, text,
-          item.color_by);
-  ISOSCOPE_RETURN_IF_ERROR(sheet.LayOver(&annotated->picture, &annotated->boxes));
-  return left;
+  return Ceil(std::max(ruler.WidthOf(item.title), 1.7 * text + labels) + text);
 }
 
-// The right side: bars from right to left, and below them lines of text for normals.
+// A place for a bar, with the height of the bar alone.
+struct BarPlace {
+  double left = 0;
+  double top = 0;
+  int width = 0;
+  double bar_height = 0;
+};
+
+absl::Status DrawBarItem(const AnnotationScene& scene, const LegendItem& item,
+                         const BarPlace& place, Annotated* annotated) {
+  const double text = TextPx(annotated->picture);
+  const double swatch = item.nan_color.has_value() ? 1.8 * text : 0;
+  Sheet sheet(static_cast<int>(place.left), static_cast<int>(place.top), place.width,
+              Ceil(place.bar_height + 4 * text + swatch), text, scene.is_background_light);
+  sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
+  const double side = std::round(text);
+  DrawBar(sheet, 0.5 * text, std::round(2.5 * text), side, place.bar_height, text, item.color_by);
+  if (item.nan_color.has_value()) {
+    const double y = std::round(2.5 * text) + place.bar_height + side;
+    sheet.FillRectangles({{0.5 * text, y, side, side}});
+    sheet.Paint({0.5 * text, y, side, side},
+                {item.nan_color->r / 255.0, item.nan_color->g / 255.0, item.nan_color->b / 255.0},
+                1);
+    sheet.DrawText(0.5 * text + 1.7 * side, y + 0.86 * side, kNoData, sheet.ink());
+  }
+  return sheet.LayOver(&annotated->picture, &annotated->boxes);
+}
+
+// Places bars of these widths from right to left, in as few rows as fit the picture.
+std::vector<BarPlace> PlaceBars(const std::vector<int>& widths, const view::Viewport& size,
+                                double text) {
+  std::vector<BarPlace> places;
+  for (int rows = 1;; ++rows) {
+    places.clear();
+    const double bar_height =
+        std::round(rows == 1 ? 0.45 * size.height_px
+                             : std::max(0.9 * size.height_px / rows - 6 * text, 2 * text));
+    const double pitch = bar_height + 6 * text;
+    const double first = rows == 1 ? std::floor((size.height_px - bar_height) / 2 - 2.5 * text)
+                                   : std::floor((size.height_px - rows * pitch) / 2);
+    const double end = size.width_px - 0.5 * text;
+    double right = end;
+    int row = 0;
+    for (const int width : widths) {
+      if (right - width < 0 && right < end) {
+        right = end;
+        ++row;
+      }
+      right = std::floor(right - width);
+      places.push_back({right, first + row * pitch, width, bar_height});
+    }
+    if (row < rows || rows >= static_cast<int>(widths.size())) {
+      return places;
+    }
+  }
+}
+
+// The right side: bars, and below them lines of text for normals.
 absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
-  if (scene.colorings.empty()) {
+  const std::vector<LegendItem> items = LegendItemsOf(scene);
+  if (items.empty()) {
     return absl::InvalidArgumentError(
-        "--legend: no surface shows a quantity; colour one, as with --color-by z");
+        "--legend: neither a surface nor a cut shows a quantity; colour one, as with --color-by z "
+        "or --caps viridis");
   }
   const view::Viewport size{annotated->picture.width, annotated->picture.height};
   const double text = TextPx(annotated->picture);
-  const double bar_height = std::round(0.45 * size.height_px);
-  const double top = std::floor((size.height_px - bar_height) / 2 - 2.5 * text);
-  double right = size.width_px - 0.5 * text;
-  double line_top = top + bar_height + 4 * text;
-  for (const LegendItem& item : LegendItemsOf(scene)) {
-    if (item.color_by.quantity != frame::ColorBy::Quantity::kNormal) {
-      ISOSCOPE_ASSIGN_OR_RETURN(right, DrawBarItem(scene, item, right, top, bar_height, annotated));
+  const auto has_bar = [](const LegendItem& item) {
+    return item.color_by.quantity != frame::ColorBy::Quantity::kNormal;
+  };
+  std::vector<int> widths;
+  for (const LegendItem& item : items) {
+    if (has_bar(item)) {
+      widths.push_back(WidthOf(item, text, scene.is_background_light));
+    }
+  }
+  const std::vector<BarPlace> places = PlaceBars(widths, size, text);
+  const BarPlace lowest = places.empty() ? PlaceBars({0}, size, text).back() : places.back();
+  const bool has_swatch = std::any_of(items.begin(), items.end(), [](const LegendItem& item) {
+    return item.nan_color.has_value();
+  });
+  double line_top = lowest.top + lowest.bar_height + (has_swatch ? 5.8 : 4) * text;
+  std::size_t bar = 0;
+  for (const LegendItem& item : items) {
+    if (has_bar(item)) {
+      ISOSCOPE_RETURN_IF_ERROR(DrawBarItem(scene, item, places[bar++], annotated));
       continue;
     }
     const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);

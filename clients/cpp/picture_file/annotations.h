@@ -39,6 +39,16 @@ struct SurfaceColoring {
   std::size_t surface_index = 0;
   frame::ColorBy color_by;       // with its range, if it has a map
   std::string field_title = {};  // of a colour by a field, with its unit
+  // The colour of missing values, if the picture shows it.
+  std::optional<image::Rgba8> nan_color = std::nullopt;
+};
+
+// The colouring of caps that show samples: likewise.
+struct CapsColoring {
+  frame::ColorMap map = frame::ColorMap::kViridis;
+  frame::ColorRange range;
+  std::string title;
+  std::optional<image::Rgba8> nan_color = std::nullopt;
 };
 
 // The properties of a frame that annotations depend on.
@@ -53,6 +63,7 @@ struct AnnotationScene {
   // Names of the opposite ends; empty: these have no arm.
   std::array<std::string, 3> opposite_names{};
   std::vector<SurfaceColoring> colorings;  // ascending surfaces
+  std::optional<CapsColoring> caps_coloring = std::nullopt;
   std::string length_unit = {};            // of world space; empty: not known
   std::string time = {};                   // with its unit; empty: none
 };
@@ -87,8 +98,8 @@ struct Annotated {
 };
 
 // Draws over the picture. The result is the same on one machine; another one may have another font.
-// INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is requested and no surface shows a
-// quantity; FAILED_PRECONDITION if there is no font. Thread-safe.
+// INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is requested and neither a surface
+// nor caps show a quantity; FAILED_PRECONDITION if there is no font. Thread-safe.
 absl::StatusOr<Annotated> Annotate(const Annotations& annotations, const AnnotationScene& scene,
                                    image::RgbaImage picture);
 

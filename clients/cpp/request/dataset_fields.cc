@@ -78,6 +78,10 @@ isoscope::v1::Dataset DatasetOfField(isoscope::v1::Dataset dataset, const Select
   if (chosen.has_value_range()) {
     *dataset.mutable_value_range() = chosen.value_range();
   }
+  dataset.clear_finite_range();
+  if (chosen.has_finite_range()) {
+    *dataset.mutable_finite_range() = chosen.finite_range();
+  }
   dataset.clear_max_gradient_magnitude();
   if (chosen.has_max_gradient_magnitude()) {
     dataset.set_max_gradient_magnitude(chosen.max_gradient_magnitude());

@@ -2,6 +2,7 @@
 //
 //   --light      X,Y,Z[:INTENSITY[:R,G,B]]                       up to four, in one space
 //   --color-by   QUANTITY[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]      for all surfaces, or for each
+//   --nan-color  COLOR                                           needs a map over samples
 //   --caps       "" or MAP[:MIN,MAX]                             needs a clip region
 //
 // Parsers check one value; CheckUsage checks the flags against each other and the surfaces.
@@ -19,6 +20,7 @@
 #include "absl/strings/str_split.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -230,9 +232,14 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
       "steps, as if it were left empty (z:grey::0.2,1); opacities are those at MIN and MAX, and "
       "below 1 the surface is translucent")
       .Group(group);
+  cli::AddFlag(set, "--nan-color", "COLOR", &flags->nan_color, ParseColor,
+               "colour where the field of --color-by, or the samples of --caps MAP, are missing "
+               "(NaN), as of --color (default: grey, 0.5; purple with the maps grey and cividis, "
+               "which have that grey)")
+      .Group(group);
 }
 
-absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count) {
+absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count, bool has_sample_caps) {
   if (flags.lights.size() > frame::kMaxLights) {
     return cli::UsageError(absl::StrCat("--light is given ", flags.lights.size(),
                                         " times: at most ", frame::kMaxLights, " are allowed"));
@@ -245,6 +252,14 @@ absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count) {
         absl::StrCat("--color-by is given ", flags.color_by.size(), " times, with ", surface_count,
                      " surfaces: give it once for all, or once for each in their "
                      "order (none keeps the colour)"));
+  }
+  const bool shows_field =
+      std::any_of(flags.color_by.begin(), flags.color_by.end(),
+                  [](const ColorByValue& value) { return !value.field.empty(); });
+  if (flags.nan_color && !shows_field && !has_sample_caps) {
+    return cli::UsageError(
+        "--nan-color is the colour of missing samples: give --color-by with a field, or --caps "
+        "with a map");
   }
   return absl::OkStatus();
 }
@@ -263,6 +278,9 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
   for (Light light : flags.lights) {
     light.space = flags.light_space.value_or(Light::Space::kView);
     *request->add_lights() = rpc::ToProto(light);
+  }
+  if (flags.nan_color) {
+    *request->mutable_nan_color() = ToProto(*flags.nan_color);
   }
   if (flags.color_by.empty()) {
     return;

@@ -14,6 +14,7 @@
 
 #include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
+#include "core/frame/color.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -44,18 +45,19 @@ struct LookFlags {
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
   // One value for all surfaces, or one for each.
   std::vector<ColorByValue> color_by = {};
+  std::optional<frame::Color> nan_color = std::nullopt;  // of missing values
 };
 
 // `flags` must outlive the parsing.
 void AddLookFlags(cli::FlagSet* set, LookFlags* flags);
 
-// UsageError.
-absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count);
+// UsageError. `has_sample_caps`: cuts show samples through a map.
+absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count, bool has_sample_caps);
 // INVALID_ARGUMENT if a surface is to be coloured by a field, and the dataset has none.
 absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Dataset& dataset);
 
 // Adds the flags to a request. If its single isovalue is to be coloured, it becomes a surface.
-// REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.
+// REQUIRES: CheckUsage is OK.
 void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
 
 // Returns the name of a map for --color-by: "cool-warm".

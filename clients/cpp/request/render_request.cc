@@ -92,7 +92,7 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
       set, "--caps", "[MAP[:MIN,MAX]]", &flags->caps, ParseCaps,
       "fill the cuts of --clip-plane and --clip-box through opaque surfaces, with "
       "their colour, or with the samples through a map of --color-by (default "
-      "range: all samples)");
+      "range: that of the finite samples, over all steps)");
   AddSelectionFlags(set, &flags->selection);
   AddCameraFlags(set, &flags->camera);
 }

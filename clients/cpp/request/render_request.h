@@ -48,6 +48,9 @@ struct RequestFlags {
     return isovalues().size() + label.surface_count();
   }
 
+  // Whether cuts show samples through a colour map.
+  [[nodiscard]] bool has_sample_caps() const { return caps && caps->map; }
+
   [[nodiscard]] view::Viewport viewport() const {
     return {.width_px = static_cast<int>(width.value_or(view::kCommonViewport.width_px)),
             .height_px = static_cast<int>(height.value_or(view::kCommonViewport.height_px))};

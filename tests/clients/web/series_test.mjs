@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
 import {
-  Player, choiceOf, choicesOf, hasAllFields, histogramWords, indexOfStep, stepsOf, titleOfColoring, valuesOf, withoutFields,
+  Player, choiceOf, choicesOf, hasAllFields, histogramWords, indexOfStep, stepsOf, legendOf, titleOfColoring, valuesOf, withoutFields,
 } from '../../../clients/web/series.js';
 
 // As the gateway writes it: what is 0 or empty is left out.
@@ -67,6 +67,29 @@ test('the legend has the name and the unit of a field', () => {
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_FIELD', field: 'hue' }, FLOW), 'hue');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_POSITION_Z' }, FLOW), 'position z');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_GRADIENT_MAGNITUDE' }, PLAIN), 'gradient');
+});
+
+test('the legend has a bar for each map, once, and for cuts that show samples', () => {
+  const range = { min: 1, max: 2 };
+  const nanColor = { red: 128 / 255, green: 128 / 255, blue: 128 / 255, alpha: 1 };
+  const byField = { quantity: 'QUANTITY_FIELD', field: 'pressure', colorMap: 'COLOR_MAP_TURBO', range };
+  assert.deepEqual(legendOf({}, FLOW), []);
+  assert.deepEqual(legendOf(null, FLOW), []);
+  assert.deepEqual(legendOf({ colorings: [{ colorBy: { quantity: 'QUANTITY_NORMAL' } }] }, FLOW), []);
+  const bar = { title: 'Static pressure (Pa)', colorMap: 'COLOR_MAP_TURBO', range };
+  assert.deepEqual(legendOf({ colorings: [{ colorBy: byField, nanColor }, { surfaceIndex: 1, colorBy: byField, nanColor }] }, FLOW),
+    [{ ...bar, nan: '' }]);
+  // A swatch, if one of the surfaces shows missing values.
+  for (const shows of [[true, false], [false, true]]) {
+    assert.deepEqual(legendOf({ colorings: shows.map((showsNan) => ({ colorBy: byField, nanColor, showsNan })) }, FLOW),
+      [{ ...bar, nan: '#808080' }]);
+  }
+  const byHeight = { quantity: 'QUANTITY_POSITION_Z', range };
+  const capsColoring = { caps: { colorMap: 'COLOR_MAP_GREY', range }, nanColor, showsNan: true };
+  assert.deepEqual(legendOf({ colorings: [{ colorBy: byHeight }], capsColoring, selection: { field: 'pressure' } }, FLOW),
+    [{ title: 'position z', colorMap: undefined, range, nan: '' },
+      { title: 'Static pressure (Pa) on cuts', colorMap: 'COLOR_MAP_GREY', range, nan: '#808080' }]);
+  assert.equal(legendOf({ capsColoring }, PLAIN)[0].title, 'samples on cuts');
 });
 
 test('a link with fields opens a dataset without them, and says what is left out', () => {

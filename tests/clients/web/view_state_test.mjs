@@ -5,7 +5,9 @@ import { test } from 'node:test';
 
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
-import { COLOR_MAPS, colorByFromKey, colorByToKey, otherSideOf, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
+import {
+  COLOR_MAPS, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash,
+} from '../../../clients/web/view-state.js';
 
 const FULL = {
   dataset: 'a name/with &=#%:, ünd',
@@ -20,7 +22,7 @@ const FULL = {
     perspective: { fovYDegrees: 29.999999999999996 } },
   clip: { halfSpaces: [{ normal: { x: 1, y: 0, z: -0.5 }, offset: 12.5 }, { normal: { x: 0, y: 1, z: 0 }, offset: -3 }],
     box: { min: { x: 1, y: 2, z: 3 }, max: { x: 4, y: 5.5, z: 6 } } },
-  caps: { colorMap: 'COLOR_MAP_GREY', range: { min: 0, max: 200 } },
+  caps: { colorMap: 'COLOR_MAP_GREY', range: { min: 0, max: 200 } }, nanColor: { red: 0.25, green: 0, blue: 1, alpha: 1 },
   lights: [{ direction: { x: -1, y: 1, z: 2 }, intensity: 0.7, color: { red: 1, green: 0.5, blue: 0.25, alpha: 1 }, space: 'SPACE_WORLD' },
     { direction: { x: 0, y: 0, z: 1 }, intensity: 1, space: 'SPACE_WORLD' }],
   samples: 4, ambientOcclusion: { radiusPx: 24, strength: 0.5 },
@@ -131,6 +133,23 @@ test('a colour of a link may be a name of CSS or hexadecimal digits, in any case
     assert.equal(colorFromText(text), null, text);
   }
   assert.equal(colorFromText('transparent').alpha, 0);
+});
+
+test('a colour of missing samples is in a link where colours show samples, and nowhere else', () => {
+  const nanColor = { red: 0, green: 0.5, blue: 1, alpha: 1 };
+  const byField = { quantity: 'QUANTITY_FIELD', field: 'heat' };
+  for (const shows of [{ surfaces: [{ isovalue: 1 }, { isovalue: 2, colorBy: byField }] }, { caps: { colorMap: 'COLOR_MAP_GREY' } }]) {
+    assert.match(stateToHash({ ...shows, nanColor }), /(^|&)nan-color=0,0.5,1(&|$)/);
+    assert.deepEqual(stateFromHash(stateToHash({ ...shows, nanColor })).state.nanColor, nanColor);
+    assert.doesNotMatch(stateToHash(shows), /nan-color/);
+  }
+  assert.equal(stateToHash({ surfaces: [{ isovalue: 1, colorBy: { quantity: 'QUANTITY_POSITION_X' } }], caps: {}, nanColor }).includes('nan-color'), false);
+  // The server refuses one that is not opaque.
+  assert.deepEqual(stateFromHash('#nan-color=%23ff000080').state.nanColor, { red: 1, green: 0, blue: 0, alpha: 1 });
+  assert.equal(stateFromHash('#nan-color=reddish').problems.length, 1);
+  assert.deepEqual(['grey', 'cividis', 'viridis', 'cool-warm'].map((name) => defaultNanColor(colorMapToJson(name))),
+    ['#800080', '#800080', '#808080', '#808080']);
+  assert.equal(defaultNanColor(undefined), '#808080');
 });
 
 test('isovalues with commas between them are surfaces, and a colour is that of all that have none', () => {

@@ -92,11 +92,12 @@ class FramePipelineTest : public ::testing::Test {
 
   absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
       const Shards& shards, const FrameTask& request,
-      const base::Cancellation* cancellation = nullptr) {
+      const base::Cancellation* cancellation = nullptr,
+      const std::vector<Shards>& color_shards = {}) {
     FrameTask numbered = request;
     numbered.frame_number = frame_number_.fetch_add(1);
     return FramePipeline::Make(shards, numbered, Resources(),
-                               cancellation == nullptr ? &never_ : cancellation);
+                               cancellation == nullptr ? &never_ : cancellation, color_shards);
   }
   [[nodiscard]] AgentResources Resources() const {
     return {.renderer = renderer_.get(),

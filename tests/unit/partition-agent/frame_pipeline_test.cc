@@ -10,6 +10,7 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/random.h"
+#include "core/image/normal_and_step.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/unit/partition-agent/frame_pipeline_fixture.h"
 
@@ -473,6 +474,40 @@ TEST_F(FramePipelineTest, BadRequestIsRefused) {
   task_.spec.camera.reset();
   EXPECT_THAT(Make(shards_, task_),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("camera")));
+  task_ = dataset_->Request();
+  task_.spec.caps = frame::ClipCaps{.map = frame::ColorMap::kViridis};
+  EXPECT_THAT(Make(shards_, task_),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("range")));
+  task_.spec.caps->range = frame::ColorRange{0, 1};
+  ISOSCOPE_EXPECT_OK(Make(shards_, task_));
+}
+
+// Planes show the same surfaces without colours: their frames name no samples of other fields.
+TEST_F(FramePipelineTest, AFieldIsReadIfPixelsCarryStepsAndOnlyThen) {
+  Open(2);
+  task_.spec.surfaces[0].color_by =
+      frame::ColorBy{.quantity = frame::ColorBy::Quantity::kField,
+                     .range = frame::ColorRange{SmallDataset::kIsovalue - 10.5,
+                                                SmallDataset::kIsovalue + 245.5}};
+  task_.spec.sends_normals = true;
+  ISOSCOPE_EXPECT_OK(Make(shards_, task_));
+  task_.spec.sends_map_steps = true;
+  EXPECT_THAT(Make(shards_, task_), StatusIs(absl::StatusCode::kInvalidArgument,
+                                             HasSubstr("surface 0 shows another field")));
+  EXPECT_THAT(Make(shards_, task_, nullptr, {{}}),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+  // The field that is drawn has the isovalue at every vertex.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_, nullptr, {shards_}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, pipeline->RenderAll());
+  int count = 0;
+  for (std::size_t i = 0; i < image.keys.size(); ++i) {
+    if (image.keys[i] != image::kBackgroundKey) {
+      ++count;
+      ASSERT_TRUE(image::HasStep(image.colors[i])) << i;
+      ASSERT_EQ(image::StepOf(image.colors[i]), 10) << i;
+    }
+  }
+  EXPECT_GT(count, 1000);
 }
 
 TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {

@@ -73,6 +73,8 @@ TEST(ShardHistogramTest, PartsAddUpToTheSameForAnyNumberOfShards) {
     EXPECT_EQ(a.estimated_triangle_counts, b.estimated_triangle_counts);
     EXPECT_EQ(a.samples, b.samples);
     EXPECT_EQ(a.samples->TotalCount(), math::Volume(one.geometry().sample_dims));
+    EXPECT_EQ(a.value_range, one.manifest().value_range);
+    EXPECT_EQ(b.value_range, one.manifest().value_range);
   }
 }
 

@@ -46,6 +46,7 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       {"with_trace: true", "withTrace is true"},
       {"allow_partial: true", "allowPartial is true"},
       {"allow_partial: true output { depth: true }", "output asks for"},
+      {"with_notes: true", "withNotes is true"},
   };
   for (const Case& c : cases) {
     const absl::Status status = CheckAnswerable(Parse<v1::RenderIsosurfaceRequest>(c.request));

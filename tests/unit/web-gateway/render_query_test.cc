@@ -146,6 +146,11 @@ TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {
   EXPECT_EQ(parse("component=y&step=last")->selection().ShortDebugString(),
             "component: \"y\" time_step: -1");
   EXPECT_FALSE(parse("width=8")->has_selection());
+  const auto missing = parse("color_by=temperature&nan-color=teal");
+  ASSERT_THAT(missing, IsOk());
+  EXPECT_EQ(missing->nan_color().alpha(), 1);
+  EXPECT_EQ(missing->nan_color().red(), 0);
+  EXPECT_FALSE(frame->has_nan_color());
 }
 
 TEST(RenderQueryTest, TheSelectionOfAHistogramIsTakenOutOfItsParameters) {
@@ -204,6 +209,7 @@ TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
       {"isovalue=60&step=1:9:2", {"step", "'1:9:2'"}},
       {"isovalue=60&time=now", {"time", "'now'"}},
       {"isovalue=60&time=1&step=2", {"time and step exclude each other"}},
+      {"isovalue=60&nan-color=red", {"nan-color is the colour of missing samples", "color-by"}},
       {"isovalue=60&color-by=hue", {"color-by", "'hue'", "gradient", "no other fields"}},
   };
   for (const auto& c : cases) {

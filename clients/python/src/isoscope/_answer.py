@@ -20,11 +20,13 @@ from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope._messages import MAPS, QUANTITIES
 from isoscope._request import PLANES
+from isoscope._warn import warn_of_surface
 from isoscope.camera import Camera
 from isoscope.data import (
     AgentState,
     AgentStatistics,
     Capabilities,
+    CapsColoring,
     Field,
     FieldComponent,
     FieldValue,
@@ -34,13 +36,14 @@ from isoscope.data import (
     Statistics,
     Suggestion,
     SurfaceColoring,
+    SurfaceNote,
     SurfaceStatistics,
     TimeStep,
 )
 from isoscope.errors import InternalError
 from isoscope.frame import Frame, Planes
 from isoscope.labels import Label
-from isoscope.look import ColorBy
+from isoscope.look import Caps, ColorBy
 
 _BYTES_FIELDS = ("png", "jpeg", "rgba8", *PLANES)
 _DTYPES = ("V1", "u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
@@ -90,12 +93,14 @@ def _field(proto: dataset_pb2.Field, numbers: Sequence[int]) -> Field:
     )
 
 
+def _hex_color(proto: geometry_pb2.Color) -> str:
+    """Returns "#rrggbb", without the alpha."""
+    bytes_ = (int(255 * channel + 0.5) for channel in (proto.red, proto.green, proto.blue))
+    return "#" + "".join(f"{min(max(byte, 0), 255):02x}" for byte in bytes_)
+
+
 def _label(proto: dataset_pb2.Label) -> Label:
-    color = None
-    if proto.HasField("color"):
-        bytes_ = (int(255 * channel + 0.5) for channel in (proto.color.red, proto.color.green, proto.color.blue))
-        color = "#" + "".join(f"{min(max(byte, 0), 255):02x}" for byte in bytes_)
-    return Label(proto.value, proto.name or None, color)
+    return Label(proto.value, proto.name or None, _hex_color(proto.color) if proto.HasField("color") else None)
 
 
 def selection(proto: dataset_pb2.FieldSelection | None) -> dict[str, Any]:
@@ -226,7 +231,24 @@ def _coloring(proto: pb.SurfaceColoring) -> SurfaceColoring:
             field=one.field or None,
             component=one.component or None,
         ),
+        nan_color=_hex_color(proto.nan_color) if proto.HasField("nan_color") else None,
+        shows_nan=proto.shows_nan,
     )
+
+
+def _caps_coloring(proto: pb.CapsColoring | None) -> CapsColoring | None:
+    if proto is None:
+        return None
+    range_ = proto.caps.range
+    caps = Caps(cast(Any, _key(MAPS, int(proto.caps.color_map), "viridis")), (range_.min, range_.max))
+    return CapsColoring(caps, _hex_color(proto.nan_color), proto.shows_nan)
+
+
+def _note(proto: pb.SurfaceNote) -> SurfaceNote:
+    names = pb.SurfaceNote.Reason
+    known = proto.reason in names.values()
+    reason = names.Name(proto.reason).removeprefix("REASON_").lower() if known else str(int(proto.reason))
+    return SurfaceNote(proto.surface_index, reason, proto.message)
 
 
 class FrameParts:
@@ -256,6 +278,10 @@ class FrameParts:
         again.CopyFrom(self._request)
         again.camera.CopyFrom(self._rest.camera)
         again.ClearField("camera_fit")
+        again.ClearField("with_notes")
+        notes = tuple(map(_note, self._rest.notes))
+        for note in notes:
+            warn_of_surface(note.message)
         if self._rest.HasField("selection"):
             again.selection.CopyFrom(self._rest.selection)
         return Frame(
@@ -264,6 +290,8 @@ class FrameParts:
             camera=camera(self._rest.camera),
             stats=statistics(self._rest.statistics),
             colorings=tuple(map(_coloring, self._rest.colorings)),
+            caps_coloring=_caps_coloring(_optional(self._rest, "caps_coloring")),
+            notes=notes,
             jpeg=self._joined("jpeg") or None,
             **selection(_optional(self._rest, "selection")),
             time=_optional(self._rest, "time"),

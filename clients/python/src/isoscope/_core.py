@@ -171,6 +171,7 @@ def render(
     clip: ClipLike | None = None,
     lights: Sequence[LightLike] | LightLike = (),
     color_by: ColorByLike | None = None,
+    nan_color: ColorLike | None = None,
     samples: int | None = None,
     ambient_occlusion: AmbientOcclusion | bool = False,
     silhouette: Silhouette | bool = False,
@@ -212,6 +213,8 @@ def render(
         lights: up to 4 lights in place of the head light.
         color_by: quantity or field that surfaces without one of their own show: ColorBy, or words as
             "temperature:magma:280,320".
+        nan_color: colour where a field that colours show, or the samples of caps with a map, are missing (NaN);
+            default: grey, 0.5; purple with the maps "grey" and "cividis", which have that grey.
         samples: 1, 4, 9 or 16 samples a pixel, for smooth edges.
         ambient_occlusion, silhouette: effects; True for their defaults.
         max_layers: translucent fragments that show in a pixel, 1 to 16; default 8.
@@ -223,6 +226,8 @@ def render(
             says what is missing. Else that is an error.
         timeout: deadline in seconds; default: the client's.
 
+    A surface that does not show, and that no other one hides, is no error: a SurfaceWarning says why.
+
     Raises:
         InvalidArgumentError: names the argument, its value and the allowed values.
         IsoscopeError: see isoscope.errors. A frame is right or an error, never incomplete.
@@ -233,11 +238,12 @@ def render(
         component=component, time=time, step=step,
     )  # fmt: skip
     _request.set_appearance(
-        request, color=color, background=background, lights=lights, color_by=color_by, samples=samples,
+        request, color=color, background=background, lights=lights, color_by=color_by, nan_color=nan_color, samples=samples,
         ambient_occlusion=ambient_occlusion, silhouette=silhouette, culling=culling,
     )  # fmt: skip
     _request.set_output(request, format, quality, planes)
     request.allow_partial = bool(allow_partial)
+    _request.ask_for_notes(request, self._client._capabilities)
     return frame(_expecting(self, request), timeout)
 
 
@@ -338,6 +344,16 @@ def mesh(
     """
     request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step, labels))
     return Call(request, _answer.MeshParts(request), timeout)
+
+
+def notes_on_mesh(call: Call[Mesh], mesh: Mesh, capabilities: Capabilities | None) -> Call[Frame] | None:
+    """Returns a small frame of the surfaces that have no triangles, whose notes become warnings; None: no need."""
+    request = cast(pb.ExportIsosurfaceRequest, call.request)
+    frame = _request.frame_of_empty(request, set(mesh.triangle_surface.tolist()))
+    _request.ask_for_notes(frame, capabilities)
+    if not frame.surfaces or not frame.with_notes:
+        return None
+    return Call(pb.RenderIsosurfaceStreamRequest(request=frame), _answer.FrameParts(frame), call.timeout)
 
 
 def histogram(

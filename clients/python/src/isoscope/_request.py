@@ -51,6 +51,8 @@ from isoscope.look import (
 _CULLINGS = {"depth": 1, "mask": 2, "none": 3}
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
 _FITS = {"volume": 1, "surface": 2}
+# The side of a picture that is drawn for its notes alone, in pixels.
+_EMPTY_SIDE = 64
 #: The most surfaces of a frame; servers of 0.1 take 16.
 MAX_SURFACES = 128
 #: Type and components of a pixel of each plane.
@@ -159,6 +161,7 @@ def set_appearance(
     background: ColorLike | None,
     lights: Sequence[LightLike] | LightLike,
     color_by: ColorByLike | None,
+    nan_color: ColorLike | None,
     samples: int | None,
     ambient_occlusion: AmbientOcclusion | bool,
     silhouette: Silhouette | bool,
@@ -172,6 +175,8 @@ def set_appearance(
     coloring = None if color_by is None else color_by_message(color_by)
     if coloring is not None:
         _set_color_by(request, coloring)
+    if nan_color is not None:
+        request.nan_color.CopyFrom(color_message(nan_color, "nan_color"))
     if background is not None:
         request.background_color.CopyFrom(color_message(background, "background"))
     request.lights.extend(map(light_message, as_lights(lights)))
@@ -223,6 +228,11 @@ def set_output(
         setattr(request.output, plane, True)
 
 
+def ask_for_notes(request: pb.RenderIsosurfaceRequest, capabilities: Capabilities | None) -> None:
+    """Asks why surfaces do not show. Older servers refuse the field."""
+    request.with_notes = capabilities is not None and "notes" in capabilities.features
+
+
 def plane(request: pb.RenderIsosurfaceRequest, plane: PlaneName) -> pb.RenderIsosurfaceRequest:
     """Returns the request for one more plane of the frame that `request` asked for."""
     more = pb.RenderIsosurfaceRequest()
@@ -270,6 +280,20 @@ def export(
             raise InvalidArgumentError("clip caps: meshes are open where they are cut; leave caps out")
         request.clip.CopyFrom(clip_region)
     return request
+
+
+def frame_of_empty(request: pb.ExportIsosurfaceRequest, filled: set[int]) -> pb.RenderIsosurfaceRequest:
+    """Returns the request for a small picture of those surfaces of a mesh that are not among `filled`."""
+    surfaces = list(request.surfaces) or [pb.Surface(isovalue=request.isovalue)]
+    empty = [surface for at, surface in enumerate(surfaces) if at not in filled]
+    frame = pb.RenderIsosurfaceRequest(
+        dataset=request.dataset, dataset_id=request.dataset_id, surfaces=empty[:MAX_SURFACES],
+        viewport=geometry_pb2.Viewport(width_px=_EMPTY_SIDE, height_px=_EMPTY_SIDE),
+    )  # fmt: skip
+    for name in ("clip", "selection"):
+        if request.HasField(cast(Any, name)):
+            getattr(frame, name).CopyFrom(getattr(request, name))
+    return frame
 
 
 def histogram(

@@ -150,7 +150,12 @@ class Dataset(_core.DatasetOfClient):
 
     @_core.shaped_like(_core.mesh)
     async def mesh(self, *what: Any, **how: Any) -> Mesh:
-        return await self._client._do(_core.mesh(self, *what, **(await self._resolved(how))))
+        call = _core.mesh(self, *what, **(await self._resolved(how)))
+        mesh = await self._client._do(call)
+        notes = _core.notes_on_mesh(call, mesh, self._client._capabilities)
+        if notes is not None:
+            await self._client._do(notes)
+        return mesh
 
     @_core.shaped_like(_core.histogram)
     async def histogram(self, *what: Any, **how: Any) -> Histogram:

@@ -158,7 +158,12 @@ class Dataset(_core.DatasetOfClient):
 
     @_core.shaped_like(_core.mesh)
     def mesh(self, *what: Any, **how: Any) -> Mesh:
-        return self._client._do(_core.mesh(self, *what, **self._resolved(how)))
+        call = _core.mesh(self, *what, **self._resolved(how))
+        mesh = self._client._do(call)
+        notes = _core.notes_on_mesh(call, mesh, self._client._capabilities)
+        if notes is not None:
+            self._client._do(notes)
+        return mesh
 
     @_core.shaped_like(_core.histogram)
     def histogram(self, *what: Any, **how: Any) -> Histogram:

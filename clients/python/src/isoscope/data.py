@@ -23,12 +23,13 @@ from isoscope._statistics import AgentStatistics, Statistics, SurfaceStatistics
 from isoscope.camera import Vec3
 
 if TYPE_CHECKING:
-    from isoscope.look import ColorBy
+    from isoscope.look import Caps, ColorBy
 
 __all__ = [
     "AgentState",
     "AgentStatistics",
     "Capabilities",
+    "CapsColoring",
     "DatasetInfo",
     "Field",
     "FieldComponent",
@@ -39,6 +40,7 @@ __all__ = [
     "Statistics",
     "Suggestion",
     "SurfaceColoring",
+    "SurfaceNote",
     "SurfaceStatistics",
     "TimeStep",
 ]
@@ -158,12 +160,52 @@ class Histogram:
 
 @dataclass(frozen=True)
 class SurfaceColoring:
-    """How a surface with a `color_by` was coloured: with the map and range that were used, for a legend."""
+    """How a surface with a `color_by` was coloured, for a legend.
+
+    Attributes:
+        surface_index: of the frame, from 0.
+        color_by: with the map and range that were used.
+        nan_color: "#rrggbb" where the field has no value (NaN); None of other quantities.
+        shows_nan: whether the picture shows that colour.
+    """
 
     surface_index: int
     color_by: ColorBy
+    nan_color: str | None = None
+    shows_nan: bool = False
 
     surface = renamed("surface", "surface_index")
+
+
+@dataclass(frozen=True)
+class CapsColoring:
+    """How caps that show samples were coloured, for a legend.
+
+    Attributes:
+        caps: the map, and the range that was used.
+        nan_color: "#rrggbb" of missing samples.
+        shows_nan: whether the picture shows that colour.
+    """
+
+    caps: Caps
+    nan_color: str
+    shows_nan: bool
+
+
+@dataclass(frozen=True)
+class SurfaceNote:
+    """Why a surface does not show in a picture, or which of its labels no sample has.
+
+    Attributes:
+        surface_index: of the frame, from 0.
+        reason: "no_samples", "outside_range", "no_label", "some_labels_missing", "no_cell", "clipped", "outside_picture"
+            or "transparent"; newer servers may have others.
+        message: a sentence that names the surface, the reason, and the values or labels that there are.
+    """
+
+    surface_index: int
+    reason: str
+    message: str
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,18 @@ __all__ = [
     "PermissionDeniedError",
     "ProgramError",
     "ResourceExhaustedError",
+    "SurfaceWarning",
     "UnauthenticatedError",
     "UnavailableError",
     "UnimplementedError",
 ]
+
+
+class SurfaceWarning(UserWarning):
+    """A surface does not show in a picture, or a mesh has none of it; the message says why. Not an error.
+
+    `warnings.simplefilter("error", isoscope.SurfaceWarning)` makes it one.
+    """
 
 
 class IsoscopeError(Exception):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from isoscope import _png
 from isoscope.camera import Camera
-from isoscope.data import PickedPoint, Statistics, SurfaceColoring
+from isoscope.data import CapsColoring, PickedPoint, Statistics, SurfaceColoring, SurfaceNote
 from isoscope.errors import IsoscopeError
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ class Frame:
         camera: the camera of the picture.
         stats: what it cost.
         colorings: how surfaces with `color_by` were coloured.
+        caps_coloring: how caps that show samples were coloured; None without such caps.
+        notes: why surfaces do not show, if some do not. `render` also warns of each with a SurfaceWarning.
         jpeg: the picture as JPEG; None unless asked for.
         field, component: what the surfaces are of; None if the dataset has no fields, or the field no components.
         step, time: number of the time step, and its time; None if the dataset has no times.
@@ -59,6 +61,8 @@ class Frame:
     _planes: Planes
     _request: RenderIsosurfaceRequest
     _do: Do | None = None
+    caps_coloring: CapsColoring | None = None
+    notes: tuple[SurfaceNote, ...] = ()
     field: str | None = None
     component: str | None = None
     step: int | None = None

@@ -59,5 +59,18 @@ TEST(FrameSpecTest, OwnersThatDoNotFitIn32BitsAreRefused) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("at most 0 surfaces")));
 }
 
+TEST(FrameSpecTest, MissingValuesAreGreyOrPurpleBesideAMapThatHasThisGrey) {
+  FrameSpec spec;
+  for (const ColorMap map : {ColorMap::kViridis, ColorMap::kMagma, ColorMap::kTurbo,
+                             ColorMap::kCoolWarm}) {
+    EXPECT_EQ(NanColorOf(spec, map), (image::Rgba8{128, 128, 128, 255}));
+  }
+  for (const ColorMap map : {ColorMap::kGrey, ColorMap::kCividis}) {
+    EXPECT_EQ(NanColorOf(spec, map), (image::Rgba8{128, 0, 128, 255}));
+  }
+  spec.nan_color = image::Rgba8{1, 2, 3, 255};
+  EXPECT_EQ(NanColorOf(spec, ColorMap::kGrey), *spec.nan_color);
+}
+
 }  // namespace
 }  // namespace isoscope::frame

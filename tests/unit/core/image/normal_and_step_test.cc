@@ -47,10 +47,43 @@ TEST(NormalAndStepTest, NoNormalStaysNone) {
   EXPECT_EQ(StepOf(EncodeNormalAndStep(kNoNormal, 9)), 9);
 }
 
+TEST(NormalAndStepTest, ADirectionWithoutAStepComesBackWithinFourTenthsOfADegree) {
+  for (std::uint64_t i = 0; i < 100000; ++i) {
+    const auto unit = [&](std::uint64_t k) { return 2 * base::RandomUnit(9, 3 * i + k) - 1; };
+    const std::array<double, 3> v{unit(0), unit(1), unit(2)};
+    const Rgba8 code = EncodeNormalWithoutStep(EncodeNormal(v));
+    ASSERT_FALSE(HasStep(code)) << i;
+    ASSERT_LT(AngleDegrees(v, DecodeNormal(NormalOf(code))), 0.4) << i;
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (const double sign : {-1.0, 1.0}) {
+      std::array<double, 3> v{};
+      v[axis] = sign;
+      EXPECT_EQ(NormalOf(EncodeNormalWithoutStep(EncodeNormal(v))), EncodeNormal(v)) << axis;
+    }
+  }
+  EXPECT_FALSE(HasStep(EncodeNormalWithoutStep(kNoNormal)));
+  EXPECT_EQ(NormalOf(EncodeNormalWithoutStep(kNoNormal)), kNoNormal);
+}
+
+// The bytes of coordinates that EncodeNormal can give, and their ends.
+TEST(NormalAndStepTest, NoVectorWithAStepLooksLikeOneWithout) {
+  EXPECT_TRUE(HasStep(EncodeNormalAndStep(kNoNormal, 0)));
+  for (int x = -32767; x <= 32767; x += 61) {
+    for (const int y : {-32767, -32766, -16384, -1, 0, 1, 16383, 32767}) {
+      const Rgba8 normal{static_cast<std::uint8_t>(x >> 8), static_cast<std::uint8_t>(x),
+                         static_cast<std::uint8_t>(y >> 8), static_cast<std::uint8_t>(y)};
+      for (const int step : {0, 128, 255}) {
+        ASSERT_TRUE(HasStep(EncodeNormalAndStep(normal, static_cast<std::uint8_t>(step)))) << x << ", " << y;
+      }
+    }
+  }
+}
+
 TEST(NormalAndStepTest, AnyBitsAreAVectorOrNone) {
   for (std::uint32_t bits = 0; bits < 1U << 24; bits += 7) {
     const Rgba8 code{static_cast<std::uint8_t>(bits >> 16), static_cast<std::uint8_t>(bits >> 8),
-                     static_cast<std::uint8_t>(bits), 0};
+                     static_cast<std::uint8_t>(bits), static_cast<std::uint8_t>(bits * 31 >> 3)};
     const Rgba8 normal = NormalOf(code);
     const std::array<float, 3> v = DecodeNormal(normal);
     ASSERT_EQ(normal == kNoNormal, v == (std::array<float, 3>{0, 0, 0})) << bits;

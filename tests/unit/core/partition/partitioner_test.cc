@@ -250,6 +250,42 @@ TEST_F(PartitionerTest, NanIsLeftOutOfSpansAndAllNanBlocksAreNeverActive) {
   ExpectDatasetMatches(dir_.Sub("all-nan"), v, Options("all-nan"));
 }
 
+// Infinite samples hide the range that colours need.
+TEST_F(PartitionerTest, TheRangeOfFiniteSamplesIsToldWhereOthersAreInfinite) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const math::Index3 dims{20, 12, 12};
+  Volume v{dims, ScalarType::kFloat32, std::string(20 * 12 * 12 * 4, '\0')};
+  const auto set = [&](std::size_t i, float value) {
+    base::StoreLittleEndian(value, v.samples.data() + 4 * i);
+  };
+  for (std::size_t i = 0; i < v.samples.size() / 4; ++i) {
+    set(i, static_cast<float>(i % 37) - 5);
+  }
+  PartitionOptions options = Options("finite");
+  options.block_cells = {4, 4, 4};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest finite, Run(v, options));
+  EXPECT_EQ(finite.value_range, (volume::ScalarSpan{-5, 31}));
+  EXPECT_FALSE(finite.finite_range.has_value());
+  set(100, kInfinity);
+  set(101, std::numeric_limits<float>::quiet_NaN());
+  options.output_directory = dir_.Sub("infinite");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest infinite, Run(v, options));
+  EXPECT_EQ(infinite.value_range, (volume::ScalarSpan{-5, kInfinity}));
+  EXPECT_EQ(infinite.finite_range, (volume::ScalarSpan{-5, 31}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto shard,
+                                store::ShardReader::Open(dir_.Sub("infinite") + "/" +
+                                                         store::ShardDirectoryName(0, 1)));
+  EXPECT_EQ(shard->manifest().finite_range, infinite.finite_range);
+  ISOSCOPE_EXPECT_OK(shard->ReadHistogram().status());
+  for (std::size_t i = 0; i < v.samples.size() / 4; ++i) {
+    set(i, -kInfinity);
+  }
+  options.output_directory = dir_.Sub("all-infinite");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest none, Run(v, options));
+  EXPECT_EQ(none.value_range, (volume::ScalarSpan{-kInfinity, -kInfinity}));
+  EXPECT_EQ(none.finite_range, volume::ScalarSpan());
+}
+
 TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfReading) {
   // From bands of one row of blocks, by layers, to 4 layers a portion; 8 layers and 12 rows in all.
   const math::Index3 dims{96, 91, 60};

@@ -1,5 +1,6 @@
 #include "core/partition/samples_digest.h"
 
+#include <cstdint>
 #include <set>
 #include <string>
 #include <vector>
@@ -41,6 +42,19 @@ TEST(SamplesDigestTest, ValueStaysAsDocumented) {
   // Written out: pictures on disk carry it. From docs/format/dataset.md in Python:
   //   s = sum(int.from_bytes(sha256(pack("<qq", y, z) + row).digest(), "little") ...) % 2**256
   EXPECT_EQ(DigestOf(Rows()), "4ea804350f90f792ebde25222dd30232");
+}
+
+// Digests of rows hardly ever have a word of ones, whose carry comes from the word before.
+TEST(SamplesDigestTest, CarriesGoThroughWordsOfOnes) {
+  constexpr std::uint64_t kOnes = ~std::uint64_t{0};
+  const DigestSum one{1, 0, 0, 0};
+  EXPECT_EQ(SumOf({kOnes, 5, 6, 7}, one), (DigestSum{0, 6, 6, 7}));
+  EXPECT_EQ(SumOf({kOnes, kOnes, 6, 7}, one), (DigestSum{0, 0, 7, 7}));
+  EXPECT_EQ(SumOf(one, {kOnes, kOnes, kOnes, 7}), (DigestSum{0, 0, 0, 8}));
+  EXPECT_EQ(SumOf({kOnes, kOnes, kOnes, kOnes}, one), DigestSum()) << "modulo 2^256";
+  EXPECT_EQ(SumOf({kOnes, kOnes, kOnes, kOnes}, {kOnes, kOnes, kOnes, kOnes}),
+            (DigestSum{kOnes - 1, kOnes, kOnes, kOnes}));
+  EXPECT_EQ(SumOf({3, kOnes, 0, 0}, {4, 1, 0, 0}), (DigestSum{7, 0, 1, 0}));
 }
 
 TEST(SamplesDigestTest, OrderOfRowsAndPartialSumsDoNotShow) {

@@ -12,6 +12,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "absl/cleanup/cleanup.h"
@@ -19,6 +20,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "hwy/highway.h"
 #include "hwy/targets.h"
@@ -384,6 +386,84 @@ TEST(DeferredShadingTest, AMapWithOpacitiesLeavesItsStepInAlpha) {
     const Rgba8 color = ShadeOne(shader, FragmentOf(x, 40, {0, 0, 1}));
     ASSERT_EQ(color.a, color.r) << "the grey map's colours are its steps, at " << x;
   }
+}
+
+// A fragment of a surface that shows a field: without a step its value is missing.
+NormalFragment ValueFragment(int x, const std::optional<std::uint8_t>& step,
+                             std::uint32_t surface = 0) {
+  NormalFragment fragment = FragmentOf(x, 40, {0, 0, 1}, surface);
+  fragment.normal = step.has_value() ? image::EncodeNormalAndStep(fragment.normal, *step)
+                                     : image::EncodeNormalWithoutStep(fragment.normal);
+  return fragment;
+}
+
+frame::FrameSpec SpecOfField(frame::ColorMap map) {
+  frame::FrameSpec spec = SpecOf({});
+  spec.surfaces[0].color_by = ColorBy{
+      .quantity = ColorBy::Quantity::kField, .map = map, .range = frame::ColorRange{0, 1}};
+  spec.surfaces[0].appearance = {.ambient = 1, .diffuse = 0.0F, .specular = 0};
+  return spec;
+}
+
+// Symptom: missing values had the map's greatest colour.
+TEST(DeferredShadingTest, AMissingValueHasAColorThatIsNotOfTheMap) {
+  const view::View view = MakeView(view::Projection::kOrthographic);
+  for (int i = 0; i < 6; ++i) {
+    const auto map = static_cast<frame::ColorMap>(i);
+    frame::FrameSpec spec = SpecOfField(map);
+    const DeferredShader shader(spec, view, kOrder);
+    const Rgba8 missing = ShadeOne(shader, ValueFragment(3, std::nullopt));
+    const bool has_grey = map == frame::ColorMap::kGrey || map == frame::ColorMap::kCividis;
+    EXPECT_EQ(missing, has_grey ? (Rgba8{128, 0, 128, 255}) : (Rgba8{128, 128, 128, 255})) << i;
+    for (const Rgba8& color : ColorMapTableOf(map)) {
+      EXPECT_GT(LargestDifference(color, missing), 20) << i;
+    }
+    spec.nan_color = Rgba8{1, 2, 3, 255};
+    EXPECT_EQ(ShadeOne(DeferredShader(spec, view, kOrder), ValueFragment(3, std::nullopt)),
+              (Rgba8{1, 2, 3, 255}));
+    EXPECT_EQ(ShadeOne(DeferredShader(spec, view, kOrder), ValueFragment(3, 255)),
+              ColorMapTableOf(map)[255]);
+  }
+}
+
+TEST(DeferredShadingTest, AMissingValueIsLitAsTheSurfaceIs) {
+  frame::FrameSpec spec = SpecOfField(frame::ColorMap::kViridis);
+  spec.surfaces[0].appearance = {.ambient = 0.5F, .specular = 0};
+  spec.lights = {{.direction = {0, 0, -1}}};
+  const DeferredShader shader(spec, MakeView(view::Projection::kOrthographic), kOrder);
+  EXPECT_EQ(ShadeOne(shader, ValueFragment(3, std::nullopt)), (Rgba8{64, 64, 64, 255}));
+}
+
+TEST(DeferredShadingTest, AMissingValueHasTheOpacityOfTheMoreOpaqueEnd) {
+  frame::FrameSpec spec = SpecOfField(frame::ColorMap::kViridis);
+  const view::View view = MakeView(view::Projection::kOrthographic);
+  const auto alpha_of = [&](float at_min, float at_max) {
+    spec.surfaces[0].color_by->opacity_at_min = at_min;
+    spec.surfaces[0].color_by->opacity_at_max = at_max;
+    const DeferredShader shader(spec, view, kOrder);
+    const NormalFragment fragment = ValueFragment(3, std::nullopt);
+    EXPECT_EQ(shader.OpacityStepOf(fragment), ShadeOne(shader, fragment).a);
+    EXPECT_EQ(shader.OpacityStepOf(ValueFragment(3, 77)), 77U);
+    return ShadeOne(shader, fragment).a;
+  };
+  EXPECT_EQ(alpha_of(0, 0.5F), 255);
+  EXPECT_EQ(alpha_of(0.75F, 0.5F), 0);
+  EXPECT_EQ(alpha_of(0.25F, 0.25F), 255);
+}
+
+TEST(DeferredShadingTest, ACapWithoutASampleGetsTheColorOfMissingValues) {
+  frame::FrameSpec spec = SpecOf({{.direction = {1, 2, 3}}}, 2);
+  spec.caps = frame::ClipCaps{.map = frame::ColorMap::kGrey, .range = frame::ColorRange{0, 1}};
+  image::FrameImage image(kViewport.width_px, kViewport.height_px);
+  // The code of the normal (0, 0, 1) has the same bits as a cap without a sample.
+  const NormalFragment plain = FragmentOf(5, 6, {0, 0, 1}, 1);
+  ASSERT_EQ(plain.normal, kNoSample);
+  image.Set(5, 6, plain.key, plain.normal);
+  image.Set(7, 6, FragmentOf(7, 6, {0, 0, 1}, 3).key, kNoSample);
+  const DeferredShader shader(spec, MakeView(view::Projection::kPerspective), kOrder);
+  shader.ShadeImage(&image);
+  EXPECT_EQ(image.colors[image.IndexOf(5, 6)], ShadeOne(shader, plain));
+  EXPECT_EQ(image.colors[image.IndexOf(7, 6)], (Rgba8{128, 0, 128, 255}));
 }
 
 // An image with a fragment at every third pixel, and pixels that are covered but background.

@@ -1,5 +1,6 @@
 #include "core/rpc/histogram_convert.h"
 
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <string>
@@ -27,7 +28,8 @@ volume::HistogramPart Example() {
           .active_block_counts = {3, 4},
           .active_block_bytes = {3000, 4000},
           .estimated_triangle_counts = {540, 720},
-          .samples = volume::SampleHistogram{bins, {1, 2, 3, 4, 5}, 6, 7, 8}};
+          .samples = volume::SampleHistogram{bins, {1, 2, 3, 4, 5}, 6, 7, 8},
+          .value_range = {-2, std::numeric_limits<double>::infinity()}};
 }
 
 TEST(HistogramQueryTest, DefaultsAndValuesAreTaken) {
@@ -76,10 +78,23 @@ TEST(HistogramPartTest, ComesBackFromTheWire) {
   EXPECT_EQ(back.active_block_bytes, part.active_block_bytes);
   EXPECT_EQ(back.estimated_triangle_counts, part.estimated_triangle_counts);
   EXPECT_EQ(back.samples, part.samples);
+  EXPECT_EQ(back.value_range, part.value_range);
   part.samples.reset();
+  part.value_range = {};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::HistogramPart without,
                                 HistogramPartFromProto(ToProto(part)));
   EXPECT_FALSE(without.samples.has_value());
+  EXPECT_EQ(without.value_range, volume::ScalarSpan());
+}
+
+TEST(HistogramPartTest, TheFirstBinLiesWhereNumbersAreWhole) {
+  for (const std::int64_t sign : {-1, 1}) {
+    internal::GetShardHistogramResponse proto = ToProto(Example());
+    proto.set_first_bin(sign * (std::int64_t{1} << 53));
+    ISOSCOPE_EXPECT_OK(HistogramPartFromProto(proto).status());
+    proto.set_first_bin(proto.first_bin() + sign);
+    EXPECT_THAT(HistogramPartFromProto(proto), StatusIs(absl::StatusCode::kInvalidArgument));
+  }
 }
 
 TEST(HistogramPartTest, WhatNoAgentOfOursSendsIsRefused) {
@@ -107,7 +122,9 @@ TEST(HistogramPartTest, WhatNoAgentOfOursSendsIsRefused) {
       [](Proto* p) { p->mutable_samples()->set_counts(2, kHuge); },
       [](Proto* p) { p->mutable_samples()->set_nan_count(-1); },
       [](Proto* p) { p->mutable_samples()->set_positive_infinity_count(kHuge); },
-      [](Proto* p) { p->mutable_samples()->set_negative_infinity_count(std::int64_t{1} << 46); }};
+      [](Proto* p) { p->mutable_samples()->set_negative_infinity_count(std::int64_t{1} << 46); },
+      [](Proto* p) { p->mutable_value_range()->set_max(-10); },
+      [](Proto* p) { p->mutable_value_range()->set_min(std::nan("")); }};
   for (std::size_t i = 0; i < spoil.size(); ++i) {
     Proto proto = ToProto(Example());
     spoil[i](&proto);

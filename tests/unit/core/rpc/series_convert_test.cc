@@ -1,5 +1,6 @@
 #include "core/rpc/series_convert.h"
 
+#include <limits>
 #include <optional>
 
 #include "gtest/gtest.h"
@@ -51,6 +52,28 @@ TEST(SeriesConvertTest, RangesAndBoundsOfAFieldAreThoseOfAllSteps) {
   // All NaN, and a volume whose bound nobody knows.
   EXPECT_FALSE(dataset.fields(1).components(0).has_value_range());
   EXPECT_FALSE(dataset.fields(1).components(1).has_max_gradient_magnitude());
+}
+
+TEST(SeriesConvertTest, TheFiniteRangeOfAFieldIsThatOfAllStepsIfAllAreKnown) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  store::SeriesManifest flow = Flow();
+  EXPECT_FALSE(ToProto(flow).fields(0).components(0).has_finite_range()) << "as all samples";
+  // Step 0 has finite samples in [-3, 5] only.
+  flow.volumes[3].value_range = {-1, kInfinity};
+  EXPECT_FALSE(ToProto(flow).fields(0).components(0).has_finite_range()) << "not known";
+  flow.volumes[3].finite_range = volume::ScalarSpan{-1, 7};
+  const isoscope::v1::Dataset dataset = ToProto(flow);
+  const isoscope::v1::FieldComponent& pressure = dataset.fields(0).components(0);
+  EXPECT_EQ(pressure.value_range().max(), kInfinity);
+  EXPECT_EQ(pressure.finite_range().min(), -3);
+  EXPECT_EQ(pressure.finite_range().max(), 7);
+  EXPECT_EQ(dataset.finite_range().max(), 7) << "the first field is the default";
+  EXPECT_FALSE(dataset.fields(1).components(1).has_finite_range());
+  // A step without a finite sample adds none.
+  flow.volumes[3].finite_range = volume::ScalarSpan();
+  EXPECT_EQ(ToProto(flow).finite_range().max(), 5);
+  flow.volumes.erase(flow.volumes.begin());
+  EXPECT_FALSE(ToProto(flow).has_finite_range());
 }
 
 TEST(SeriesConvertTest, AClientThatKnowsNoFieldsSeesTheFirstOne) {

@@ -149,7 +149,7 @@ TEST(SurfaceConvertTest, LightsAndColorByArriveAndGoBack) {
   EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
 }
 
-TEST(ResolveGradientRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
+TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
   const frame::ColorBy by_gradient{.quantity = frame::ColorBy::Quantity::kGradientMagnitude,
@@ -167,7 +167,7 @@ TEST(ResolveGradientRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
     dataset.set_max_gradient_magnitude(bound);
     isoscope::v1::RenderIsosurfaceRequest resolved = request;
     frame::FrameSpec resolved_spec = spec;
-    ISOSCOPE_ASSERT_OK(ResolveGradientRanges(dataset, &resolved, &resolved_spec));
+    ISOSCOPE_ASSERT_OK(ResolveColorRanges(dataset, &resolved, &resolved_spec));
     EXPECT_EQ(resolved_spec.surfaces[1].color_by->range,
               (frame::ColorRange{0, bound > 0 ? bound : 1}));
     EXPECT_EQ(resolved_spec.surfaces[2].color_by, with_range);
@@ -209,20 +209,89 @@ TEST(SurfaceConvertTest, AFieldIsNamedExactlyWhereItIsShown) {
   expect("surfaces[0].color_by.field is not set: required with surfaces[0].color_by.quantity 6");
 }
 
+template <typename Samples>
+void SetRange(double min, double max, Samples* samples) {
+  samples->mutable_value_range()->set_min(min);
+  samples->mutable_value_range()->set_max(max);
+}
+
 TEST(ColorRangeOfTest, HoldsTheValuesOfAllSteps) {
-  constexpr double kInf = std::numeric_limits<double>::infinity();
-  for (const auto& [min, max] : {std::pair(-1.0, 2.0), {3.0, 3.0}, {0.0, kInf}, {-kInf, kInf}}) {
+  for (const auto& [min, max] : {std::pair(-1.0, 2.0), {3.0, 3.0}}) {
     isoscope::v1::FieldComponent component;
-    component.mutable_value_range()->set_min(min);
-    component.mutable_value_range()->set_max(max);
-    const isoscope::v1::ColorRange range = ColorRangeOf(component);
+    SetRange(min, max, &component);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const isoscope::v1::ColorRange range,
+                                  ColorRangeOf(component, "range"));
     EXPECT_EQ((frame::ColorRange{range.min(), range.max()}), frame::ColorRangeOfSamples(min, max));
   }
-  const isoscope::v1::ColorRange of_nan = ColorRangeOf({});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const isoscope::v1::ColorRange of_nan, ColorRangeOf({}, "range"));
   EXPECT_EQ((frame::ColorRange{of_nan.min(), of_nan.max()}), (frame::ColorRange{0, 1}));
 }
 
-TEST(ResolveGradientRangesTest, ADatasetWithoutTheBoundNeedsARange) {
+// Symptom: a single infinite sample stretched the range, and all others had one colour.
+TEST(ColorRangeOfTest, InfiniteSamplesDoNotCount) {
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  for (const auto& [min, max] : {std::pair(0.0, kInf), {-kInf, 5.0}, {-kInf, kInf}}) {
+    isoscope::v1::FieldComponent component;
+    SetRange(min, max, &component);
+    EXPECT_THAT(ColorRangeOf(component, "surfaces[0].color_by.range"),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("surfaces[0].color_by.range is not set: required, because there "
+                                   "are infinite samples")));
+    component.mutable_finite_range()->set_min(2);
+    component.mutable_finite_range()->set_max(4);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const isoscope::v1::ColorRange range,
+                                  ColorRangeOf(component, "range"));
+    EXPECT_EQ((frame::ColorRange{range.min(), range.max()}), (frame::ColorRange{2, 4}));
+  }
+}
+
+TEST(ResolveColorRangesTest, TheMapOfCapsHasTheRangeOfTheDatasetsFiniteSamples) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_clip()->mutable_box()->mutable_max()->set_x(1);
+  request.mutable_caps()->set_color_map(isoscope::v1::COLOR_MAP_TURBO);
+  isoscope::v1::Dataset dataset;
+  SetRange(-3, 8, &dataset);
+  const auto resolved = [&]() -> absl::StatusOr<frame::FrameSpec> {
+    isoscope::v1::RenderIsosurfaceRequest message = request;
+    ISOSCOPE_ASSIGN_OR_RETURN(frame::FrameSpec spec, FrameSpecFromProto(message));
+    ISOSCOPE_RETURN_IF_ERROR(ResolveColorRanges(dataset, &message, &spec));
+    ISOSCOPE_ASSIGN_OR_RETURN(const frame::FrameSpec again, FrameSpecFromProto(message));
+    EXPECT_EQ(again, spec) << "agents read the same from the message";
+    return spec;
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, resolved());
+  EXPECT_EQ(spec.caps->range, (frame::ColorRange{-3, 8}));
+  SetRange(-3, std::numeric_limits<double>::infinity(), &dataset);
+  EXPECT_THAT(resolved(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("caps.range")));
+  dataset.mutable_finite_range()->set_max(7);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, resolved());
+  EXPECT_EQ(spec.caps->range, (frame::ColorRange{0, 7}));
+  request.mutable_caps()->mutable_range()->set_max(2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, resolved());
+  EXPECT_EQ(spec.caps->range, (frame::ColorRange{0, 2}));
+  request.mutable_caps()->Clear();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, resolved());
+  EXPECT_EQ(spec.caps, frame::ClipCaps()) << "caps with the look of the surface have no range";
+}
+
+TEST(NanColorTest, IsOpaqueAndOneOfTheMapsOwnByDefault) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_FALSE(spec.nan_color.has_value());
+  isoscope::v1::Color* const color = request.mutable_nan_color();
+  color->set_red(1);
+  color->set_green(0.5F);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("nan_color.alpha is 0")));
+  color->set_alpha(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.nan_color, (image::Rgba8{255, 128, 0, 255}));
+  color->set_blue(1.5F);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("nan_color.blue is 1.5")));
+}
+
+TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
   request.add_surfaces()->mutable_color_by()->set_quantity(
@@ -230,13 +299,13 @@ TEST(ResolveGradientRangesTest, ADatasetWithoutTheBoundNeedsARange) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
   isoscope::v1::Dataset dataset;
   dataset.set_name("ct");
-  EXPECT_THAT(ResolveGradientRanges(dataset, &request, &spec),
+  EXPECT_THAT(ResolveColorRanges(dataset, &request, &spec),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr("surfaces[0].color_by.range is not set: required, because dataset "
                                  "'ct'")));
   request.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_max(2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
-  ISOSCOPE_EXPECT_OK(ResolveGradientRanges(dataset, &request, &spec));
+  ISOSCOPE_EXPECT_OK(ResolveColorRanges(dataset, &request, &spec));
 }
 
 TEST(SurfaceConvertTest, EveryColorMapIsKnown) {

@@ -335,6 +335,40 @@ TEST(ManifestTest, APatientFrameThatIsNoneIsDamage) {
   }
 }
 
+TEST(ManifestTest, TheRangeOfFiniteSamplesIsOptionalAndKept) {
+  Manifest manifest = MakeManifest();
+  const std::string id_without = ComputeDatasetId(manifest);
+  EXPECT_FALSE(DecodeManifest(EncodeManifest(manifest), "m")->finite_range.has_value());
+  manifest.value_range = {-kInfinity, 9};
+  const std::string id_of_infinite = ComputeDatasetId(manifest);
+  EXPECT_NE(id_of_infinite, id_without);
+  for (const volume::ScalarSpan& range :
+       {volume::ScalarSpan{-1.0 / 3, 9}, {7, 7}, {kInfinity, -kInfinity}}) {
+    manifest.finite_range = range;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded,
+                                  DecodeManifest(EncodeManifest(manifest), "m"));
+    EXPECT_EQ(decoded, manifest);
+  }
+  EXPECT_EQ(ComputeDatasetId(manifest), id_of_infinite) << "it follows from the samples";
+}
+
+TEST(ManifestTest, ARangeOfFiniteSamplesThatIsNoneIsDamage) {
+  Manifest manifest = MakeManifest();
+  const auto expect_damage = [&](const volume::ScalarSpan& all, const volume::ScalarSpan& finite) {
+    manifest.value_range = all;
+    manifest.finite_range = finite;
+    EXPECT_THAT(DecodeManifest(EncodeManifest(manifest), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("finite_range")))
+        << finite.min << ", " << finite.max;
+  };
+  expect_damage({-kInfinity, 9}, {-kInfinity, 9});
+  expect_damage({-kInfinity, 9}, {0, 10});
+  expect_damage({-2, kInfinity}, {-3, 10});
+  expect_damage({-kInfinity, kInfinity}, {5, 4});
+  expect_damage({-kInfinity, kInfinity}, {5, kInfinity});
+  expect_damage({0, 9}, {0, 9});
+}
+
 // A manifest with a bound of the gradient, sealed anew.
 std::string TextWithBound(const Manifest& manifest, const std::string& value) {
   Manifest with = manifest;

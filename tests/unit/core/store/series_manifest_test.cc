@@ -217,6 +217,18 @@ TEST(SeriesManifestTest, DoublesAndOddNamesRoundTrip) {
   EXPECT_EQ(decoded, series);
 }
 
+TEST(SeriesManifestTest, TheRangeOfFiniteSamplesIsKeptAndChecked) {
+  SeriesManifest series = MakeSeries();
+  series.volumes[0].value_range = {-1, kInfinity};
+  series.volumes[0].finite_range = volume::ScalarSpan{-1, 2.5};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SeriesManifest decoded,
+                                DecodeSeriesManifest(EncodeSeriesManifest(series), "m"));
+  EXPECT_EQ(decoded, series);
+  series.volumes[0].finite_range->max = kInfinity;
+  EXPECT_THAT(DecodeSeriesManifest(EncodeSeriesManifest(series), "m"),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("finite_range")));
+}
+
 TEST(SeriesManifestTest, FindsWhatIsThere) {
   const SeriesManifest series = MakeSeries();
   for (const ScalarVolume& volume : series.volumes) {

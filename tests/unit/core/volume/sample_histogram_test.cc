@@ -141,9 +141,10 @@ TEST(GroupBinsTest, SumsOfGroupsAddUpToAllBinsOfTheRange) {
 TEST(HistogramPartTest, PartsAddUpAndOneWithoutSamplesLeavesTheSumWithout) {
   const HistogramBins bins{.exponent = 0, .first = 0, .count = 2};
   const BinGroups groups{bins, 0, 1, 2};
-  HistogramPart a{groups, {1, 2}, {10, 20}, {100, 200}, SampleHistogram{bins, {5, 6}, 1, 2, 3}};
+  HistogramPart a{
+      groups, {1, 2}, {10, 20}, {100, 200}, SampleHistogram{bins, {5, 6}, 1, 2, 3}, {0, 1}};
   const HistogramPart b{
-      groups, {3, 4}, {30, 40}, {300, 400}, SampleHistogram{bins, {7, 8}, 10, 20, 30}};
+      groups, {3, 4}, {30, 40}, {300, 400}, SampleHistogram{bins, {7, 8}, 10, 20, 30}, {0, 1}};
   ISOSCOPE_ASSERT_OK(AddPart(b, &a));
   EXPECT_THAT(a.active_block_counts, ElementsAre(4, 6));
   EXPECT_THAT(a.active_block_bytes, ElementsAre(40, 60));
@@ -157,6 +158,23 @@ TEST(HistogramPartTest, PartsAddUpAndOneWithoutSamplesLeavesTheSumWithout) {
   HistogramPart other = b;
   other.groups.bins.exponent = 1;
   EXPECT_THAT(AddPart(other, &a), StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+TEST(HistogramPartTest, PartsAreOfOneRangeAndThoseOfBeforeHaveNone) {
+  const BinGroups groups{{.exponent = 0, .first = 0, .count = 2}, 0, 1, 2};
+  const HistogramPart known{groups, {1, 2}, {10, 20}, {100, 200}, std::nullopt, {0, 1}};
+  HistogramPart unknown = known;
+  unknown.value_range = {};
+  HistogramPart other = known;
+  other.value_range = {0, 2};
+  HistogramPart sum = unknown;
+  ISOSCOPE_ASSERT_OK(AddPart(unknown, &sum));
+  EXPECT_EQ(sum.value_range, ScalarSpan());
+  ISOSCOPE_ASSERT_OK(AddPart(known, &sum));
+  EXPECT_EQ(sum.value_range, known.value_range);
+  ISOSCOPE_ASSERT_OK(AddPart(unknown, &sum));
+  EXPECT_EQ(sum.value_range, known.value_range);
+  EXPECT_THAT(AddPart(other, &sum), StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST(EstimateTrianglesTest, GrowsWithTheAreaOfAFace) {

@@ -25,7 +25,9 @@ v1::RenderIsosurfaceRequest Request() {
 }
 
 TEST(InteractFrameTest, AMovingFrameIsAJpegOfOneSampleAndOtherwiseTheSame) {
-  v1::RenderIsosurfaceRequest moving = MovingRequest(Request(), {.jpeg_quality = 70});
+  v1::RenderIsosurfaceRequest request = Request();
+  request.set_with_notes(true);
+  v1::RenderIsosurfaceRequest moving = MovingRequest(request, {.jpeg_quality = 70});
   EXPECT_EQ(moving.output().image_format(), v1::OutputOptions::IMAGE_FORMAT_JPEG);
   EXPECT_EQ(moving.output().jpeg_quality(), 70);
   EXPECT_EQ(moving.samples(), 0);

@@ -17,11 +17,12 @@ SAMPLE_TYPE_UINT8: SampleType
 SAMPLE_TYPE_UNSPECIFIED: SampleType
 
 class Dataset(_message.Message):
-    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "geometry", "labels", "length_unit", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
+    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "finite_range", "geometry", "labels", "length_unit", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
     BLOCK_CELLS_FIELD_NUMBER: _ClassVar[int]
     BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     FIELDS_FIELD_NUMBER: _ClassVar[int]
+    FINITE_RANGE_FIELD_NUMBER: _ClassVar[int]
     GEOMETRY_FIELD_NUMBER: _ClassVar[int]
     LABELS_FIELD_NUMBER: _ClassVar[int]
     LENGTH_UNIT_FIELD_NUMBER: _ClassVar[int]
@@ -40,6 +41,7 @@ class Dataset(_message.Message):
     block_count: int
     dataset_id: str
     fields: _containers.RepeatedCompositeFieldContainer[Field]
+    finite_range: ValueRange
     geometry: GridGeometry
     labels: _containers.RepeatedCompositeFieldContainer[Label]
     length_unit: str
@@ -54,7 +56,7 @@ class Dataset(_message.Message):
     time_steps: _containers.RepeatedCompositeFieldContainer[TimeStep]
     time_unit: str
     value_range: ValueRange
-    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ..., labels: _Optional[_Iterable[_Union[Label, _Mapping]]] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ..., labels: _Optional[_Iterable[_Union[Label, _Mapping]]] = ..., finite_range: _Optional[_Union[ValueRange, _Mapping]] = ...) -> None: ...
 
 class Dimensions(_message.Message):
     __slots__ = ["x", "y", "z"]
@@ -81,16 +83,18 @@ class Field(_message.Message):
     def __init__(self, name: _Optional[str] = ..., long_name: _Optional[str] = ..., unit: _Optional[str] = ..., components: _Optional[_Iterable[_Union[FieldComponent, _Mapping]]] = ..., time_steps: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class FieldComponent(_message.Message):
-    __slots__ = ["max_gradient_magnitude", "name", "sample_type", "value_range"]
+    __slots__ = ["finite_range", "max_gradient_magnitude", "name", "sample_type", "value_range"]
+    FINITE_RANGE_FIELD_NUMBER: _ClassVar[int]
     MAX_GRADIENT_MAGNITUDE_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     SAMPLE_TYPE_FIELD_NUMBER: _ClassVar[int]
     VALUE_RANGE_FIELD_NUMBER: _ClassVar[int]
+    finite_range: ValueRange
     max_gradient_magnitude: float
     name: str
     sample_type: SampleType
     value_range: ValueRange
-    def __init__(self, name: _Optional[str] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., max_gradient_magnitude: _Optional[float] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., max_gradient_magnitude: _Optional[float] = ..., finite_range: _Optional[_Union[ValueRange, _Mapping]] = ...) -> None: ...
 
 class FieldSelection(_message.Message):
     __slots__ = ["component", "field", "time", "time_step"]

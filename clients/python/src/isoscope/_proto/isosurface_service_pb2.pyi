@@ -28,6 +28,16 @@ class AmbientOcclusion(_message.Message):
     strength: float
     def __init__(self, radius_px: _Optional[int] = ..., strength: _Optional[float] = ...) -> None: ...
 
+class CapsColoring(_message.Message):
+    __slots__ = ["caps", "nan_color", "shows_nan"]
+    CAPS_FIELD_NUMBER: _ClassVar[int]
+    NAN_COLOR_FIELD_NUMBER: _ClassVar[int]
+    SHOWS_NAN_FIELD_NUMBER: _ClassVar[int]
+    caps: ClipCaps
+    nan_color: _geometry_pb2.Color
+    shows_nan: bool
+    def __init__(self, caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., shows_nan: bool = ...) -> None: ...
+
 class ClipCaps(_message.Message):
     __slots__ = ["color_map", "range"]
     COLOR_MAP_FIELD_NUMBER: _ClassVar[int]
@@ -244,7 +254,7 @@ class Pixel(_message.Message):
     def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ...) -> None: ...
 
 class RenderIsosurfaceRequest(_message.Message):
-    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "lights", "max_layers", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_trace"]
+    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "lights", "max_layers", "nan_color", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_notes", "with_trace"]
     ALLOW_PARTIAL_FIELD_NUMBER: _ClassVar[int]
     AMBIENT_OCCLUSION_FIELD_NUMBER: _ClassVar[int]
     BACKGROUND_COLOR_FIELD_NUMBER: _ClassVar[int]
@@ -259,6 +269,7 @@ class RenderIsosurfaceRequest(_message.Message):
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
     LIGHTS_FIELD_NUMBER: _ClassVar[int]
     MAX_LAYERS_FIELD_NUMBER: _ClassVar[int]
+    NAN_COLOR_FIELD_NUMBER: _ClassVar[int]
     OUTPUT_FIELD_NUMBER: _ClassVar[int]
     RAY_SEED_FIELD_NUMBER: _ClassVar[int]
     REGION_FIELD_NUMBER: _ClassVar[int]
@@ -267,6 +278,7 @@ class RenderIsosurfaceRequest(_message.Message):
     SILHOUETTE_FIELD_NUMBER: _ClassVar[int]
     SURFACES_FIELD_NUMBER: _ClassVar[int]
     VIEWPORT_FIELD_NUMBER: _ClassVar[int]
+    WITH_NOTES_FIELD_NUMBER: _ClassVar[int]
     WITH_TRACE_FIELD_NUMBER: _ClassVar[int]
     allow_partial: bool
     ambient_occlusion: AmbientOcclusion
@@ -282,6 +294,7 @@ class RenderIsosurfaceRequest(_message.Message):
     isovalue: float
     lights: _containers.RepeatedCompositeFieldContainer[Light]
     max_layers: int
+    nan_color: _geometry_pb2.Color
     output: OutputOptions
     ray_seed: int
     region: _geometry_pb2.Region
@@ -290,17 +303,20 @@ class RenderIsosurfaceRequest(_message.Message):
     silhouette: Silhouette
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
     viewport: _geometry_pb2.Viewport
+    with_notes: bool
     with_trace: bool
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., with_notes: bool = ...) -> None: ...
 
 class RenderIsosurfaceResponse(_message.Message):
-    __slots__ = ["camera", "colorings", "depth", "extent", "jpeg", "normal", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
+    __slots__ = ["camera", "caps_coloring", "colorings", "depth", "extent", "jpeg", "normal", "notes", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
+    CAPS_COLORING_FIELD_NUMBER: _ClassVar[int]
     COLORINGS_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
     EXTENT_FIELD_NUMBER: _ClassVar[int]
     JPEG_FIELD_NUMBER: _ClassVar[int]
     NORMAL_FIELD_NUMBER: _ClassVar[int]
+    NOTES_FIELD_NUMBER: _ClassVar[int]
     PNG_FIELD_NUMBER: _ClassVar[int]
     POSITION_FIELD_NUMBER: _ClassVar[int]
     RGBA8_FIELD_NUMBER: _ClassVar[int]
@@ -310,11 +326,13 @@ class RenderIsosurfaceResponse(_message.Message):
     TIME_FIELD_NUMBER: _ClassVar[int]
     TRACE_FIELD_NUMBER: _ClassVar[int]
     camera: _geometry_pb2.Camera
+    caps_coloring: CapsColoring
     colorings: _containers.RepeatedCompositeFieldContainer[SurfaceColoring]
     depth: bytes
     extent: _geometry_pb2.Viewport
     jpeg: bytes
     normal: bytes
+    notes: _containers.RepeatedCompositeFieldContainer[SurfaceNote]
     png: bytes
     position: bytes
     rgba8: bytes
@@ -323,7 +341,7 @@ class RenderIsosurfaceResponse(_message.Message):
     surface_index: bytes
     time: float
     trace: _trace_pb2.FrameTrace
-    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ...) -> None: ...
+    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ..., caps_coloring: _Optional[_Union[CapsColoring, _Mapping]] = ..., notes: _Optional[_Iterable[_Union[SurfaceNote, _Mapping]]] = ...) -> None: ...
 
 class RenderIsosurfaceStreamRequest(_message.Message):
     __slots__ = ["request"]
@@ -360,12 +378,37 @@ class Surface(_message.Message):
     def __init__(self, isovalue: _Optional[float] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., material: _Optional[_Union[Material, _Mapping]] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ..., labels: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class SurfaceColoring(_message.Message):
-    __slots__ = ["color_by", "surface_index"]
+    __slots__ = ["color_by", "nan_color", "shows_nan", "surface_index"]
     COLOR_BY_FIELD_NUMBER: _ClassVar[int]
+    NAN_COLOR_FIELD_NUMBER: _ClassVar[int]
+    SHOWS_NAN_FIELD_NUMBER: _ClassVar[int]
     SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
     color_by: ColorBy
+    nan_color: _geometry_pb2.Color
+    shows_nan: bool
     surface_index: int
-    def __init__(self, surface_index: _Optional[int] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ...) -> None: ...
+    def __init__(self, surface_index: _Optional[int] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., shows_nan: bool = ...) -> None: ...
+
+class SurfaceNote(_message.Message):
+    __slots__ = ["message", "reason", "surface_index"]
+    class Reason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = []
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    REASON_CLIPPED: SurfaceNote.Reason
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    REASON_NO_CELL: SurfaceNote.Reason
+    REASON_NO_LABEL: SurfaceNote.Reason
+    REASON_NO_SAMPLES: SurfaceNote.Reason
+    REASON_OUTSIDE_PICTURE: SurfaceNote.Reason
+    REASON_OUTSIDE_RANGE: SurfaceNote.Reason
+    REASON_SOME_LABELS_MISSING: SurfaceNote.Reason
+    REASON_TRANSPARENT: SurfaceNote.Reason
+    REASON_UNSPECIFIED: SurfaceNote.Reason
+    SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
+    message: str
+    reason: SurfaceNote.Reason
+    surface_index: int
+    def __init__(self, surface_index: _Optional[int] = ..., reason: _Optional[_Union[SurfaceNote.Reason, str]] = ..., message: _Optional[str] = ...) -> None: ...
 
 class ColorMap(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = []

@@ -79,10 +79,10 @@ TEST(LikePictureTest, EverySentenceFitsItsCase) {
   EXPECT_EQ(describe({.has_same_bytes = true, .compared_count = 8}, "2 cpu").value(),
             "byte for byte the picture of 'a.png'");
   EXPECT_THAT(describe({.compared_count = 8}, "2 cpu").value(), HasSubstr("encoded otherwise"));
-  EXPECT_THAT(describe({.compared_count = 8}, "3 cpu").value(), HasSubstr("this is '3 cpu'"));
+  EXPECT_THAT(describe({.compared_count = 8}, "4 cpu").value(), HasSubstr("this is '4 cpu'"));
   const PictureComparison different{
       .different_count = 1234, .compared_count = 5000, .largest_difference = 9};
-  EXPECT_THAT(describe(different, "3 cpu").value(),
+  EXPECT_THAT(describe(different, "4 cpu").value(),
               HasSubstr("1,234 of 5,000 pixels differ from 'a.png', by at most 9 of 255"));
   EXPECT_THAT(describe(different, "2 cpu"),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("1,234 of 5,000")));

@@ -78,6 +78,7 @@ TEST(PngMetadataTest, NamesSeedsAndCullingStayOut) {
   record.request.set_culling(v1::CULLING_NONE);
   record.request.set_ray_seed(12345);
   record.request.set_with_trace(true);
+  record.request.set_with_notes(true);
   EXPECT_EQ(EncodePictureRecord(record), text);
   EXPECT_EQ(DecidingPart(record.request).SerializeAsString(),
             SampleRecord().request.SerializeAsString());

@@ -296,6 +296,99 @@ TEST(AnnotationsTest, TheLegendShowsTheMapFromBottomToTop) {
   EXPECT_NEAR(bottom - top, 0.45 * 400, 6);
 }
 
+// Returns the boxes of a colour's pixels, exactly that colour; empty if there are none.
+view::PixelRect BoxOf(const image::RgbaImage& picture, const image::Rgba8& color) {
+  view::PixelRect box{picture.width, picture.height, 0, 0};
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      if (picture.pixels[static_cast<std::size_t>(y * picture.width + x)] == color) {
+        box = {std::min(box.begin_x, x), std::min(box.begin_y, y), std::max(box.end_x, x + 1),
+               std::max(box.end_y, y + 1)};
+      }
+    }
+  }
+  return box;
+}
+
+AnnotationScene ColoredByField() {
+  AnnotationScene scene = Orthographic(500, 400);
+  scene.colorings = {{.surface_index = 0,
+                      .color_by = {.quantity = frame::ColorBy::Quantity::kField,
+                                   .map = frame::ColorMap::kTurbo,
+                                   .range = frame::ColorRange{0, 10}},
+                      .field_title = "temperature, K"}};
+  return scene;
+}
+
+TEST(AnnotationsTest, ASwatchBelowTheBarShowsTheColorOfMissingValues) {
+  constexpr image::Rgba8 kMissing{128, 128, 128, 255};
+  AnnotationScene scene = ColoredByField();
+  const Annotations flags{.has_legend = true};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated plain, Annotate(flags, scene, Plain(600, 400)));
+  scene.colorings[0].nan_color = kMissing;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated, Annotate(flags, scene, Plain(600, 400)));
+  const view::PixelRect swatch = BoxOf(annotated.picture, kMissing);
+  ASSERT_FALSE(swatch.empty());
+  EXPECT_GE(swatch.end_x - swatch.begin_x, 9);
+  EXPECT_NEAR(swatch.end_x - swatch.begin_x, swatch.end_y - swatch.begin_y, 1);
+  const image::Rgba8& least = picture::ColorMapTableOf(frame::ColorMap::kTurbo).front();
+  const view::PixelRect bar = BoxOf(annotated.picture, least);
+  EXPECT_EQ(swatch.begin_x, bar.begin_x);
+  EXPECT_GT(swatch.begin_y, bar.end_y);
+  // The bar stays where it is, and the words stand beside the swatch.
+  EXPECT_EQ(BoxOf(plain.picture, least), bar);
+  EXPECT_TRUE(BoxOf(plain.picture, kMissing).empty());
+  int ink_beside = 0;
+  for (int y = swatch.begin_y; y < swatch.end_y; ++y) {
+    for (int x = swatch.end_x + 4; x < 600; ++x) {
+      ink_beside += annotated.picture.pixels[static_cast<std::size_t>(y * 600 + x)].r > 100 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(ink_beside, 20);
+}
+
+TEST(AnnotationsTest, CapsThatShowSamplesHaveABarOfTheirOwn) {
+  const Annotations flags{.has_legend = true};
+  AnnotationScene scene = Orthographic(500, 400);
+  scene.caps_coloring = {
+      .map = frame::ColorMap::kViridis, .range = {3, 7}, .title = "samples on cuts"};
+  const image::Rgba8& of_caps = picture::ColorMapTableOf(frame::ColorMap::kViridis).back();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated alone, Annotate(flags, scene, Plain(600, 400)));
+  EXPECT_FALSE(BoxOf(alone.picture, of_caps).empty());
+  scene.colorings = ColoredByField().colorings;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated both, Annotate(flags, scene, Plain(600, 400)));
+  const view::PixelRect of_surface =
+      BoxOf(both.picture, picture::ColorMapTableOf(frame::ColorMap::kTurbo).back());
+  ASSERT_FALSE(of_surface.empty());
+  EXPECT_LT(BoxOf(both.picture, of_caps).end_x, of_surface.begin_x) << "side by side";
+  EXPECT_EQ(both.boxes.size(), 2U);
+}
+
+// Symptom: bars that did not fit beside each other were drawn beyond the left side.
+TEST(AnnotationsTest, BarsThatDoNotFitInOneRowGetSeveral) {
+  AnnotationScene scene = Orthographic(500, 400);
+  scene.isovalues.assign(9, 1);
+  for (std::size_t i = 0; i < 9; ++i) {
+    scene.colorings.push_back({.surface_index = i,
+                               .color_by = {.quantity = frame::ColorBy::Quantity::kField,
+                                            .map = frame::ColorMap::kTurbo,
+                                            .range = frame::ColorRange{0, 1.0 + static_cast<double>(i)}},
+                               .field_title = "a field with a long title"});
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated,
+                                Annotate({.has_legend = true}, scene, Plain(640, 480)));
+  ASSERT_EQ(annotated.boxes.size(), 9U);
+  for (std::size_t i = 0; i < 9; ++i) {
+    const view::PixelRect& box = annotated.boxes[i];
+    EXPECT_GE(box.begin_x, 0) << i;
+    EXPECT_GE(box.begin_y, 0) << i;
+    EXPECT_LE(box.end_x, 640) << i;
+    EXPECT_LE(box.end_y, 480) << i;
+    EXPECT_GT(box.end_x - box.begin_x, 60) << i;
+    EXPECT_GT(box.end_y - box.begin_y, 40) << i;
+  }
+}
+
 TEST(AnnotationsTest, ALegendNeedsASurfaceThatShowsAQuantity) {
   EXPECT_THAT(Annotate({.has_legend = true}, Orthographic(500, 400), Plain(100, 100)),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--color-by")));

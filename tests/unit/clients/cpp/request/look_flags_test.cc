@@ -131,14 +131,14 @@ TEST(LookFlagsTest, EveryMapHasItsName) {
 TEST(LookFlagsTest, OneColorByIsForAllSurfacesOrThereIsOneForEach) {
   LookFlags flags;
   flags.color_by.resize(1);
-  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 3));
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 3, /*has_sample_caps=*/false));
   flags.color_by.resize(2);
-  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 3)));
-  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 1)));
-  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 2));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 3, /*has_sample_caps=*/false)));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 1, /*has_sample_caps=*/false)));
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 2, /*has_sample_caps=*/false));
   flags.lights.resize(5);
-  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 2)));
-  EXPECT_TRUE(cli::IsUsageError(CheckUsage(LookFlags{.light_space = Light::Space::kWorld}, 1)));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 2, /*has_sample_caps=*/false)));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(LookFlags{.light_space = Light::Space::kWorld}, 1, /*has_sample_caps=*/false)));
 }
 
 TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
@@ -181,6 +181,28 @@ TEST(LookFlagsTest, AFieldIsNamedAndTheDatasetMustHaveSome) {
                        HasSubstr("--color-by 'velocity' is none of: x, y, z")));
   dataset.add_fields()->set_name("pressure");
   ISOSCOPE_EXPECT_OK(CheckColorFields(flags, dataset)) << "names are the server's to check";
+}
+
+TEST(LookFlagsTest, AColorOfMissingValuesNeedsAMapThatShowsSamples) {
+  cli::FlagSet set;
+  LookFlags flags;
+  AddLookFlags(&set, &flags);
+  ISOSCOPE_ASSERT_OK(set.Parse({"--nan-color", "#ff8000"}));
+  for (const bool has_sample_caps : {false, true}) {
+    EXPECT_EQ(CheckUsage(flags, 1, has_sample_caps).ok(), has_sample_caps);
+  }
+  flags.color_by = {{ColorBy{.quantity = ColorBy::Quantity::kPositionY}}};
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 1, /*has_sample_caps=*/false)));
+  flags.color_by = {{ColorBy{}, "velocity", "x"}};
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 1, /*has_sample_caps=*/false));
+  isoscope::v1::RenderIsosurfaceRequest request;
+  AddLook(flags, &request);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::Rgba8 color,
+                                rpc::ColorFromProto(request.nan_color(), "nan_color"));
+  EXPECT_EQ(color, (image::Rgba8{255, 128, 0, 255}));
+  isoscope::v1::RenderIsosurfaceRequest without;
+  AddLook({}, &without);
+  EXPECT_FALSE(without.has_nan_color());
 }
 
 TEST(LookFlagsTest, ASurfaceMayKeepItsColor) {
