@@ -110,7 +110,8 @@ absl::StatusOr<std::vector<FrameFigures>> RenderFrames(const FrameBenchPlan& pla
                                    "--output",
                                    "/dev/null",
                                    "--stats",
-                                   "-"};
+                                   "-",
+                                   "--no-measures"};
   if (frame_count > 1) {
     argv.insert(argv.end(), {"--repeat", absl::StrCat(frame_count), "--orbit",
                              absl::StrFormat("%.17g", plan.orbit_degrees)});

@@ -15,6 +15,7 @@
 #include "partition-agent/point_gradients.h"
 #include "partition-agent/point_values.h"
 #include "partition-agent/shard_histogram.h"
+#include "partition-agent/shard_label_values.h"
 
 namespace isoscope::agent {
 
@@ -123,13 +124,17 @@ void AddDamages(const std::vector<ShardDamage>& damages, v1::DescribeShardsRespo
 }
 
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequest& request,
-                         const base::Cancellation& /*cancellation*/,
+                         const base::Cancellation& cancellation,
                          v1::GetShardHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const Shards found,
                             shards.Find(request.dataset_id(), request.shard_indices()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::HistogramPart part,
+  ISOSCOPE_ASSIGN_OR_RETURN(volume::HistogramPart part,
                             HistogramOfShards(found, query.max_bin_count, query.value_range));
+  if (query.max_label_value_count > 0) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        part.label_values, LabelValuesOfShards(found, query.max_label_value_count, cancellation));
+  }
   *response = rpc::ToProto(part);
   return absl::OkStatus();
 }

@@ -47,8 +47,15 @@ void AddBlock(const mesh::BlockMesh& mesh, v1::ExtractSurfaceResponse* response)
   block->set_block_id(mesh.block_id);
   block->set_positions(AsBytes(mesh.positions));
   block->set_normals(AsBytes(mesh.normals));
-  block->set_edge_keys(AsBytes(mesh.edge_keys));
+  block->set_copies(AsBytes(mesh.copies));
   block->set_triangles(AsBytes(mesh.indices));
+}
+
+void SetSums(const solid::SurfaceSums& sums, v1::SurfaceSums* proto) {
+  proto->set_area(sums.area.Encode());
+  proto->set_volume(sums.volume.Encode());
+  proto->set_triangle_count(sums.triangle_count);
+  proto->set_open_edge_count(sums.open_side_count);
 }
 
 // One export. It owns itself until gRPC is done with it. Its task shares it.
@@ -124,23 +131,28 @@ class ExtractSurfaceCall final : public SurfaceReactor {
                               agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), rule_, clip, agent_.Resources(/*trace=*/nullptr),
-                                &cancellation_));
+        SurfaceExtraction::Make(std::move(shards), rule_,
+                                {.clip = clip, .closes = request_.closes()},
+                                agent_.Resources(/*trace=*/nullptr), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
       if (meshes.empty()) {
-        return message_bytes > 0 ? Send(std::move(message)) : absl::OkStatus();
+        SetSums(extraction->sums(), message.mutable_sums());
+        return Send(std::move(message));
       }
       for (const mesh::BlockMesh& mesh : meshes) {
+        triangle_count_ += mesh.triangle_count();
+        if (request_.without_blocks()) {
+          continue;
+        }
         if (message_bytes > 0 && message_bytes + mesh.size_bytes() > kSurfaceMessageBytes) {
           ISOSCOPE_RETURN_IF_ERROR(Send(std::exchange(message, {})));
           message_bytes = 0;
         }
         AddBlock(mesh, &message);
         message_bytes += mesh.size_bytes();
-        triangle_count_ += mesh.triangle_count();
       }
     }
   }

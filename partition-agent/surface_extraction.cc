@@ -14,30 +14,58 @@
 namespace isoscope::agent {
 
 absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
-    Shards shards, const volume::InsideRule& rule, const view::ClipRegion& clip,
+    Shards shards, const volume::InsideRule& rule, const solid::SurfaceOptions& options,
     const AgentResources& resources, const base::Cancellation* cancellation) {
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(
       SurfaceBlocks blocks,
       SurfaceBlocks::Find(std::move(shards), {rule}, resources.cache, *cancellation, &cost));
-  blocks.EraseOutside(view::Clipper(clip, blocks.shards().front()->reader->manifest().geometry));
+  blocks.EraseOutside(
+      view::Clipper(options.clip, blocks.shards().front()->reader->manifest().geometry));
   return std::unique_ptr<SurfaceExtraction>(
-      new SurfaceExtraction(std::move(blocks), resources, cancellation));
+      new SurfaceExtraction(std::move(blocks), options, resources, cancellation));
 }
 
-SurfaceExtraction::SurfaceExtraction(SurfaceBlocks blocks, const AgentResources& resources,
+SurfaceExtraction::SurfaceExtraction(SurfaceBlocks blocks, const solid::SurfaceOptions& options,
+                                     const AgentResources& resources,
                                      const base::Cancellation* cancellation)
     : blocks_(std::move(blocks)),
       resources_(resources),
       cancellation_(*cancellation),
-      chosen_(blocks_.ChooseAll()),
-      extractors_([this] {
+      chosen_(options.closes ? ChooseForClosing(options) : blocks_.ChooseAll()),
+      extractors_([this, options] {
         const Shard& shard = *blocks_.shards().front();
-        return extract::BlockExtractor(shard.reader->manifest().geometry, shard.reader->layout(),
-                                       shard.shapes);
+        return solid::BlockSurface(shard.reader->manifest().geometry, shard.reader->layout(),
+                                   shard.shapes, options);
       }) {
   std::sort(chosen_.begin(), chosen_.end(),
             [](const ChosenMesh& a, const ChosenMesh& b) { return a.block_id < b.block_id; });
+}
+
+std::vector<ChosenMesh> SurfaceExtraction::ChooseForClosing(
+    const solid::SurfaceOptions& options) const {
+  const store::ShardReader& first = *blocks_.shards().front()->reader;
+  const view::Clipper clipper(options.clip, first.manifest().geometry);
+  std::vector<ChosenMesh> chosen;
+  for (std::uint32_t shard = 0; shard < blocks_.shards().size(); ++shard) {
+    const store::ShardReader& reader = *blocks_.shards()[shard]->reader;
+    for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+      const volume::BlockId id = reader.block_id(ordinal);
+      if (solid::MayHaveSurface(first.layout(), id, reader.ranges(), blocks_.rules().front(),
+                                clipper)) {
+        chosen.push_back({.block_id = id, .ordinal = ordinal, .shard_index = shard});
+      }
+    }
+  }
+  return chosen;
+}
+
+solid::SurfaceSums SurfaceExtraction::sums() const {
+  solid::SurfaceSums sums;
+  for (const solid::SurfaceSums& part : sums_) {
+    sums.Add(part);
+  }
+  return sums;
 }
 
 absl::StatusOr<std::vector<mesh::BlockMesh>> SurfaceExtraction::NextBatch() {
@@ -80,8 +108,8 @@ absl::StatusOr<std::vector<mesh::BlockMesh>> SurfaceExtraction::Extract(
       BlockReads(blocks_.shards(), blocks)
           .ForEach(resources_, cancellation_,
                    [&](std::size_t block, const volume::BlockSamples& samples) {
-                     extractors_.local().ExtractWithEdgeKeys(samples, blocks_.rules().front(),
-                                                             &meshes[order[block]]);
+                     extractors_.local().Extract(samples, blocks_.rules().front(),
+                                                 &meshes[order[block]], &sums_.local());
                      return cancellation_.Check();
                    }));
   return meshes;

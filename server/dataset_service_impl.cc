@@ -27,8 +27,9 @@
 namespace isoscope::server {
 namespace {
 
-// The limit of a call without a deadline.
+// The limits of a call without a deadline; the second one is that of a call that reads samples.
 constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
+constexpr absl::Duration kMaxValuesDuration = absl::Hours(1);
 
 }  // namespace
 
@@ -39,7 +40,9 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   static HistogramCall* Start(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
                               const isoscope::v1::GetHistogramRequest* request,
                               isoscope::v1::GetHistogramResponse* response) {
-    const std::shared_ptr<HistogramCall> call(new HistogramCall(service, context));
+    const std::shared_ptr<HistogramCall> call(new HistogramCall(
+        service, context,
+        request->max_label_value_count() > 0 ? kMaxValuesDuration : kMaxHistogramDuration));
     call->self_ = call;
     call->record_.dataset = request->dataset();
     const absl::Status admitted = call->Admit(*context, *request);
@@ -57,11 +60,11 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   void OnDone() override { const std::shared_ptr<HistogramCall> last_use = std::move(self_); }
 
  private:
-  HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context)
+  HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
+                absl::Duration max_duration)
       : service_(service),
         identity_(rpc::AnswerTraceContext(context)),
-        turn_(&service->histograms_,
-              std::min(rpc::DeadlineOf(*context), start_ + kMaxHistogramDuration)),
+        turn_(&service->histograms_, std::min(rpc::DeadlineOf(*context), start_ + max_duration)),
         record_(RecordOf(rpc::PeerOf(*context), context->peer())) {}
 
   absl::Status Admit(const grpc::CallbackServerContext& context,

@@ -23,6 +23,7 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/mesh/world_placement.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
@@ -221,19 +222,29 @@ class IsosurfaceServiceImpl::ExportCall final
         options_.runner->ReserveExportMemory(options_.runner->PartsOf(*selected.dataset).size(),
                                              cancellation));
     memory_.emplace(std::move(memory));
-    const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
+    const mesh::WorldPlacement placement(geometry);
+    const ExportedVolume volume{.geometry = geometry,
+                                .layout = layout,
+                                .has_origin = spec_.with_origin && placement.has_origin()};
+    if (volume.has_origin) {
+      origin_ = rpc::ToProto(placement.origin());
+    }
     std::int64_t vertex_count = 0;
     for (std::size_t i = 0; i < spec_.rules.size(); ++i) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t added,
+      ISOSCOPE_ASSIGN_OR_RETURN(const ExportedSurface surface,
                                 ExportOne(*selected.dataset, volume, i, vertex_count));
-      vertex_count += added;
+      vertex_count += surface.vertex_count;
+      if (spec_.with_measures) {
+        ISOSCOPE_RETURN_IF_ERROR(SendMeasures(surface, static_cast<std::int32_t>(i)));
+      }
     }
     return absl::OkStatus();
   }
 
-  // Sends one surface. Returns the number of its vertices.
-  absl::StatusOr<std::int64_t> ExportOne(const DatasetState& dataset, const ExportedVolume& volume,
-                                         std::size_t surface_index, std::int64_t first_vertex) {
+  // Sends one surface, but for its measures.
+  absl::StatusOr<ExportedSurface> ExportOne(const DatasetState& dataset,
+                                            const ExportedVolume& volume, std::size_t surface_index,
+                                            std::int64_t first_vertex) {
     isoscope::internal::v1::ExtractSurfaceRequest request;
     request.set_dataset_id(dataset.dataset.dataset_id());
     const volume::InsideRule& rule = spec_.rules[surface_index];
@@ -242,6 +253,8 @@ class IsosurfaceServiceImpl::ExportCall final
     if (request_.has_clip()) {
       *request.mutable_clip() = request_.clip();
     }
+    request.set_closes(spec_.closes);
+    request.set_without_blocks(spec_.without_mesh);
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
     for (FramePart& part : options_.runner->PartsOf(dataset)) {
@@ -250,7 +263,7 @@ class IsosurfaceServiceImpl::ExportCall final
                                                         options_.max_agent_silence, identity_));
       sources.push_back(streams.back().get());
     }
-    absl::StatusOr<std::int64_t> vertex_count = [&] {
+    absl::StatusOr<ExportedSurface> surface = [&] {
       const base::Cancellation::Callback stop(turn_.cancellation(), [&streams] {
         for (const std::unique_ptr<SurfaceStream>& stream : streams) {
           stream->Cancel();
@@ -265,7 +278,23 @@ class IsosurfaceServiceImpl::ExportCall final
       failures.insert(failures.end(), stream->failures().begin(), stream->failures().end());
     }
     options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
-    return vertex_count;
+    return surface;
+  }
+
+  absl::Status SendMeasures(const ExportedSurface& surface, std::int32_t surface_index) {
+    if (!surface.sums.has_value()) {
+      return absl::InternalError("an agent sent no sums of its part of the surface");
+    }
+    v1::ExportIsosurfaceResponse message;
+    message.set_surface_index(surface_index);
+    v1::SurfaceMeasures* const measures = message.mutable_measures();
+    measures->set_area(surface.sums->area.Value());
+    if (surface.sums->open_side_count == 0) {
+      measures->set_volume(surface.sums->volume.Value());
+    }
+    measures->set_triangle_count(surface.sums->triangle_count);
+    measures->set_open_edge_count(surface.sums->open_side_count);
+    return Push(std::move(message));
   }
 
   absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
@@ -277,6 +306,13 @@ class IsosurfaceServiceImpl::ExportCall final
     message.set_normals(std::move(chunk.normals));
     message.set_triangles(std::move(chunk.triangles));
     message.set_surface_index(surface_index);
+    return Push(std::move(message));
+  }
+
+  absl::Status Push(v1::ExportIsosurfaceResponse message) {
+    if (origin_.has_value()) {
+      *message.mutable_origin() = *origin_;
+    }
     unsent_.Add(BytesOf(message));  // if it is never written, the call subtracts it
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
@@ -342,7 +378,8 @@ class IsosurfaceServiceImpl::ExportCall final
   std::optional<CallerSlot> slot_;
   std::optional<WithdrawalWatch> watch_;
   CallTurn turn_;
-  rpc::ExportSpec spec_;  // set before Run
+  rpc::ExportSpec spec_;            // set before Run
+  std::optional<v1::Vec3> origin_;  // of positions; set by Export
   // Kept until the client has the last chunk: many slow clients hold as many queues.
   std::optional<base::MemoryBudget::Reservation> memory_;
   base::GaugeShare unsent_;

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
+#include "core/math/vec.h"
 
 namespace isoscope::gateway {
 
@@ -45,9 +46,13 @@ MeshAnswer::~MeshAnswer() {
 }
 
 absl::Status MeshAnswer::Add(const isoscope::v1::ExportIsosurfaceResponse& chunk) {
+  std::optional<math::Vec3d> origin;
+  if (chunk.has_origin()) {
+    origin = {chunk.origin().x(), chunk.origin().y(), chunk.origin().z()};
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshPiece piece,
                             decoder_.Decode(chunk.surface_index(), chunk.positions(),
-                                            chunk.normals(), chunk.triangles()));
+                                            chunk.normals(), chunk.triangles(), origin));
   ISOSCOPE_RETURN_IF_ERROR(CountBytes());
   return writer_->Add(piece);
 }

@@ -1,13 +1,12 @@
 // isoscope export INPUT | DIR | --server HOST:PORT --isovalue V --output FILE
 //
-// 1. CheckUsage checks the flags against each other and the format of the file.
-// 2. Without a filter, chunks go from the stream straight into the writer: memory stays constant.
-// 3. With a filter (small components, simplification), SurfaceStores keeps each surface as a whole.
-//    Filter processes one surface at a time, and the writer gets the result.
+// CheckUsage checks the flags against each other and the format of the file. SurfaceExporter gets
+// the surfaces and writes them; then their counts and measures are told.
 
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -17,34 +16,45 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include <nlohmann/json.hpp>
 
 #include "client-cli/commands/program.h"
+#include "client-cli/commands/surface_exporter.h"
 #include "client-cli/commands/surface_notes.h"
+#include "client-cli/output/mesh_files.h"
+#include "client-cli/output/surface_measures.h"
+#include "client-cli/output/surface_name.h"
 #include "client-cli/session/session.h"
+#include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/mesh_export.h"
 #include "clients/cpp/connection/service_client.h"
-#include "clients/cpp/mesh_file/mesh_components.h"
+#include "clients/cpp/mesh_file/mesh_measures.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
-#include "clients/cpp/mesh_file/mesh_simplifier.h"
-#include "clients/cpp/mesh_file/mesh_store.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/json_text.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/selection_flags.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
-#include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
+#include "core/mesh/world_placement.h"
+#include "core/rpc/proto_convert.h"
+#include "core/volume/grid_geometry.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {
+
+// Any number of surfaces fits into files: a frame has a limit, an export has none.
+constexpr std::size_t kAnyNumber = std::numeric_limits<int>::max();
 
 struct ExportFlags {
   bool is_quiet = false;
@@ -57,15 +67,11 @@ struct ExportFlags {
   std::optional<std::string> output;
   std::optional<client::MeshFormat> format;
   std::optional<frame::Color> color;
-  std::optional<std::int64_t> min_component;
-  std::optional<double> simplify_share;
-  std::optional<double> simplify_error;
+  MeshFilters filters;
+  bool closes = false;
+  std::optional<std::string> stats;
   std::optional<std::string> dataset_id;
 
-  // Returns true if the whole mesh must be complete before it is written.
-  [[nodiscard]] bool has_filter() const {
-    return min_component || simplify_share || simplify_error;
-  }
   // Those of isovalues, then those of labels. REQUIRES: CheckUsage is OK.
   [[nodiscard]] std::vector<client::MeshSurface> mesh_surfaces() const {
     std::vector<client::MeshSurface> list;
@@ -78,8 +84,13 @@ struct ExportFlags {
     for (const client::LabelSurface& surface : label.surfaces) {
       list.push_back({.color = surface.color, .name = surface.name});
     }
+    for (const client::LabelValue& value : label.sets) {  // the dataset tells which
+      if (label.surfaces.empty()) {
+        list.push_back({.color = value.color, .name = value.set});
+      }
+    }
     if (list.empty()) {
-      list.push_back({.name = "label"});  // the dataset tells which
+      list.push_back({.name = "label"});
     }
     return list;
   }
@@ -97,7 +108,7 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
 absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(
-      client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color, flags.label));
+      client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color, flags.label, kAnyNumber));
   for (const client::LabelValue& value : flags.label.sets) {
     if (value.opacity.value_or(1) != 1.0F) {
       return UsageError(absl::StrCat("--label ", value.set, " has opacity ", *value.opacity,
@@ -117,8 +128,22 @@ absl::Status CheckUsage(const ExportFlags& flags) {
   if (*flags.output == "-") {
     return UsageError("--output -: a mesh is written to a file, not to standard output: name one");
   }
+  if (flags.stats && *flags.stats != "-") {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.stats));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckSurfaceName(*flags.output));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.selection));
   return CheckUsage(flags.clip);
+}
+
+// A format without colours drops those that nobody asked for.
+void DropDefaultColors(const client::LabelFlags& label, client::MeshFileOptions* options) {
+  const std::size_t first = options->surfaces.size() - label.surfaces.size();
+  for (std::size_t i = 0; i < label.surfaces.size(); ++i) {
+    if (!label.surfaces[i].is_color_given) {
+      options->surfaces[first + i].color.reset();
+    }
+  }
 }
 
 absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
@@ -128,6 +153,9 @@ absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
       client::MeshFormatOf(*flags.output, flags.format);
   ISOSCOPE_RETURN_IF_ERROR(AsUsageError(format.status()));
   options.format = *format;
+  if (options.format == client::MeshFormat::kStl) {
+    DropDefaultColors(flags.label, &options);
+  }
   ISOSCOPE_RETURN_IF_ERROR(AsUsageError(client::Validate(options)));
   return options;
 }
@@ -143,119 +171,99 @@ isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
   return request;
 }
 
-// Stores each surface by itself, so that a filter of whole meshes processes one surface.
-class SurfaceStores : public client::MeshSink {
- public:
-  explicit SurfaceStores(std::string folder) : folder_(std::move(folder)) {}
-
-  absl::Status Add(const client::MeshPiece& piece) override {
-    while (stores_.size() <= static_cast<std::size_t>(piece.surface_index)) {
-      first_vertex_ = vertex_count_;
-      ISOSCOPE_ASSIGN_OR_RETURN(stores_.emplace_back(), client::MeshStore::Create(folder_));
-    }
-    vertex_count_ += piece.vertex_count();
-    if (first_vertex_ == 0) {
-      return stores_.back()->Add(piece);
-    }
-    client::MeshPiece own = piece;
-    for (std::uint32_t& vertex : own.triangles) {
-      vertex -= static_cast<std::uint32_t>(first_vertex_);
-    }
-    return stores_.back()->Add(own);
-  }
-  absl::Status Finish() override { return absl::OkStatus(); }
-
-  [[nodiscard]] const std::vector<std::unique_ptr<client::MeshStore>>& stores() const {
-    return stores_;
-  }
-
-  absl::Status Emit(client::MeshWriter* writer) const {
-    for (std::size_t i = 0; i < stores_.size(); ++i) {
-      ISOSCOPE_RETURN_IF_ERROR(
-          stores_[i]->Emit(writer, writer->vertex_count(), static_cast<int>(i)));
-    }
+absl::Status CheckServer(const ExportFlags& flags, const isoscope::v1::Dataset& dataset,
+                         bool knows_closed_meshes, const Context& context) {
+  if (knows_closed_meshes) {
     return absl::OkStatus();
   }
-
- private:
-  const std::string folder_;
-  std::vector<std::unique_ptr<client::MeshStore>> stores_;  // by surface index
-  std::int64_t first_vertex_ = 0;                           // first vertex of the last surface
-  std::int64_t vertex_count_ = 0;
-};
-
-// Passes the stream of the isosurfaces to `sink`.
-absl::Status Receive(const isoscope::v1::ExportIsosurfaceRequest& request, Session* session,
-                     client::MeshSink* sink, const Context& context) {
-  ProgressLine line(context.err, context.err_is_terminal);
-  return client::ReceiveMesh(
-      request, session->export_timeout(), &session->client(), sink,
-      [&](std::int64_t vertex_count, std::int64_t triangle_count) {
-        line.Update(absl::StrCat("exporting  ", FormatCount(vertex_count), " vertices, ",
-                                 FormatCount(triangle_count), " triangles"));
-      });
-}
-
-absl::Status DropIslands(std::int64_t min_triangles, const SurfaceStores& surfaces,
-                         const Context& context) {
-  std::int64_t triangle_count = 0;
-  client::DroppedComponents sum;
-  for (const std::unique_ptr<client::MeshStore>& mesh : surfaces.stores()) {
-    triangle_count += mesh->triangle_count();
-    ISOSCOPE_ASSIGN_OR_RETURN(const client::DroppedComponents dropped,
-                              client::DropSmallComponents(min_triangles, mesh.get()));
-    sum.component_count += dropped.component_count;
-    sum.dropped_count += dropped.dropped_count;
-    sum.dropped_triangle_count += dropped.dropped_triangle_count;
+  if (flags.closes || flags.stats) {
+    return absl::FailedPreconditionError(absl::StrCat("the server does not know ",
+                                                      flags.closes ? "--close" : "--stats",
+                                                      ": it is older than this program"));
   }
-  *context.out << "dropped " << FormatCount(sum.dropped_count) << " of "
-               << FormatCount(sum.component_count) << " components, "
-               << FormatCount(sum.dropped_triangle_count) << " of " << FormatCount(triangle_count)
-               << " triangles\n";
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            rpc::GeometryFromProto(dataset.geometry(), "geometry"));
+  if (mesh::WorldPlacement(geometry).has_origin()) {
+    *context.err << "isoscope: the server is older than this program, and rounds positions to "
+                    "float32: neighbouring vertices may fall together"
+                 << std::endl;
+  }
   return absl::OkStatus();
 }
 
-absl::Status Simplify(const ExportFlags& flags, const SurfaceStores& surfaces,
-                      const Context& context) {
-  ProgressLine line(context.err, context.err_is_terminal);
-  std::int64_t count = 0;
-  client::SimplifyResult sum;
-  for (std::size_t i = 0; i < surfaces.stores().size(); ++i) {
-    client::MeshStore* const mesh = surfaces.stores()[i].get();
-    count += mesh->triangle_count();
-    client::SimplifyOptions options{.share = flags.simplify_share,
-                                    .max_error = flags.simplify_error};
-    options.progress = [&](double done) {
-      line.Update(absl::StrFormat(
-          "simplifying  %.0f %%",
-          100 * (static_cast<double>(i) + done) / static_cast<double>(surfaces.stores().size())));
-      return context.interrupt->cancellation().Check();
-    };
-    ISOSCOPE_ASSIGN_OR_RETURN(const client::SimplifyResult result,
-                              client::SimplifyMesh(options, mesh));
-    sum.triangle_count += result.triangle_count;
-    sum.error = std::max(sum.error, result.error);
+void Report(const MeshFiles& files, const std::vector<MeasuredSurface>& surfaces,
+            const std::string& unit, absl::Duration duration, const Context& context) {
+  for (const MeshFileReport& file : files.reports()) {
+    *context.out << base::Printable(file.path) << ": " << FormatCount(file.vertex_count)
+                 << " vertices, " << FormatCount(file.triangle_count) << " triangles, "
+                 << FormatMebibytes(file.size_bytes) << ", in " << FormatElapsed(duration) << "\n";
   }
-  *context.out << "simplified " << FormatCount(count) << " triangles to "
-               << FormatCount(sum.triangle_count)
-               << absl::StrFormat(", estimated error %.3g world units\n", sum.error);
-  return absl::OkStatus();
+  constexpr std::size_t kMaxLines = 16;
+  for (std::size_t i = 0; i < std::min(surfaces.size(), kMaxLines); ++i) {
+    *context.out << DescribeMeasures(surfaces[i], unit) << "\n";
+  }
+  if (surfaces.size() > kMaxLines) {
+    *context.out << "... and " << surfaces.size() - kMaxLines << " more; --stats - lists all\n";
+  }
 }
 
-// Removes small components and simplifies, each surface by itself, and reports the counts.
-absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
-                    const Context& context) {
-  if (flags.min_component) {
-    ISOSCOPE_RETURN_IF_ERROR(DropIslands(*flags.min_component, surfaces, context));
+absl::Status WriteStats(const ExportFlags& flags, const MeshFiles& files,
+                        const std::vector<MeasuredSurface>& surfaces, const std::string& unit,
+                        const Context& context) {
+  nlohmann::ordered_json json = MeasuresToJson(surfaces, unit);
+  json["files"] = nlohmann::ordered_json::array();
+  for (const MeshFileReport& file : files.reports()) {
+    json["files"].push_back({{"path", file.path},
+                             {"vertex_count", file.vertex_count},
+                             {"triangle_count", file.triangle_count},
+                             {"size_bytes", file.size_bytes}});
   }
-  return flags.simplify_share || flags.simplify_error ? Simplify(flags, surfaces, context)
-                                                      : absl::OkStatus();
+  const std::string text = client::JsonText(json);
+  if (*flags.stats == "-") {
+    *context.out << text;
+    return absl::OkStatus();
+  }
+  return io::WriteFileAtomically(*flags.stats, text);
+}
+
+// The files of the export. REQUIRES: labels are resolved.
+absl::StatusOr<std::vector<client::MeshFileOptions>> FilesOf(const ExportFlags& flags,
+                                                             const client::MeshFileOptions& all) {
+  if (!HasSurfaceName(*flags.output)) {
+    return std::vector<client::MeshFileOptions>{all};
+  }
+  std::vector<NamedSurface> named;
+  for (const client::MeshSurface& surface : all.surfaces) {
+    named.push_back({.isovalue = surface.isovalue});
+  }
+  for (std::size_t i = 0; i < flags.label.surfaces.size(); ++i) {
+    const client::LabelSurface& label = flags.label.surfaces[i];
+    named[named.size() - flags.label.surfaces.size() + i] = {.labels = label.values,
+                                                             .name = label.name};
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> names,
+                            SurfaceFileNames(*flags.output, named));
+  std::vector<client::MeshFileOptions> files;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(names[i]));
+    client::MeshFileOptions& file = files.emplace_back(all);
+    file.path = names[i];
+    file.surfaces = {all.surfaces[i]};
+  }
+  return files;
+}
+
+std::string ParentFolder(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  return folder.empty() ? "." : folder;
 }
 
 absl::Status Run(const ExportFlags& given, const Context& context) {
   ExportFlags flags = given;
   ISOSCOPE_ASSIGN_OR_RETURN(client::MeshFileOptions file_options, FileOptions(flags));
-  ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
+  if (!HasSurfaceName(*flags.output)) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
+  }
   const WantedVolumes wanted{.selection = flags.selection};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, &wanted, std::nullopt, context));
@@ -264,32 +272,44 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   session->AdaptSelection(&flags.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &flags.selection));
-  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
-      dataset, flags.selection, session->question_timeout(), &session->client(), &flags.label));
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, flags.selection, session->frame_timeout(),
+                                                 &session->client(), &flags.label, kAnyNumber));
   ISOSCOPE_ASSIGN_OR_RETURN(file_options, FileOptions(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const bool knows_closed_meshes,
+      client::HasFeature("closed_meshes", session->question_timeout(), &session->client()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckServer(flags, dataset, knows_closed_meshes, context));
   isoscope::v1::ExportIsosurfaceRequest request = MakeRequest(flags, dataset.name());
+  request.set_closes(flags.closes);
+  request.set_with_origin(knows_closed_meshes);
+  request.set_with_measures(knows_closed_meshes);
   file_options.field = client::PinSelection(dataset, &request);
   const base::MonotonicTime start = base::MonotonicNow();
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,
-                            client::MeshWriter::Create(file_options));
-  std::optional<SurfaceCounter> counter;
-  if (flags.has_filter()) {
-    const std::string folder = std::filesystem::path(*flags.output).parent_path().string();
-    SurfaceStores surfaces(folder.empty() ? "." : folder);
-    counter.emplace(&surfaces);
-    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), &*counter, context));
-    ISOSCOPE_RETURN_IF_ERROR(Filter(flags, surfaces, context));
-    ISOSCOPE_RETURN_IF_ERROR(surfaces.Emit(writer.get()));
-  } else {
-    counter.emplace(writer.get());
-    ISOSCOPE_RETURN_IF_ERROR(Receive(request, session.get(), &*counter, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<client::MeshFileOptions> file_list,
+                            FilesOf(flags, file_options));
+  MeshFiles files(std::move(file_list));
+  SurfaceExporter exporter(flags.filters, request, session.get(), &files, context);
+  ISOSCOPE_RETURN_IF_ERROR(exporter.Run(ParentFolder(*flags.output)));
+  if (files.origin().has_value() && !client::HasDoubles(file_options.format)) {
+    *context.err << "isoscope: positions in the file are from the origin "
+                 << client::TextOfOrigin(*files.origin())
+                 << ", because float32 can't tell neighbouring vertices of the world apart"
+                 << std::endl;
   }
-  ISOSCOPE_RETURN_IF_ERROR(writer->Finish());
-  *context.out << *flags.output << ": " << FormatCount(writer->vertex_count()) << " vertices, "
-               << FormatCount(writer->triangle_count()) << " triangles, "
-               << FormatMebibytes(writer->size_bytes()) << ", in "
-               << FormatElapsed(base::MonotonicNow() - start) << "\n";
-  return WriteNotesOnMesh(request, *counter, session.get(), context);
+  std::vector<std::string> names;
+  for (const client::LabelSurface& label : flags.label.surfaces) {
+    names.push_back(label.name);
+  }
+  const std::vector<MeasuredSurface> surfaces =
+      MeasuredSurfaces(request, names, exporter.measures());
+  Report(files, surfaces, dataset.length_unit(), base::MonotonicNow() - start,
+         flags.stats == "-" ? QuietContext(context) : context);
+  if (flags.stats) {
+    ISOSCOPE_RETURN_IF_ERROR(WriteStats(flags, files, surfaces, dataset.length_unit(), context));
+  }
+  return WriteNotesOnMesh(
+      request, [&files](int surface) { return files.HasTriangles(surface); }, session.get(),
+      context);
 }
 
 Action RegisterExportFlags(FlagSet* set) {
@@ -297,18 +317,22 @@ Action RegisterExportFlags(FlagSet* set) {
   AddSessionFlags(set, &flags->session, "--input-format");
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level, in field units");
-  AddRepeatableFlag(set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,
-                    "a surface: its level and colour; instead of --isovalue and --color, up to 128 "
-                    "times. All go into one file: as primitives with materials in GLB, as objects "
-                    "in OBJ, with a surface index of vertices in PLY and VTP");
+  AddRepeatableFlag(
+      set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,
+      "a surface: its level and colour; instead of --isovalue and --color, any number "
+      "of times. All go into one file: as primitives with materials in GLB, as objects "
+      "in OBJ, with a surface index of vertices in PLY and VTP");
   client::AddLabelFlags(set, &flags->label, /*has_opacity=*/false);
   client::AddClipFlags(set, &flags->clip, "export");
   client::AddSelectionFlags(set, &flags->selection);
-  AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
-          "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
-          "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
-          "whatever its size; a .stl, --min-component and --simplify use scratch files beside it, "
-          "of which memory holds what the system leaves there, and --simplify some 200 MiB");
+  AddFlag(
+      set, "-o,--output", "FILE", &flags->output, ParseText,
+      "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
+      "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
+      "whatever its size; a .stl, --min-component and --simplify use scratch files beside it, "
+      "of which memory holds what the system leaves there, and --simplify some 200 MiB. With %l "
+      "in the name each surface has its own file, as label-%l.stl: %l is the label or the "
+      "isovalue, %03l has leading zeros, %n is the label's name");
   AddFlag(set, "--format", "ply|stl|obj|glb|vtp", &flags->format, client::ParseMeshFormat,
           "the format, for a name without a suffix (default: ply)");
   AddFlag(set, "--color", "COLOR", &flags->color, client::ParseColor,
@@ -316,14 +340,21 @@ Action RegisterExportFlags(FlagSet* set) {
           "vertices in PLY, OBJ and VTP, of its "
           "material in GLB (default: none)");
   AddFlag(
-      set, "--min-component", "N", &flags->min_component,
+      set, "--min-component", "N", &flags->filters.min_component,
       [](absl::string_view text) { return client::ParseInteger(text, 1, INT64_MAX); },
       "leave out islands of fewer than N triangles, as they are once clipped");
-  AddFlag(set, "--simplify", "SHARE", &flags->simplify_share, ParseShare,
+  AddFlag(set, "--simplify", "SHARE", &flags->filters.simplify_share, ParseShare,
           "keep this share of the triangles of each surface, above 0 and below 1, without cracks");
-  AddFlag(set, "--simplify-error", "E", &flags->simplify_error, client::ParsePositiveNumber,
+  AddFlag(set, "--simplify-error", "E", &flags->filters.simplify_error, client::ParsePositiveNumber,
           "remove triangles while the surface moves by no more than E world units, as "
           "libmeshoptimizer estimates it; with --simplify, whichever is first");
+  set->AddSwitch(
+      "--close", &flags->closes,
+      "close each surface where its solid ends: at the border of the volume, at the clip "
+      "planes and the box, and at samples that are NaN; for 3D printing");
+  AddFlag(set, "--stats", "FILE|-", &flags->stats, ParseText,
+          "write area, enclosed volume and triangles of each surface as JSON, after the filters; "
+          "'-' is standard output, in place of all else there");
   AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
           "fail if the dataset under that name has another id; `isoscope info` prints it");
   AddQuietFlag(set, &flags->is_quiet);
@@ -344,6 +375,8 @@ Command ExportCommand() {
               "    --color 0.9,0.85,0.8 --output head.glb\n"
               "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
               "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
+              "  isoscope export head.nii.gz --isovalue 60 --close --output print.stl\n"
+              "  isoscope export organs.seg.nrrd --labels all --output organ-%l.stl\n"
               "  isoscope export --server localhost:50051 --isovalue 60 --output head.stl\n",
           .register_flags = RegisterExportFlags};
 }

@@ -2,8 +2,8 @@
 //
 // The input decides the output: the header of a volume file, the manifest of a dataset directory,
 // or the datasets and agents of a server. Each becomes JSON first (output/dataset_json), which
-// --json prints as it is and the text is made from. --histogram adds a histogram: it opens a
-// session, which partitions a volume into the cache.
+// --json prints as it is and the text is made from. --histogram adds a histogram, and surfaces add
+// their measures: they open a session, which partitions a volume into the cache.
 
 #include <algorithm>
 #include <cstddef>
@@ -19,12 +19,14 @@
 #include "absl/time/time.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/commands/info_surfaces.h"
 #include "client-cli/commands/program.h"
 #include "client-cli/output/dataset_json.h"
 #include "client-cli/output/histogram_plot.h"
 #include "client-cli/output/label_json.h"
 #include "client-cli/output/series_json.h"
 #include "client-cli/output/source_json.h"
+#include "client-cli/output/surface_measures.h"
 #include "client-cli/session/connection_flags.h"
 #include "client-cli/session/session.h"
 #include "client-cli/session/source_flags.h"
@@ -78,12 +80,16 @@ struct InfoFlags {
   bool lists_formats = false;
   SourceFlags source;
   // of a single dataset
+  InfoSurfaceFlags surfaces;
   bool draws_histogram = false;
   std::optional<std::string> dataset;
   std::optional<std::int64_t> bin_count;
   std::optional<volume::ScalarSpan> value_range;
   client::SelectionFlags selection;
   bool is_logarithmic = false;
+
+  // Reads the samples of a dataset through a session.
+  [[nodiscard]] bool asks_dataset() const { return draws_histogram || !surfaces.empty(); }
 };
 
 // "MIN,MAX".
@@ -262,14 +268,9 @@ absl::StatusOr<Json> DescribeServer(const InfoFlags& flags, const Context& conte
   return json;
 }
 
-// The dataset and its histogram.
-struct HistogramOfDataset {
-  isoscope::v1::Dataset dataset;
-  isoscope::v1::GetHistogramResponse histogram;
-};
-
-// Asks a server, or agents in this process; a volume is partitioned into the cache first.
-absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const Context& context) {
+// A server, or agents in this process; a volume is partitioned into the cache first.
+absl::StatusOr<std::unique_ptr<Session>> OpenSession(const InfoFlags& flags,
+                                                     const Context& context) {
   SessionFlags session_flags;
   session_flags.input = flags.input;
   session_flags.server = flags.server;
@@ -281,14 +282,14 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
     session_flags.renderer = render::RendererKind::kCpu;  // nothing is drawn
   }
   const WantedVolumes wanted{.selection = flags.selection};
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(session_flags, &wanted, std::nullopt, context));
-  HistogramOfDataset result;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      result.dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  return Session::Open(session_flags, &wanted, std::nullopt, context);
+}
+
+absl::StatusOr<isoscope::v1::GetHistogramResponse> FetchHistogram(
+    const InfoFlags& flags, const isoscope::v1::Dataset& dataset, Session* session,
+    const Context& context) {
   isoscope::v1::GetHistogramRequest request;
-  request.set_dataset(result.dataset.name());
+  request.set_dataset(dataset.name());
   request.set_max_bin_count(static_cast<std::int32_t>(flags.bin_count.value_or(0)));
   if (flags.value_range) {
     request.mutable_value_range()->set_min(flags.value_range->min);
@@ -296,34 +297,52 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
   }
   client::SelectionFlags chosen = flags.selection;
   session->AdaptSelection(&chosen);
-  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(result.dataset, &chosen));
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &chosen));
   if (const auto selection = client::ToProto(chosen)) {
     *request.mutable_selection() = *selection;
   }
   const WaitingLine waiting(context.err, context.err_is_terminal, "counting");
-  ISOSCOPE_ASSIGN_OR_RETURN(result.histogram,
-                            session->client().GetHistogram(request, session->question_timeout()));
-  return result;
+  return session->client().GetHistogram(request, session->question_timeout());
 }
 
-// Draws the histogram, and adds it to `json`. For a volume it makes `json` from the histogram: so
-// the range of its values needs no second read.
-absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& context,
-                                         Json* json) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const HistogramOfDataset found, FetchHistogram(flags, context));
+// Returns the histogram and the measures of surfaces as text, and adds them to `json`. For a volume
+// it makes `json` from the dataset: so the range of its values needs no second read.
+absl::StatusOr<std::string> AskDataset(const InfoFlags& flags, const Context& context, Json* json) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session, OpenSession(flags, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const isoscope::v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   if (json->empty()) {
-    (*json)["datasets"] = Json::array({DatasetToJson(found.dataset)});
+    (*json)["datasets"] = Json::array({DatasetToJson(dataset)});
   }
-  (*json)["histogram"] = HistogramToJson(found.histogram);
-  return DrawHistogram(found.histogram,
-                       {.width = TerminalWidth(), .is_logarithmic = flags.is_logarithmic});
+  std::string text;
+  if (flags.draws_histogram) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::GetHistogramResponse histogram,
+                              FetchHistogram(flags, dataset, session.get(), context));
+    (*json)["histogram"] = HistogramToJson(histogram);
+    absl::StrAppend(&text, "\n",
+                    DrawHistogram(histogram, {.width = TerminalWidth(),
+                                              .is_logarithmic = flags.is_logarithmic}));
+  }
+  if (!flags.surfaces.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::vector<MeasuredSurface> surfaces,
+        MeasureInfoSurfaces(flags.surfaces, flags.selection, dataset, session.get(), context));
+    (*json)["measures"] = MeasuresToJson(surfaces, dataset.length_unit());
+    absl::StrAppend(&text, "\n",
+                    MeasuresTable(surfaces, dataset.length_unit(), context.out_columns));
+  }
+  return text;
 }
 
-absl::Status CheckHistogramUsage(const InfoFlags& flags) {
-  if (!flags.draws_histogram && (flags.bin_count || flags.value_range || flags.is_logarithmic ||
-                                 flags.dataset || !flags.selection.empty())) {
+absl::Status CheckDatasetUsage(const InfoFlags& flags) {
+  if (!flags.draws_histogram && (flags.bin_count || flags.value_range || flags.is_logarithmic)) {
+    return UsageError("--bins, --range and --log are for --histogram");
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.surfaces));
+  if (!flags.asks_dataset() && (flags.dataset || !flags.selection.empty())) {
     return UsageError(
-        "--bins, --range, --log, --dataset and the flags of field and time are for --histogram");
+        "--dataset and the flags of field and time are for --histogram and for surfaces");
   }
   ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.selection));
   if (flags.dataset && !flags.server) {
@@ -381,7 +400,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   if (const char* given = flags.source.FirstGiven(); flags.server && given != nullptr) {
     return UsageError(absl::StrCat(given, " can't be used with --server"));
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckHistogramUsage(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetUsage(flags));
   Json json;
   if (flags.server) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.connection));
@@ -391,17 +410,16 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
     if (store::IsDatasetDirectory(*flags.input)) {
       ISOSCOPE_RETURN_IF_ERROR(CheckUsageWithDataset(flags.source, *flags.input));
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
-    } else if (!flags.draws_histogram) {
+    } else if (!flags.asks_dataset()) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeFile(flags, context));
     }
   }
-  std::string plot;
-  if (flags.draws_histogram) {
-    ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
+  std::string answers;
+  if (flags.asks_dataset()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(answers, AskDataset(flags, context, &json));
   }
   *context.out << (flags.is_json ? client::JsonText(json)
-                                 : absl::StrCat(ToText(json, flags, context.out_columns),
-                                                plot.empty() ? "" : "\n", plot));
+                                 : absl::StrCat(ToText(json, flags, context.out_columns), answers));
   return absl::OkStatus();
 }
 
@@ -433,7 +451,8 @@ Action RegisterInfoFlags(FlagSet* set) {
           "the values that the histogram looks at (default: all)");
   set->AddSwitch("--log", &flags->is_logarithmic, "heights by the logarithm of the counts");
   AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
-          "whose histogram, of the datasets of the server (default: its only one)");
+          "the dataset of the server, for --histogram and surfaces (default: its only one)");
+  AddInfoSurfaceFlags(set, &flags->surfaces);
   client::AddSelectionFlags(set, &flags->selection);
   AddSourceFlags(set, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
@@ -445,7 +464,7 @@ Command InfoCommand() {
   return {.name = "info",
           .summary =
               "Describes a volume, a dataset folder, or what a server holds and how its agents are",
-          .usage = "INPUT|DIR | --server HOST:PORT [--json] [--histogram]",
+          .usage = "INPUT|DIR | --server HOST:PORT [--json] [--histogram] [--isovalue V]",
           .examples =
               "  isoscope info head.nii.gz\n"
               "  isoscope info large.nrrd --values\n"
@@ -453,6 +472,7 @@ Command InfoCommand() {
               "  isoscope info scans/ --series 3\n"
               "  isoscope info head\n"
               "  isoscope info head.nii.gz --histogram --log\n"
+              "  isoscope info head.nii.gz --isovalue 30 --isovalue 60 --close\n"
               "  isoscope info --server localhost:50051 --json\n",
           .register_flags = RegisterInfoFlags};
 }

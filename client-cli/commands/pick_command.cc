@@ -29,6 +29,7 @@
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
+#include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
@@ -86,6 +87,12 @@ std::string ToText(const v1::Vec3& v) {
   return absl::StrFormat("%.7g,%.7g,%.7g", v.x(), v.y(), v.z());
 }
 
+// With all digits: far from the origin the last ones tell points apart.
+std::string PositionText(const v1::Vec3& v) {
+  return absl::StrCat(FormatCoordinate(v.x()), ",", FormatCoordinate(v.y()), ",",
+                      FormatCoordinate(v.z()));
+}
+
 std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
                            const v1::PickSurfaceResponse& response) {
   nlohmann::ordered_json json;
@@ -137,9 +144,9 @@ std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
       continue;
     }
     table.AddRow(
-        {pixel, ToText(point.position()),
-         absl::StrFormat("%.7g", static_cast<double>(point.depth())),
-         absl::StrCat(point.surface_index()), point.has_normal() ? ToText(point.normal()) : "-",
+        {pixel, PositionText(point.position()),
+         FormatCoordinate(static_cast<double>(point.depth())), absl::StrCat(point.surface_index()),
+         point.has_normal() ? ToText(point.normal()) : "-",
          point.has_gradient() ? ToText(point.gradient()) : "-", absl::StrCat(point.block_id()),
          point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
   }
@@ -156,7 +163,7 @@ std::string DescribeLabelsOf(const v1::PickSurfaceRequest& request,
     if (point.has_label()) {
       has_labels = true;
       table.AddRow({absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y()),
-                    absl::StrFormat("%.9g", point.label()),
+                    FormatValue(point.label()),
                     point.label_name().empty() ? "-" : base::Printable(point.label_name())});
     }
   }
@@ -215,9 +222,8 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   client::RequestFlags of_frame = flags.request;
   session->AdaptSelection(&of_frame.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &of_frame.selection));
-  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, of_frame.selection,
-                                                 session->question_timeout(), &session->client(),
-                                                 &of_frame.label));
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
+      dataset, of_frame.selection, session->frame_timeout(), &session->client(), &of_frame.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(of_frame));
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));

@@ -17,6 +17,7 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "client-cli/commands/frame_measures.h"
 #include "client-cli/commands/program.h"
 #include "client-cli/commands/render_flags.h"
 #include "client-cli/commands/surface_notes.h"
@@ -57,12 +58,20 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRecord>& frames,
-                             const Context& context) {
+// Adds the measures of surfaces to the frames first, unless they are not wanted.
+absl::Status WriteStatistics(const RenderFlags& flags, const v1::Dataset& dataset, Session* session,
+                             std::vector<FrameRecord>* frames, const Context& context) {
   if (!flags.stats) {
     return absl::OkStatus();
   }
-  const std::string json = StatisticsJson(frames);
+  if (!flags.has_no_measures) {
+    std::vector<std::string> names;
+    for (const client::LabelSurface& label : flags.request.label.surfaces) {
+      names.push_back(label.name);
+    }
+    ISOSCOPE_RETURN_IF_ERROR(AddMeasures(dataset, names, session, frames, context));
+  }
+  const std::string json = StatisticsJson(*frames);
   if (*flags.stats == "-") {
     *context.out << json;
     return absl::OkStatus();
@@ -115,6 +124,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
       client::RenderFrame(request, session->frame_timeout(), &session->client()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - start),
                      .statistics = response.statistics(),
+                     .request = plain_request,
                      .notes = {response.notes().begin(), response.notes().end()}});
   if (trace_path) {
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
@@ -195,8 +205,9 @@ absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& 
 }
 
 // Renders a picture that is too large for one frame, region by region.
-absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceRequest& whole,
-                       const PictureDisplay& display, Session* session, const Context& context) {
+absl::Status RunPoster(const RenderFlags& flags, const v1::Dataset& dataset,
+                       const v1::RenderIsosurfaceRequest& whole, const PictureDisplay& display,
+                       Session* session, const Context& context) {
   const base::MonotonicTime start = base::MonotonicNow();
   const view::Viewport viewport = flags.request.viewport();
   std::vector<FrameRecord> regions;
@@ -216,7 +227,8 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
     *of_region.mutable_camera() = response.camera();
     of_region.clear_camera_fit();
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - region_start),
-                       .statistics = std::move(*response.mutable_statistics())});
+                       .statistics = std::move(*response.mutable_statistics()),
+                       .request = whole});
     absl::StatusOr<image::RgbaImage> image = ImageOfRaw(response);
     if (image.ok() && shown) {
       shown->Add(region.x, region.y, *image);
@@ -232,7 +244,7 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
         size_bytes, client::WritePoster(viewport, flags.region_size(), is_opaque, path, render,
                                         [&](absl::string_view text) { line.Update(text); }));
   }
-  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, regions, context));
+  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, dataset, session, &regions, context));
   if (shown) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, display.Encode(shown->Finish()));
     *context.out << bytes << std::flush;
@@ -336,7 +348,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   session->AdaptSelection(&flags.request.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &flags.request.selection, &flags.look));
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, flags.request.selection,
-                                                 session->question_timeout(), &session->client(),
+                                                 session->frame_timeout(), &session->client(),
                                                  &flags.request.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count(),
@@ -351,7 +363,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest whole,
                               MakeFrameRequest(flags, flags.request, dataset.name(), camera,
                                                /*i=*/0, /*has_notes=*/false));
-    ISOSCOPE_RETURN_IF_ERROR(RunPoster(flags, whole, display, session, context));
+    ISOSCOPE_RETURN_IF_ERROR(RunPoster(flags, dataset, whole, display, session, context));
     return WriteNotesOf(
         whole, [](const v1::SurfaceNote&) { return true; }, session, context);
   }
@@ -360,7 +372,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse last,
                             DrawFrames(flags, subject, camera, session, &frames, &output, context));
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, last, context));
-  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, dataset, session, &frames, context));
   WriteNotes(frames, context);
   WarnIfTruncated(frames, flags, context);
   WarnIfPartial(frames, context);
@@ -388,7 +400,7 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
   ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, response, context));
-  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, subject.dataset, session, &frames, context));
   WriteNotes(frames, context);
   ISOSCOPE_ASSIGN_OR_RETURN(const client::PictureComparison comparison,
                             client::ComparePictures(recorded, response.png()));

@@ -152,8 +152,12 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
   AddShowFlag(set, &flags->show,
               "show the picture in the terminal: auto (default) where standard output is one that "
               "can, or in a format whatever it is; --output may then be left out");
-  AddFlag(set, "--stats", "FILE|-", &flags->stats, ParseText,
-          "write statistics as JSON (- is standard output), and print them as tables");
+  AddFlag(
+      set, "--stats", "FILE|-", &flags->stats, ParseText,
+      "write statistics as JSON (- is standard output), and print them as tables; they have the "
+      "area and the enclosed volume of each surface, which costs an export of it");
+  set->AddSwitch("--no-measures", &flags->has_no_measures,
+                 "write the statistics of --stats without areas and volumes, which is faster");
   AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
           "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
   AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,
@@ -174,6 +178,9 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  }
+  if (flags.has_no_measures && !flags.stats) {
+    return UsageError("--no-measures is for --stats: give that too");
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckShow(flags, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));

@@ -38,6 +38,7 @@ struct RenderFlags {
   std::optional<ShowMode> show;
   std::optional<std::string> trace;
   bool has_no_metadata = false;
+  bool has_no_measures = false;
   bool allow_partial = false;
   bool is_quiet = false;
   std::optional<std::string> dataset_id;

@@ -61,14 +61,14 @@ absl::Status WriteNotesOf(const v1::RenderIsosurfaceRequest& frame,
 }
 
 absl::Status WriteNotesOnMesh(const v1::ExportIsosurfaceRequest& request,
-                              const SurfaceCounter& counter, Session* session,
+                              const std::function<bool(int)>& has_triangles, Session* session,
                               const Context& context) {
   v1::RenderIsosurfaceRequest frame;
   v1::Surface only;
   only.set_isovalue(request.isovalue());
   for (int i = 0; i < std::max(request.surfaces_size(), 1); ++i) {
     const v1::Surface& surface = request.surfaces().empty() ? only : request.surfaces(i);
-    if ((!counter.HasTriangles(i) || surface.labels_size() > 1) &&
+    if ((!has_triangles(i) || surface.labels_size() > 1) &&
         frame.surfaces_size() < static_cast<int>(frame::kMaxSurfaces)) {
       v1::Surface* const plain = frame.add_surfaces();
       plain->set_isovalue(surface.isovalue());

@@ -5,12 +5,10 @@
 #define ISOSCOPE_CLIENT_CLI_COMMANDS_SURFACE_NOTES_H_
 
 #include <functional>
-#include <set>
 
 #include "absl/status/status.h"
 
 #include "client-cli/session/session.h"
-#include "clients/cpp/mesh_file/mesh_piece.h"
 #include "core/cli/command.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -23,33 +21,10 @@ absl::Status WriteNotesOf(
     const std::function<bool(const isoscope::v1::SurfaceNote&)>& is_wanted, Session* session,
     const Context& context);
 
-// Counts the triangles of each surface on their way to another sink. Thread-compatible.
-class SurfaceCounter : public client::MeshSink {
- public:
-  // `to` outlives it. Finish does not reach it.
-  explicit SurfaceCounter(client::MeshSink* to) : to_(*to) {}
-
-  absl::Status Add(const client::MeshPiece& piece) override {
-    if (piece.triangle_count() > 0) {
-      surfaces_.insert(piece.surface_index);
-    }
-    return to_.Add(piece);
-  }
-  absl::Status Finish() override { return absl::OkStatus(); }
-
-  [[nodiscard]] bool HasTriangles(int surface_index) const {
-    return surfaces_.count(surface_index) > 0;
-  }
-
- private:
-  client::MeshSink& to_;
-  std::set<int> surfaces_;  // those with triangles
-};
-
 // Writes to standard error why surfaces of an export have no triangles, and which of their labels
-// no sample has. Of many such surfaces the first 128.
+// no sample has. Of many such surfaces the first 128. `has_triangles` is asked by surface.
 absl::Status WriteNotesOnMesh(const isoscope::v1::ExportIsosurfaceRequest& request,
-                              const SurfaceCounter& counter, Session* session,
+                              const std::function<bool(int)>& has_triangles, Session* session,
                               const Context& context);
 
 }  // namespace isoscope::cli

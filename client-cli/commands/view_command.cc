@@ -45,6 +45,7 @@
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
+#include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/rpc/host_port.h"
 #include "core/rpc/transport.h"
@@ -185,7 +186,7 @@ absl::StatusOr<FirstSurfaces> ChooseSurfaces(const ViewFlags& flags, const v1::D
                                              Session* session) {
   FirstSurfaces first{.label = flags.label};
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
-      dataset, /*selection=*/{}, session->question_timeout(), &session->client(), &first.label));
+      dataset, /*selection=*/{}, session->frame_timeout(), &session->client(), &first.label));
   if (flags.isovalue || flags.label.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(first.isovalue, ChooseIsovalue(flags, dataset, session));
     ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(first.isovalue, /*surfaces=*/{},
@@ -330,8 +331,7 @@ std::string ViewAddress(absl::string_view page, const std::string& dataset,
   std::string address = absl::StrCat(page, page.find('?') == absl::string_view::npos ? "?" : "&",
                                      "dataset=", gateway::EscapeQueryValue(dataset));
   if (isovalue) {
-    absl::StrAppend(&address,
-                    "&isovalue=", gateway::EscapeQueryValue(absl::StrFormat("%.9g", *isovalue)));
+    absl::StrAppend(&address, "&isovalue=", gateway::EscapeQueryValue(FormatValue(*isovalue)));
   }
   for (std::size_t i = 0; i < label.surfaces.size(); ++i) {
     absl::StrAppend(

@@ -94,6 +94,9 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
                              {"reason", NameOf(note.reason())},
                              {"message", note.message()}});
   }
+  if (frame.measures.has_value()) {
+    json["measures"] = MeasuresToJson(frame.measures->surfaces, frame.measures->length_unit);
+  }
   json["agents"] = nlohmann::ordered_json::array();
   for (const v1::AgentStatistics& agent : statistics.agents()) {
     json["agents"].push_back(AgentToJson(agent));
@@ -163,6 +166,11 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_w
     }
     absl::StrAppend(&text, "\n", frames.size() > 1 ? "Agents of the last frame:\n" : "",
                     agents.ToString(max_width));
+  }
+  if (!frames.empty() && frames.back().measures.has_value()) {
+    const FrameMeasures& measures = *frames.back().measures;
+    absl::StrAppend(&text, "\n", frames.size() > 1 ? "Surfaces of the last frame:\n" : "",
+                    MeasuresTable(measures.surfaces, measures.length_unit, max_width));
   }
   return text;
 }

@@ -3,29 +3,40 @@
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_FRAME_STATISTICS_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_FRAME_STATISTICS_H_
 
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "client-cli/output/surface_measures.h"
 #include "isoscope/v1/frame.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 
+// Areas and volumes of the whole surfaces of a frame, seen or hidden.
+struct FrameMeasures {
+  std::string length_unit;  // empty: unknown
+  std::vector<MeasuredSurface> surfaces;
+};
+
 struct FrameRecord {
   double wall_ms = 0;  // the client's clock around one request
   isoscope::v1::RenderStatistics statistics;
+  isoscope::v1::RenderIsosurfaceRequest request = {};
   std::vector<isoscope::v1::SurfaceNote> notes = {};
+  std::optional<FrameMeasures> measures = std::nullopt;  // not set: not measured
 };
 
 // Returns {"frames": [...]}. Scripts depend on it: members may be added, never renamed or moved.
-// Times are milliseconds with three decimals.
+// Times are milliseconds with three decimals. A frame with measures has "measures", as
+// MeasuresToJson.
 std::string StatisticsJson(const std::vector<FrameRecord>& frames);
 
 // Returns the missing shards and the share that the picture shows; "" if none is missing.
 std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statistics);
 
-// Three tables: frames, their steps, and the agents of the last frame; and a warning for each frame
-// that lacks shards. max_width: as Table::ToString.
+// Tables of frames, their steps, and the agents and measures of the last frame. max_width: as
+// Table::ToString.
 std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width = 0);
 
 }  // namespace isoscope::cli

@@ -5,7 +5,7 @@ import { afterKey, byId, describeSlider, make, page } from './elements.js';
 import { basisOf, boxOfDataset, roundLength } from './isoscope-view.js';
 import { say } from './messages.js';
 import { change, shown, unit } from './page-view.js';
-import { format, format12 } from './values.js';
+import { digitsAt, format, format12, formatAt } from './values.js';
 import { otherSideOf } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
@@ -127,15 +127,25 @@ class ClipSlider {
     this.#between.style.right = share(min + max - high);
     this.thumbs.forEach((thumb, i) => {
       const value = this.#limits(i);
-      describeSlider(thumb, { ...value, text: `${format(value.now, 4)}${unit()}` });
+      describeSlider(thumb, { ...value, text: `${formatAt(value.now, max - min)}${unit()}` });
     });
-    this.#figures.textContent = `${format(low, 4)} – ${format(high, 4)}`;
+    this.#figures.textContent = `${formatAt(low, max - min)} – ${formatAt(high, max - min)}`;
   }
 }
 
 /** @type {ClipSlider[]} */
 let clipSliders = [];
 let clipSlidersOf = '';
+
+/**
+ * The offset of a plane, to a hundred-thousandth of the volume.
+ * @param {number} offset
+ */
+const rounded = (offset) => {
+  const box = boxOfDataset(shown.dataset);
+  const size = box ? Math.hypot(...box.max.map((value, axis) => value - box.min[axis])) : 0;
+  return Number(offset.toPrecision(size > 0 ? Math.min(17, digitsAt(offset, size) + 1) : 6));
+};
 
 export function listenToClip() {
   byId('clear-clip', HTMLElement).onclick = () => changeClip({});
@@ -150,7 +160,7 @@ export function listenToClip() {
     const normal = basisOf(camera).forward.map((value) => Math.round(value * 1000) / 1000);
     const box = boxOfDataset(shown.dataset);
     const middle = box ? box.min.map((value, axis) => (value + box.max[axis]) / 2) : camera.target;
-    const offset = Number(normal.reduce((sum, value, axis) => sum + value * middle[axis], 0).toPrecision(6));
+    const offset = rounded(normal.reduce((sum, value, axis) => sum + value * middle[axis], 0));
     change({ clip: { ...shown.state.clip, halfSpaces: [...planes, { normal: { x: normal[0], y: normal[1], z: normal[2] }, offset }] } });
   };
 }
@@ -178,7 +188,7 @@ export function drawClip() {
     planesDrawn = planes.length;
     page.planes.replaceChildren(...planes.map((/** @type {any} */ _, /** @type {number} */ i) => make('li', {},
       make('span', { className: 'hint' }), make('input', { type: 'range', 'aria-label': `Place of plane ${i + 1}`,
-        oninput: (/** @type {any} */ event) => setPlane(i, { offset: Number(event.target.valueAsNumber.toPrecision(6)) }, true) }),
+        oninput: (/** @type {any} */ event) => setPlane(i, { offset: rounded(event.target.valueAsNumber) }, true) }),
       make('button', { className: 'small', title: 'Keep the other side', onclick: () => {
         setPlane(i, otherSideOf(shown.state.clip.halfSpaces[i]), false);
       } }, 'Flip'),
@@ -204,7 +214,7 @@ export function drawClip() {
       input.min = format12(Math.floor(least / step) * step);
       input.max = format12(Math.ceil(greatest / step) * step);
       input.value = String(plane.offset ?? 0);
-      input.setAttribute('aria-valuetext', `${format(plane.offset ?? 0)}${unit()}`);
+      input.setAttribute('aria-valuetext', `${formatAt(plane.offset ?? 0, greatest - least || 1)}${unit()}`);
     }
   });
 }

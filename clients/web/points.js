@@ -2,10 +2,11 @@
 // @ts-check
 
 import { make, page } from './elements.js';
+import { boxOfDataset } from './isoscope-view.js';
 import { announcer, say } from './messages.js';
 import { client, shown, unit } from './page-view.js';
 import { hasAllFields, valuesOf } from './series.js';
-import { format } from './values.js';
+import { format, formatAt } from './values.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 /** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
@@ -39,6 +40,16 @@ export function listenToPoints(series) {
   });
 }
 
+/**
+ * Coordinates, with the digits that tell places of the volume apart.
+ * @param {Vec3} position
+ */
+const textsOf = (position) => {
+  const box = boxOfDataset(shown.dataset);
+  const size = box ? Math.max(...box.max.map((value, axis) => value - box.min[axis])) : 0;
+  return position.map((value) => size > 0 ? formatAt(value, size) : format(value));
+};
+
 /** @returns {string | null} */
 function distanceOfPicks() {
   if (picks.length < 2) {
@@ -60,7 +71,7 @@ function sentenceOfPicks() {
   const distance = distanceOfPicks();
   const values = pick ? valuesOf(pick.point, shown.dataset, format).map(({ name, text }) => ` ${name}: ${text}.`).join('') : '';
   return !pick ? 'There is no surface at this point.' : `Point ${'AB'[picks.length - 1]}: position ` +
-    `${pick.position.map((value) => format(value)).join('; ')}${unit()}. ${
+    `${textsOf(pick.position).join('; ')}${unit()}. ${
       pick.point.label === undefined ? `Value ${format(pick.isovalue)}` : `Label ${textOfLabel(pick.point)}`}.${values}` +
     (distance ? ` A to B: ${distance}.` : '');
 }
@@ -75,11 +86,9 @@ function drawPoints() {
   page.points.hidden = picks.length === 0;
   const rows = picks.flatMap((pick, i) => {
     const { normal, gradient, blockId, shardIndex } = pick.point;
-    /** @param {any} v */
-    const text = (v) => ['x', 'y', 'z'].map((axis) => format(v?.[axis] ?? 0, 5)).join(', ');
     const steepness = gradient ? Math.hypot(gradient.x ?? 0, gradient.y ?? 0, gradient.z ?? 0) : null;
     return [make('h3', {}, `Point ${'AB'[i]}`, ...(i === 0 ? [make('button', { className: 'small', onclick: clearPoints }, 'Clear')] : [])),
-      make('dl', {}, make('dt', {}, 'position'), make('dd', { className: 'position' }, text({ x: pick.position[0], y: pick.position[1], z: pick.position[2] })),
+      make('dl', {}, make('dt', {}, 'position'), make('dd', { className: 'position' }, textsOf(pick.position).join(', ')),
         ...(pick.point.label === undefined ? [make('dt', {}, 'value'), make('dd', {}, format(pick.isovalue))]
           : [make('dt', {}, 'label'), make('dd', { className: 'label' }, textOfLabel(pick.point))]),
         ...valuesOf(pick.point, shown.dataset, format).flatMap(({ name, text }) => [make('dt', { className: 'field' }, name), make('dd', {}, text)]),

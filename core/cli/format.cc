@@ -1,7 +1,11 @@
 #include "core/cli/format.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -48,6 +52,27 @@ std::string FormatElapsed(absl::Duration duration) {
     return absl::StrFormat("%d min %02d s", seconds / 60, seconds % 60);
   }
   return absl::StrFormat("%d h %02d min", seconds / 3600, seconds / 60 % 60);
+}
+
+std::string FormatShortest(double value) {
+  std::array<char, 32> text;
+  const std::to_chars_result end = std::to_chars(text.data(), text.data() + text.size(), value);
+  return {text.data(), end.ptr};
+}
+
+std::string FormatValue(double value) {
+  const bool is_whole = value == std::trunc(value) && std::abs(value) <= 0x1.0p53;
+  return is_whole ? absl::StrCat(static_cast<std::int64_t>(value)) : FormatShortest(value);
+}
+
+std::string FormatCoordinate(double value) {
+  const auto narrow = static_cast<float>(value);
+  if (static_cast<double>(narrow) != value) {
+    return FormatShortest(value);
+  }
+  std::array<char, 32> text;
+  const std::to_chars_result end = std::to_chars(text.data(), text.data() + text.size(), narrow);
+  return {text.data(), end.ptr};
 }
 
 }  // namespace isoscope::cli

@@ -19,6 +19,13 @@ std::string FormatMilliseconds(double milliseconds);
 // "41 s", "3 min 05 s", "2 h 07 min"; >= 0.
 std::string FormatElapsed(absl::Duration duration);
 
+// The shortest text that reads back as the same double; "nan", "inf".
+std::string FormatShortest(double value);
+// The same for an isovalue or a label: whole numbers up to 2^53 have all digits, and no exponent.
+std::string FormatValue(double value);
+// As FormatShortest for a coordinate: of one that is a float32, the text that reads back as that.
+std::string FormatCoordinate(double value);
+
 }  // namespace isoscope::cli
 
 #endif  // ISOSCOPE_CORE_CLI_FORMAT_H_

@@ -26,8 +26,10 @@ struct BlockMesh {
   std::vector<std::uint32_t> indices;
   // Empty, or one for each position: the key of the grid edge that the vertex lies on,
   // 3 * (linear index of the edge's lower sample in the volume) + axis. Equal keys mean one vertex.
-  // A vertex that was made by a cut has a negative key (server/export/surface_cutter.h).
   std::vector<std::int64_t> edge_keys;
+  // Of a mesh for exports (core/solid): vertices of equal position and copy number are one, in all
+  // blocks. One number for each position, or empty: all are 0.
+  std::vector<std::uint8_t> copies;
   // Crossed grid edges that count for this block. Their sum over all blocks is the number of unique
   // vertices (docs/numerics.md, "Unique vertex count").
   std::int64_t owned_vertex_count = 0;
@@ -37,7 +39,8 @@ struct BlockMesh {
   }
   [[nodiscard]] std::size_t size_bytes() const {
     return positions.size() * sizeof(math::Vec3f) + normals.size() * sizeof(math::Vec3f) +
-           indices.size() * sizeof(std::uint32_t) + edge_keys.size() * sizeof(std::int64_t);
+           indices.size() * sizeof(std::uint32_t) + edge_keys.size() * sizeof(std::int64_t) +
+           copies.size();
   }
 };
 

@@ -1,32 +1,25 @@
-// A vertex is shared by blocks iff its edge lies on a face between them, which its key tells: key =
-// 3 * (linear index of the edge's lower sample) + axis, and blocks meet at multiples of
-// block_cells. Only those vertices are looked up in a table; all others are new. Vertices of cuts
-// are looked up, too. There are few, and their keys do not tell their positions.
+// A vertex may be shared by blocks iff it lies on a face between them, which its position tells:
+// blocks meet at multiples of block_cells. Only those vertices are looked up in a table; all others
+// are new.
 //
-// Example: blocks of 8 cells in a volume of 17 samples an axis. The x edge at sample (3, 8, 5) lies
-// on the face y = 8: its vertex is in two blocks. The y edge there is not shared: it goes from y =
-// 8 to 9.
+// Example: blocks of 8 cells in a volume of 17 samples an axis. A vertex at (3.5, 8, 5) lies on the
+// face y = 8: it is in two blocks. One at (3, 8.5, 5) is in one.
 
 #include "core/mesh/mesh_welder.h"
 
+#include <bit>
+#include <cmath>
 #include <cstddef>
 
 #include "core/base/check.h"
 
 namespace isoscope::mesh {
 
-bool MeshWelder::IsShared(std::int64_t edge_key) const {
-  if (edge_key < 0) {
-    return true;
-  }
-  const math::Index3& dims = layout_.sample_dims();
-  const auto axis = static_cast<int>(edge_key % 3);
-  const std::int64_t linear = edge_key / 3;
-  const math::Index3 sample{linear % dims.x, linear / dims.x % dims.y, linear / (dims.x * dims.y)};
-  for (int other = 0; other < 3; ++other) {
-    // Blocks meet at samples, so along its own axis an edge lies inside one block.
-    if (other != axis && sample[other] % layout_.block_cells()[other] == 0 && sample[other] > 0 &&
-        sample[other] < dims[other] - 1) {
+bool MeshWelder::IsShared(const math::Vec3f& position) const {
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto sample = static_cast<std::int64_t>(position[axis]);
+    if (static_cast<float>(sample) == position[axis] && sample % layout_.block_cells()[axis] == 0 &&
+        sample > 0 && sample < layout_.sample_dims()[axis] - 1) {
       return true;
     }
   }
@@ -34,15 +27,20 @@ bool MeshWelder::IsShared(std::int64_t edge_key) const {
 }
 
 void MeshWelder::Add(const BlockMesh& block, WeldedPart* part) {
-  ISOSCOPE_CHECK_EQ(block.edge_keys.size(), block.positions.size());
+  ISOSCOPE_CHECK(block.copies.empty() || block.copies.size() == block.positions.size());
   part->first_vertex = vertex_count_;
   part->positions.clear();
   part->normals.clear();
   part->triangles.clear();
   vertex_ids_.resize(block.positions.size());
   for (std::size_t i = 0; i < block.positions.size(); ++i) {
-    const std::int64_t key = block.edge_keys[i];
-    if (IsShared(key)) {
+    const math::Vec3f& position = block.positions[i];
+    if (IsShared(position)) {
+      // Adding 0 makes 0 of -0.
+      const Key key{{std::bit_cast<std::uint32_t>(position.x + 0.0F),
+                     std::bit_cast<std::uint32_t>(position.y + 0.0F),
+                     std::bit_cast<std::uint32_t>(position.z + 0.0F)},
+                    block.copies.empty() ? std::uint8_t{0} : block.copies[i]};
       const auto [entry, is_new] = shared_vertices_.try_emplace(key, vertex_count_);
       if (!is_new) {
         vertex_ids_[i] = entry->second;
@@ -50,7 +48,7 @@ void MeshWelder::Add(const BlockMesh& block, WeldedPart* part) {
       }
     }
     vertex_ids_[i] = vertex_count_++;
-    part->positions.push_back(block.positions[i]);
+    part->positions.push_back(position);
     part->normals.push_back(block.normals[i]);
   }
   part->triangles.reserve(block.indices.size());

@@ -94,11 +94,8 @@ const CapPainter::Solid* CapPainter::SolidOfSpan(const volume::ScalarSpan& span)
 
 // Whether samples of a span may be inside of a solid.
 bool CapPainter::MayHaveInside(const volume::ScalarSpan& span) const {
-  return std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
-    return solid.rule.has_labels() ? solid.rule.IsActive(span) ||
-                                         (span.min == span.max && solid.rule.IsInside(span.min))
-                                   : span.max >= solid.rule.isovalue;
-  });
+  return std::any_of(solids_.begin(), solids_.end(),
+                     [&](const Solid& solid) { return solid.rule.MayHaveInside(span); });
 }
 
 CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const {

@@ -260,12 +260,21 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest
   v1::RenderIsosurfaceRequest frame;
   frame.set_isovalue(request.isovalue());
   *frame.mutable_surfaces() = request.surfaces();
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<frame::Surface> surfaces, SurfacesFromProto(frame));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<frame::Surface> surfaces,
+                            SurfacesFromProto(frame, kMaxExportedSurfaces));
   ExportSpec spec;
   for (const frame::Surface& surface : surfaces) {
     spec.rules.push_back(surface.rule);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
+  spec.closes = request.closes();
+  spec.with_origin = request.with_origin();
+  spec.with_measures = request.with_measures();
+  spec.without_mesh = request.without_mesh();
+  if (spec.without_mesh && !spec.with_measures) {
+    return absl::InvalidArgumentError(
+        "without_mesh is set and with_measures is not: the answer would be empty");
+  }
   return spec;
 }
 

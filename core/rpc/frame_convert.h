@@ -33,13 +33,20 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
 absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipRegion& proto,
                                                      const std::string& path);
 
+// The most surfaces of one export: as many as a dataset has names of labels.
+inline constexpr std::size_t kMaxExportedSurfaces = 65536;
+
 // A request for a mesh, in core types.
 struct ExportSpec {
-  std::vector<volume::InsideRule> rules;  // of the surfaces, 1 to frame::kMaxSurfaces
+  std::vector<volume::InsideRule> rules;  // of the surfaces, 1 to kMaxExportedSurfaces
   view::ClipRegion clip;
+  bool closes = false;
+  bool with_origin = false;
+  bool with_measures = false;
+  bool without_mesh = false;
 };
 // Converts a request. Surfaces and clip region are checked as those of a frame, also for unknown
-// fields.
+// fields. INVALID_ARGUMENT if neither a mesh nor measures are wanted.
 absl::StatusOr<ExportSpec> ExportSpecFromProto(
     const isoscope::v1::ExportIsosurfaceRequest& request);
 

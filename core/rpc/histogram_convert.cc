@@ -32,8 +32,11 @@ constexpr std::int64_t kMaxFirstBin = std::int64_t{1} << 53;
 // agents fit 63 bits.
 constexpr std::int64_t kMaxOfAgent = std::int64_t{1} << 46;
 
-absl::StatusOr<HistogramQuery> QueryOf(std::int32_t max_bin_count, bool has_range,
-                                       const v1::ValueRange& range) {
+// Both messages have the same fields.
+template <typename Request>
+absl::StatusOr<HistogramQuery> QueryOf(const Request& request) {
+  const std::int32_t max_bin_count = request.max_bin_count();
+  const v1::ValueRange& range = request.value_range();
   HistogramQuery query;
   if (max_bin_count < 0 || max_bin_count > volume::kMaxHistogramBins) {
     return absl::InvalidArgumentError(
@@ -41,7 +44,14 @@ absl::StatusOr<HistogramQuery> QueryOf(std::int32_t max_bin_count, bool has_rang
                         max_bin_count, volume::kMaxHistogramBins, kDefaultBinCount));
   }
   query.max_bin_count = max_bin_count == 0 ? kDefaultBinCount : max_bin_count;
-  if (has_range) {
+  const std::int32_t max_values = request.max_label_value_count();
+  if (max_values < 0 || static_cast<std::size_t>(max_values) > volume::kMaxListedValues) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("max_label_value_count is %d: must be in [1, %d], or 0 for none",
+                        max_values, volume::kMaxListedValues));
+  }
+  query.max_label_value_count = static_cast<std::size_t>(max_values);
+  if (request.has_value_range()) {
     ISOSCOPE_RETURN_IF_ERROR(CheckFinite(range.min(), "value_range.min"));
     ISOSCOPE_RETURN_IF_ERROR(CheckFinite(range.max(), "value_range.max"));
     if (range.min() > range.max()) {
@@ -128,13 +138,41 @@ constexpr EnumRow<volume::SuggestionMethod, v1::IsovalueSuggestion::Method> kMet
 
 absl::StatusOr<HistogramQuery> HistogramQueryFromProto(const v1::GetHistogramRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
-  return QueryOf(request.max_bin_count(), request.has_value_range(), request.value_range());
+  return QueryOf(request);
 }
 
 absl::StatusOr<HistogramQuery> HistogramQueryFromProto(
     const internal::GetShardHistogramRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
-  return QueryOf(request.max_bin_count(), request.has_value_range(), request.value_range());
+  return QueryOf(request);
+}
+
+v1::LabelValues ToProto(const volume::LabelValues& values) {
+  v1::LabelValues proto;
+  proto.mutable_values()->Assign(values.values().begin(), values.values().end());
+  proto.set_has_more(values.has_more());
+  if (values.other_value().has_value()) {
+    proto.set_other_value(*values.other_value());
+  }
+  return proto;
+}
+
+absl::StatusOr<volume::LabelValues> LabelValuesFromProto(const v1::LabelValues& proto) {
+  if (static_cast<std::size_t>(proto.values_size()) > volume::kMaxListedValues) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("label_values.values has %d, must be at most %d", proto.values_size(),
+                        volume::kMaxListedValues));
+  }
+  for (int i = 0; i < proto.values_size(); ++i) {
+    const double value = proto.values(i);
+    if (!volume::MayBeLabel(value) || (i > 0 && !(proto.values(i - 1) < value))) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "label_values.values[%d] is %g: must be ascending whole numbers", i, value));
+    }
+  }
+  return volume::LabelValues::Of(
+      {proto.values().begin(), proto.values().end()}, proto.has_more(),
+      proto.has_other_value() ? std::optional<double>(proto.other_value()) : std::nullopt);
 }
 
 internal::GetShardHistogramResponse ToProto(const volume::HistogramPart& part) {
@@ -158,6 +196,9 @@ internal::GetShardHistogramResponse ToProto(const volume::HistogramPart& part) {
     samples->set_nan_count(part.samples->nan_count);
     samples->set_negative_infinity_count(part.samples->negative_infinity_count);
     samples->set_positive_infinity_count(part.samples->positive_infinity_count);
+  }
+  if (part.label_values.has_value()) {
+    *proto.mutable_label_values() = ToProto(*part.label_values);
   }
   return proto;
 }
@@ -186,12 +227,18 @@ absl::StatusOr<volume::HistogramPart> HistogramPartFromProto(
   if (proto.has_samples()) {
     ISOSCOPE_ASSIGN_OR_RETURN(part.samples, SamplesFromProto(proto.samples(), part.groups.bins));
   }
+  if (proto.has_label_values()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(part.label_values, LabelValuesFromProto(proto.label_values()));
+  }
   return part;
 }
 
 v1::GetHistogramResponse ToProto(const volume::HistogramPart& whole,
                                  const std::vector<volume::IsovalueSuggestion>& suggestions) {
   v1::GetHistogramResponse response;
+  if (whole.label_values.has_value()) {
+    *response.mutable_label_values() = ToProto(*whole.label_values);
+  }
   const volume::BinGroups& groups = whole.groups;
   for (std::int64_t g = 0; g < groups.count; ++g) {
     const auto at = static_cast<std::size_t>(g);

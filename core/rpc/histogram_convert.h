@@ -22,6 +22,7 @@ namespace isoscope::rpc {
 struct HistogramQuery {
   std::int64_t max_bin_count = 256;               // 1 to kMaxHistogramBins
   std::optional<volume::ScalarSpan> value_range;  // finite, min <= max
+  std::size_t max_label_value_count = 0;          // at most kMaxListedValues; 0: none are wanted
 };
 
 // All From functions: INVALID_ARGUMENT names the field, its value and the allowed ones.

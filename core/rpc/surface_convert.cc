@@ -336,7 +336,7 @@ absl::StatusOr<std::vector<frame::Light>> LightsFromProto(
 }
 
 absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
-    const v1::RenderIsosurfaceRequest& request) {
+    const v1::RenderIsosurfaceRequest& request, std::size_t max_surfaces) {
   std::vector<frame::Surface> surfaces;
   if (request.surfaces().empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(surfaces.emplace_back(), OnlySurfaceFromProto(request));
@@ -347,10 +347,9 @@ absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
         absl::StrCat(request.has_base_color() ? "base_color" : "isovalue",
                      " is set beside surfaces: must be unset, because each surface has its own"));
   }
-  if (static_cast<std::size_t>(request.surfaces_size()) > frame::kMaxSurfaces) {
+  if (static_cast<std::size_t>(request.surfaces_size()) > max_surfaces) {
     return absl::InvalidArgumentError(absl::StrCat("surfaces has ", request.surfaces_size(),
-                                                   " elements: must have at most ",
-                                                   frame::kMaxSurfaces));
+                                                   " elements: must have at most ", max_surfaces));
   }
   for (int i = 0; i < request.surfaces_size(); ++i) {
     ISOSCOPE_ASSIGN_OR_RETURN(

@@ -37,8 +37,11 @@ absl::StatusOr<volume::InsideRule> LabelsFromProto(
     const google::protobuf::RepeatedField<double>& labels, const std::string& path);
 
 // The surfaces that a request lists, or the one that its isovalue and base_color make.
+//
+// max_surfaces: INVALID_ARGUMENT above it
 absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
-    const isoscope::v1::RenderIsosurfaceRequest& request);
+    const isoscope::v1::RenderIsosurfaceRequest& request,
+    std::size_t max_surfaces = frame::kMaxSurfaces);
 absl::StatusOr<std::vector<frame::Light>> LightsFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request);
 absl::StatusOr<frame::ClipCaps> ClipCapsFromProto(const isoscope::v1::ClipCaps& proto,

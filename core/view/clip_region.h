@@ -56,6 +56,8 @@ class Clipper {
   enum class Side { kInside, kOutside, kCut };
   // Returns the side of a block's cells, and so of all fragments of its triangles. O(half-spaces).
   [[nodiscard]] Side SideOf(const volume::BlockLayout& layout, volume::BlockId id) const;
+  // Returns the side of some cells.
+  [[nodiscard]] Side SideOf(const math::IndexBox& cells) const;
   // Removes the blocks that are outside. O(rows of blocks + blocks of rows that are cut).
   void EraseOutside(const volume::BlockLayout& layout, volume::BlockSet* blocks) const;
 
@@ -72,8 +74,6 @@ class Clipper {
   }
 
  private:
-  [[nodiscard]] Side SideOf(const math::IndexBox& cells) const;
-
   std::vector<HalfSpace> half_spaces_;
   std::vector<double> margins_;  // of rounding, for each half-space
 };

@@ -49,6 +49,17 @@ bool InsideRule::IsActive(const ScalarSpan& span) const {
   return first != labels.end() && *first <= span.max;
 }
 
+bool InsideRule::MayHaveInside(const ScalarSpan& span) const {
+  if (!(span.min <= span.max)) {
+    return false;
+  }
+  if (!has_labels()) {
+    return isovalue <= span.max;
+  }
+  const auto first = std::lower_bound(labels.begin(), labels.end(), span.min);
+  return first != labels.end() && *first <= span.max;
+}
+
 std::string InsideRule::Text() const {
   if (!has_labels()) {
     return absl::StrCat("isovalue ", isovalue);

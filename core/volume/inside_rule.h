@@ -37,6 +37,8 @@ struct InsideRule {
   // isovalue that is volume::IsActive. For labels: min < max, and a label is in [min, max].
   [[nodiscard]] bool IsActive(const ScalarSpan& span) const;
   [[nodiscard]] bool IsActive(double min, double max) const { return IsActive({min, max}); }
+  // Returns true if a sample in the span may be inside. False for an empty span.
+  [[nodiscard]] bool MayHaveInside(const ScalarSpan& span) const;
   // Returns "isovalue 3.5" or "labels 3, 7", for logs and errors: not a key. The first 8 labels are
   // listed, of others the number is told.
   [[nodiscard]] std::string Text() const;

@@ -158,6 +158,11 @@ absl::Status AddPart(const HistogramPart& other, HistogramPart* sum) {
   } else {
     sum->samples.reset();
   }
+  if (sum->label_values.has_value() && other.label_values.has_value()) {
+    sum->label_values->Add(*other.label_values);
+  } else {
+    sum->label_values.reset();
+  }
   return absl::OkStatus();
 }
 

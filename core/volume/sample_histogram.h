@@ -20,6 +20,7 @@
 
 #include "core/math/box.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/label_values.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
@@ -111,6 +112,8 @@ struct HistogramPart {
   std::optional<SampleHistogram> samples;
   // Of all samples of the volume that are not NaN; empty as well in a part of an earlier version.
   ScalarSpan value_range;
+  // Not set unless asked for.
+  std::optional<LabelValues> label_values = std::nullopt;
 };
 
 // Adds `other`. INVALID_ARGUMENT if its groups differ from those of `sum`, or its range, where both

@@ -2,18 +2,16 @@
 //
 // 1. A heap has the next block of each source, the smallest block id in front. A source sends its
 //    blocks in ascending order, so the front is the next block of the volume.
-// 2. The cutter removes the parts outside the clip region (server/export/surface_cutter.h). Agents
-//    do not send blocks that are wholly outside.
-// 3. The welder gives vertices their ids over the whole mesh. It recognises a vertex on a face
-//    between blocks by its edge key, so such a vertex is sent once (core/mesh/mesh_welder.h).
-// 4. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
+// 2. The welder gives vertices their ids over the whole mesh. It recognises a vertex on a face
+//    between blocks by its position, so such a vertex is sent once (core/mesh/mesh_welder.h).
+// 3. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
 //    chunks of at most 1 MiB. A vertex takes 24 bytes, and so does a triangle. In a block's part
 //    all vertices come before the triangles, so a triangle uses only vertices that were sent.
-// 5. The source of the block gives its next one.
+// 4. The source of the block gives its next one. At the end the sums of all sources are added.
 //
 // Blocks are merged in the order of the volume, so mesh and chunks do not depend on how blocks are
 // spread over agents. Memory holds one block of each source, one chunk, and the welder's vertices
-// on faces between blocks and on cuts.
+// on faces between blocks.
 
 #include "server/export/surface_export.h"
 
@@ -27,8 +25,9 @@
 #include "core/base/status_macros.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
+#include "core/math/vec_conversion.h"
 #include "core/mesh/mesh_welder.h"
-#include "server/export/surface_cutter.h"
+#include "core/mesh/world_placement.h"
 
 namespace isoscope::server {
 namespace {
@@ -46,11 +45,13 @@ void AppendVector(const math::Vec3f& vector, std::string* out) {
 // vertices that were sent.
 class Chunker {
  public:
-  Chunker(const volume::GridGeometry& geometry, std::int64_t first_vertex,
+  Chunker(const ExportedVolume& volume, std::int64_t first_vertex,
           absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
-      : world_from_index_(geometry.world_from_index()),
+      : placement_(volume.geometry),
+        world_from_index_(volume.geometry.world_from_index()),
+        has_origin_(volume.has_origin),
         // In a mirrored grid, counter-clockwise in index space is clockwise in the world.
-        is_mirrored_(math::Determinant(geometry.direction) < 0),
+        is_mirrored_(math::Determinant(volume.geometry.direction) < 0),
         first_vertex_(first_vertex),
         emit_(emit) {}
 
@@ -58,12 +59,10 @@ class Chunker {
     for (std::size_t i = 0; i < part.positions.size(); ++i) {
       ISOSCOPE_RETURN_IF_ERROR(MakeRoom(kVertexBytes));
       const math::Vec3f& p = part.positions[i];
-      const math::Vec3d world = math::TransformPoint(
-          world_from_index_,
-          {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)});
-      AppendVector(
-          {static_cast<float>(world.x), static_cast<float>(world.y), static_cast<float>(world.z)},
-          &chunk_.positions);
+      AppendVector(has_origin_
+                       ? placement_.OffsetOf(p)
+                       : math::FloatOf(math::TransformPoint(world_from_index_, math::DoubleOf(p))),
+                   &chunk_.positions);
       AppendVector(part.normals[i], &chunk_.normals);
     }
     for (std::size_t i = 0; i + 2 < part.triangles.size(); i += 3) {
@@ -88,7 +87,9 @@ class Chunker {
     return chunk_.size_bytes() + bytes > kSurfaceChunkBytes ? Flush() : absl::OkStatus();
   }
 
+  const mesh::WorldPlacement placement_;
   const math::Mat4d world_from_index_;
+  const bool has_origin_;
   const bool is_mirrored_;
   const std::int64_t first_vertex_;
   const absl::FunctionRef<absl::Status(SurfaceChunk)> emit_;
@@ -103,10 +104,10 @@ struct Head {
 
 }  // namespace
 
-absl::StatusOr<std::int64_t> ExportSurface(const ExportedVolume& volume,
-                                           const std::vector<SurfaceSource*>& sources,
-                                           std::int64_t first_vertex,
-                                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit) {
+absl::StatusOr<ExportedSurface> ExportSurface(const ExportedVolume& volume,
+                                              const std::vector<SurfaceSource*>& sources,
+                                              std::int64_t first_vertex,
+                                              absl::FunctionRef<absl::Status(SurfaceChunk)> emit) {
   const auto is_later = [](const Head& a, const Head& b) {
     return a.block.block_id > b.block.block_id;
   };
@@ -125,10 +126,9 @@ absl::StatusOr<std::int64_t> ExportSurface(const ExportedVolume& volume,
     ISOSCOPE_RETURN_IF_ERROR(pull(i));
   }
 
-  SurfaceCutter cutter(view::Clipper(volume.clip, volume.geometry), volume.layout);
   mesh::MeshWelder welder(volume.layout);
   mesh::WeldedPart part;
-  Chunker chunker(volume.geometry, first_vertex, emit);
+  Chunker chunker(volume, first_vertex, emit);
   std::int64_t previous_block = -1;
   while (!heads.empty()) {
     std::pop_heap(heads.begin(), heads.end(), is_later);
@@ -140,13 +140,20 @@ absl::StatusOr<std::int64_t> ExportSurface(const ExportedVolume& volume,
                                               ": ids must ascend and be sent once"));
     }
     previous_block = head.block.block_id;
-    cutter.Cut(&head.block);
     welder.Add(head.block, &part);
     ISOSCOPE_RETURN_IF_ERROR(chunker.Add(part));
     ISOSCOPE_RETURN_IF_ERROR(pull(head.source_index));
   }
   ISOSCOPE_RETURN_IF_ERROR(chunker.Flush());
-  return welder.vertex_count();
+  ExportedSurface surface{.vertex_count = welder.vertex_count(), .sums = solid::SurfaceSums()};
+  for (const SurfaceSource* const source : sources) {
+    if (!source->sums().has_value()) {
+      surface.sums.reset();
+      break;
+    }
+    surface.sums->Add(*source->sums());
+  }
+  return surface;
 }
 
 }  // namespace isoscope::server

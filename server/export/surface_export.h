@@ -1,11 +1,12 @@
-// Exports a whole isosurface: merges the agents' blocks by block id, cuts them at the clip region,
-// welds them, and takes them to world space. No gRPC types.
+// Exports a whole isosurface: merges the agents' blocks by block id, welds them, and takes them to
+// world space. No gRPC types.
 
 #ifndef ISOSCOPE_SERVER_EXPORT_SURFACE_EXPORT_H_
 #define ISOSCOPE_SERVER_EXPORT_SURFACE_EXPORT_H_
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,7 +15,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/mesh/block_mesh.h"
-#include "core/view/clip_region.h"
+#include "core/solid/surface_sums.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
 
@@ -24,8 +25,10 @@ namespace isoscope::server {
 class SurfaceSource {
  public:
   virtual ~SurfaceSource() = default;
-  // Replaces `block` by the next one, with edge keys. Block ids ascend. False at the end.
+  // Replaces `block` by the next one. Block ids ascend. False at the end.
   virtual absl::StatusOr<bool> Next(mesh::BlockMesh* block) = 0;
+  // The sums over its part of the surface, once Next has returned false; not set if it has none.
+  [[nodiscard]] virtual const std::optional<solid::SurfaceSums>& sums() const = 0;
 };
 
 // A part of the welded mesh, with the fields of isoscope.v1.ExportIsosurfaceResponse.
@@ -41,11 +44,18 @@ struct SurfaceChunk {
 // The most bytes of a chunk.
 inline constexpr std::size_t kSurfaceChunkBytes = 1 << 20;
 
-// The grid of an export, and the region to export.
+// The grid of an export.
 struct ExportedVolume {
   volume::GridGeometry geometry;
   volume::BlockLayout layout;
-  view::ClipRegion clip = {};
+  // Whether positions are from the origin of mesh::WorldPlacement.
+  bool has_origin = false;
+};
+
+struct ExportedSurface {
+  std::int64_t vertex_count = 0;
+  // Not set if a source has none.
+  std::optional<solid::SurfaceSums> sums;
 };
 
 // Pulls all sources to their ends, and gives the welded mesh to `emit` in chunks of at most
@@ -54,11 +64,10 @@ struct ExportedVolume {
 //
 // first_vertex: of this surface; vertices of earlier surfaces come before it
 //
-// Returns the number of vertices of this surface.
-absl::StatusOr<std::int64_t> ExportSurface(const ExportedVolume& volume,
-                                           const std::vector<SurfaceSource*>& sources,
-                                           std::int64_t first_vertex,
-                                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit);
+absl::StatusOr<ExportedSurface> ExportSurface(const ExportedVolume& volume,
+                                              const std::vector<SurfaceSource*>& sources,
+                                              std::int64_t first_vertex,
+                                              absl::FunctionRef<absl::Status(SurfaceChunk)> emit);
 
 }  // namespace isoscope::server
 

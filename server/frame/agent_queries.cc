@@ -366,6 +366,8 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
   auto questions = QuestionsToParts<internal::GetShardHistogramRequest, Response>(target);
   for (auto& question : questions) {
     question.request.set_max_bin_count(static_cast<std::int32_t>(query.max_bin_count));
+    question.request.set_max_label_value_count(
+        static_cast<std::int32_t>(query.max_label_value_count));
     if (query.value_range.has_value()) {
       question.request.mutable_value_range()->set_min(query.value_range->min);
       question.request.mutable_value_range()->set_max(query.value_range->max);

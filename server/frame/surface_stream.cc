@@ -23,6 +23,9 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
+// ExtractSurfaceRequest.answer_form: vertices have copy numbers, and triangles are cut.
+constexpr int kAnswerForm = 2;
+
 // Fills `values` from little-endian bytes. False if their size is not a multiple of a value's.
 template <typename T>
 bool Unpack(const std::string& bytes, std::vector<T>* values) {
@@ -46,13 +49,13 @@ absl::Status UnpackBlock(const internal::BlockSurface& proto, const volume::Bloc
   }
   block->block_id = static_cast<volume::BlockId>(proto.block_id());
   if (!Unpack(proto.positions(), &block->positions) || !Unpack(proto.normals(), &block->normals) ||
-      !Unpack(proto.edge_keys(), &block->edge_keys) ||
-      !Unpack(proto.triangles(), &block->indices) ||
+      !Unpack(proto.copies(), &block->copies) || !Unpack(proto.triangles(), &block->indices) ||
       block->normals.size() != block->positions.size() ||
-      block->edge_keys.size() != block->positions.size() || block->indices.size() % 3 != 0) {
+      (!block->copies.empty() && block->copies.size() != block->positions.size()) ||
+      block->indices.size() % 3 != 0) {
     return absl::InvalidArgumentError(absl::StrCat(
         "block ", proto.block_id(), " has ", proto.positions().size(), " bytes of positions, ",
-        proto.normals().size(), " of normals, ", proto.edge_keys().size(), " of edge keys, ",
+        proto.normals().size(), " of normals, ", proto.copies().size(), " of copy numbers, ",
         proto.triangles().size(), " of triangles: they do not fit together"));
   }
   for (const std::uint32_t index : block->indices) {
@@ -62,14 +65,31 @@ absl::Status UnpackBlock(const internal::BlockSurface& proto, const volume::Bloc
                                                      block->positions.size()));
     }
   }
-  const std::int64_t edge_count = 3 * math::Volume(layout.sample_dims());
-  for (const std::int64_t key : block->edge_keys) {
-    if (key < 0 || key >= edge_count) {
-      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(), " has edge key ",
-                                                     key, ": must lie in [0, ", edge_count, ")"));
+  for (const math::Vec3f& position : block->positions) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto last = static_cast<float>(layout.sample_dims()[axis] - 1);
+      if (!(position[axis] >= 0 && position[axis] <= last)) {
+        return absl::InvalidArgumentError(
+            absl::StrCat("block ", proto.block_id(), " has a vertex at ", position[axis],
+                         " on axis ", axis, ": must lie in [0, ", last, "]"));
+      }
     }
   }
   return absl::OkStatus();
+}
+
+absl::StatusOr<solid::SurfaceSums> UnpackSums(const internal::SurfaceSums& proto) {
+  solid::SurfaceSums sums;
+  ISOSCOPE_ASSIGN_OR_RETURN(sums.area, math::ExactSum::Decode(proto.area()));
+  ISOSCOPE_ASSIGN_OR_RETURN(sums.volume, math::ExactSum::Decode(proto.volume()));
+  sums.triangle_count = proto.triangle_count();
+  sums.open_side_count = proto.open_edge_count();
+  if (sums.triangle_count < 0 || sums.open_side_count < 0) {
+    return absl::InvalidArgumentError(absl::StrCat("sums of ", sums.triangle_count,
+                                                   " triangles and ", sums.open_side_count,
+                                                   " open edges: must be at least 0"));
+  }
+  return sums;
 }
 
 struct SurfaceStream::Call {
@@ -87,6 +107,7 @@ SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
       deadline_(deadline),
       max_silence_(max_silence),
       identity_(identity) {
+  request_.set_answer_form(kAnswerForm);
   request_.clear_shard_indices();
   for (const int index : part_.shard_indices) {
     request_.add_shard_indices(index);
@@ -105,6 +126,7 @@ void SurfaceStream::Open() {
   message_.Clear();
   next_block_ = 0;
   has_ended_ = false;
+  sums_.reset();
   const base::MutexLock lock(&mutex_);
   call_ = std::move(call);
   if (was_cancelled_.load()) {
@@ -160,6 +182,15 @@ absl::Status SurfaceStream::Fail(absl::Status status, bool was_silent) {
   return absl::OkStatus();
 }
 
+absl::Status SurfaceStream::TakeSums() {
+  const absl::StatusOr<solid::SurfaceSums> sums = UnpackSums(message_.sums());
+  if (!sums.ok()) {
+    return absl::InternalError(absl::StrCat("sent malformed sums: ", sums.status().message()));
+  }
+  sums_ = *sums;
+  return absl::OkStatus();
+}
+
 absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
   while (true) {
     if (next_block_ == message_.blocks_size()) {
@@ -173,9 +204,12 @@ absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
         continue;
       }
       if (*has_message) {
-        const absl::Status intact = proto::CheckIntact(message_);
-        if (!intact.ok()) {
-          ISOSCOPE_RETURN_IF_ERROR(Fail(intact));
+        absl::Status status = proto::CheckIntact(message_);
+        if (status.ok() && message_.has_sums()) {
+          status = TakeSums();
+        }
+        if (!status.ok()) {
+          ISOSCOPE_RETURN_IF_ERROR(Fail(status));
         }
         continue;
       }

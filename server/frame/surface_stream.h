@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -20,6 +21,7 @@
 #include "core/base/mutex.h"
 #include "core/base/trace_context.h"
 #include "core/mesh/block_mesh.h"
+#include "core/solid/surface_sums.h"
 #include "core/volume/block_layout.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
@@ -28,9 +30,11 @@
 
 namespace isoscope::server {
 
-// INVALID_ARGUMENT if the block is not of the volume, or its arrays do not fit together.
+// INVALID_ARGUMENT if the block or a vertex is not of the volume, or arrays do not fit together.
 absl::Status UnpackBlock(const isoscope::internal::v1::BlockSurface& proto,
                          const volume::BlockLayout& layout, mesh::BlockMesh* block);
+// INVALID_ARGUMENT if the sums are malformed.
+absl::StatusOr<solid::SurfaceSums> UnpackSums(const isoscope::internal::v1::SurfaceSums& proto);
 
 // The surface of one part's blocks, pulled message by message. Between pulls gRPC's flow control
 // stops the agent. If an agent fails, or sends nothing for long, the next replica continues after
@@ -50,6 +54,7 @@ class SurfaceStream final : public SurfaceSource {
   // Blocks, for max_silence at most. Errors name the last agent; INTERNAL if it sent a malformed
   // block, DEADLINE_EXCEEDED if it sent nothing.
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
+  [[nodiscard]] const std::optional<solid::SurfaceSums>& sums() const override { return sums_; }
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
 
   // The agents that failed so far; part_index is 0.
@@ -62,6 +67,8 @@ class SurfaceStream final : public SurfaceSource {
   void Open() ABSL_LOCKS_EXCLUDED(mutex_);
   // Reads message_. False at the end of the stream. DEADLINE_EXCEEDED if the agent was silent.
   absl::StatusOr<bool> ReadMessage();
+  // Takes the sums of message_. INTERNAL if they are malformed.
+  absl::Status TakeSums();
   // Records the failure. OK if another replica was asked; else its error, with the agent's name.
   // After Cancel: records nothing, CANCELLED.
   absl::Status Fail(absl::Status status, bool was_silent = false);
@@ -77,6 +84,7 @@ class SurfaceStream final : public SurfaceSource {
   isoscope::internal::v1::ExtractSurfaceResponse message_;
   int next_block_ = 0;               // index in message_
   std::int64_t last_block_id_ = -1;  // the last one that Next gave
+  std::optional<solid::SurfaceSums> sums_;
   std::atomic<bool> was_cancelled_{false};
   bool has_ended_ = false;
   base::Mutex mutex_;  // Cancel may run during Open

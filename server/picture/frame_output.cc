@@ -154,8 +154,7 @@ std::optional<PixelPoint> PointAt(const image::FrameImage& image, int x, int y,
   const view::Unprojection unprojection(view);
   PixelPoint point;
   point.distance = unprojection.DistanceOf(image::DepthOf(key));
-  const auto [px, py, pz] = ToFloats(unprojection.PositionOf(x, y, point.distance));
-  point.position = {static_cast<double>(px), static_cast<double>(py), static_cast<double>(pz)};
+  point.position = unprojection.PositionOf(x, y, point.distance);
   point.surface_index = order.SurfaceOf(image::OwnerOf(key));
   point.block_id = image::OwnerOf(key) % order.block_count;
   if (carries_normals && image.colors[i] != image::kNoNormal) {

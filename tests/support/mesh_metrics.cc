@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "absl/container/flat_hash_map.h"
+
 #include "core/base/check.h"
 #include "core/math/matrix.h"
 #include "core/mesh/mesh_welder.h"
@@ -40,11 +42,29 @@ void CountEdges(std::vector<std::uint64_t>* uses, MeshMetrics* metrics) {
 }  // namespace
 
 WeldedMesh Weld(const volume::BlockLayout& layout, std::span<const mesh::BlockMesh> blocks) {
-  mesh::MeshWelder welder(layout);
   WeldedMesh mesh;
+  mesh::MeshWelder welder(layout);
   mesh::WeldedPart part;
+  absl::flat_hash_map<std::int64_t, std::int64_t> vertex_of_key;
   for (const mesh::BlockMesh& block : blocks) {
-    welder.Add(block, &part);
+    if (block.edge_keys.empty()) {
+      welder.Add(block, &part);
+    } else {
+      part = {};
+      std::vector<std::int64_t> ids;
+      for (std::size_t i = 0; i < block.positions.size(); ++i) {
+        const auto next = static_cast<std::int64_t>(vertex_of_key.size());
+        const auto [entry, is_new] = vertex_of_key.try_emplace(block.edge_keys[i], next);
+        ids.push_back(entry->second);
+        if (is_new) {
+          part.positions.push_back(block.positions[i]);
+          part.normals.push_back(block.normals[i]);
+        }
+      }
+      for (const std::uint32_t index : block.indices) {
+        part.triangles.push_back(ids[index]);
+      }
+    }
     mesh.positions.insert(mesh.positions.end(), part.positions.begin(), part.positions.end());
     mesh.normals.insert(mesh.normals.end(), part.normals.begin(), part.normals.end());
     mesh.triangles.insert(mesh.triangles.end(), part.triangles.begin(), part.triangles.end());

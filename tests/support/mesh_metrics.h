@@ -21,7 +21,8 @@ struct WeldedMesh {
   std::vector<std::int64_t> triangles;  // three positions for each
 };
 
-// Welds blocks (MeshWelder). REQUIRES: as MeshWelder::Add says.
+// Welds blocks: those with edge keys by these, others as MeshWelder does.
+// REQUIRES: all or none have edge keys; as MeshWelder::Add says.
 WeldedMesh Weld(const volume::BlockLayout& layout, std::span<const mesh::BlockMesh> blocks);
 
 struct MeshMetrics {

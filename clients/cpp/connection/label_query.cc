@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -16,36 +17,48 @@ namespace isoscope::client {
 namespace {
 
 constexpr const char* kFeature = "labels";
-constexpr int kMaxBins = 4096;  // as many as there are exact ones
+constexpr const char* kValuesFeature = "label_values";
+constexpr int kMaxBins = 4096;     // as many as there are exact ones
+constexpr int kMaxValues = 65536;  // as many labels as a dataset has names of
 
 }  // namespace
 
 absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const SelectionFlags& selection,
-                           absl::Duration timeout, ServiceClient* client, LabelFlags* flags) {
+                           absl::Duration timeout, ServiceClient* client, LabelFlags* flags,
+                           std::size_t max_surfaces) {
   if (flags->empty()) {
     return absl::OkStatus();
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::GetCapabilitiesResponse capabilities,
                             client->GetCapabilities(timeout));
   const auto& features = capabilities.features();
-  if (std::find(features.begin(), features.end(), kFeature) == features.end()) {
+  const auto has = [&](const char* feature) {
+    return std::find(features.begin(), features.end(), feature) != features.end();
+  };
+  if (!has(kFeature)) {
     return absl::FailedPreconditionError(
         absl::StrCat("the server, version ", capabilities.version(),
                      ", does not know surfaces of labels: it is older than this program"));
   }
   std::optional<std::vector<double>> present;
+  std::string why;
   if (flags->wants_all) {
+    const isoscope::v1::Dataset of_field = DatasetOfField(dataset, selection);
     isoscope::v1::GetHistogramRequest request;
     request.set_dataset(dataset.name());
     request.set_max_bin_count(kMaxBins);
+    if (!HasExactBins(of_field) && has(kValuesFeature)) {
+      request.set_max_label_value_count(kMaxValues);
+    }
     if (const auto proto = ToProto(selection)) {
       *request.mutable_selection() = *proto;
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::GetHistogramResponse histogram,
                               client->GetHistogram(request, timeout));
-    present = PresentValues(DatasetOfField(dataset, selection), histogram);
+    present = PresentValues(of_field, histogram);
+    why = WhyNoLabels(histogram);
   }
-  return ResolveLabels(dataset, present, flags);
+  return ResolveLabels(dataset, present, flags, max_surfaces, why);
 }
 
 }  // namespace isoscope::client

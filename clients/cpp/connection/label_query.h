@@ -15,10 +15,12 @@ namespace isoscope::client {
 class ServiceClient;
 
 // Resolves the flags (ResolveLabels); of --labels all by the values of the samples of the selected
-// field, if the coordinator knows them. Does nothing without flags. FAILED_PRECONDITION: the
-// coordinator does not know surfaces of labels. Otherwise errors of ResolveLabels and of the calls.
+// field, if these are whole numbers. It reads all samples, unless they are integers of a small
+// range. Does nothing without flags. FAILED_PRECONDITION: the coordinator does not know surfaces of
+// labels. Otherwise errors of ResolveLabels and of the calls.
 absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const SelectionFlags& selection,
-                           absl::Duration timeout, ServiceClient* client, LabelFlags* flags);
+                           absl::Duration timeout, ServiceClient* client, LabelFlags* flags,
+                           std::size_t max_surfaces = frame::kMaxSurfaces);
 
 }  // namespace isoscope::client
 

@@ -28,7 +28,8 @@ constexpr auto kFlagsBesideLike = std::to_array<absl::string_view>(
      "cache-limit", "timeout", "verbose",         "renderer",   "output",   "stats",
      "culling",     "like",    "no-metadata",     "help",       "trace",    "axes",
      "scale-bar",   "caption", "legend",          "show",       "insecure", "tls-ca",
-     "tls-cert",    "tls-key", "tls-server-name", "token-file", "quiet",    "label-names"});
+     "tls-cert",    "tls-key", "tls-server-name", "token-file", "quiet",    "label-names",
+     "no-measures"});
 
 absl::Status WithPath(const std::string& path, const absl::Status& status) {
   return {status.code(), absl::StrCat("--like '", path, "': ", status.message())};

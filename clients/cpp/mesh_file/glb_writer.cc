@@ -6,9 +6,9 @@
 //   length, "BIN\0", positions, normals, indices    each of all surfaces
 //
 // A surface is a primitive of the single mesh: it has its own accessors into the three arrays, and
-// a material if the file has colours. The field and the step of a series are asset.extras. Example:
-// with surfaces of 10 and 20 vertices, the second one's positions begin at byte 120 of the first
-// array, and its indices count from 0.
+// a material if the file has colours. The field and the step of a series are asset.extras. The
+// origin of a mesh is the translation of its node. Example: with surfaces of 10 and 20 vertices,
+// the second one's positions begin at byte 120 of the first array, and its indices count from 0.
 //
 // Sources: glTF 2.0 specification, sections 3.6 (buffers, accessors), 3.9 (materials), 4 (GLB).
 
@@ -21,6 +21,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -101,6 +102,7 @@ class GlbWriter : public MeshWriter {
       part.first_vertex = vertex_count();
       part.first_triangle = triangle_count();
     }
+    origin_ = piece.origin;
     part.vertex_count += piece.vertex_count();
     part.triangle_count += piece.triangle_count();
     for (std::size_t i = 0; i < piece.positions.size(); ++i) {
@@ -183,6 +185,9 @@ class GlbWriter : public MeshWriter {
     }
     json["scenes"] = Json::array({{{"nodes", {0}}}});
     json["nodes"] = Json::array({{{"mesh", 0}}});
+    if (origin_.has_value()) {
+      json["nodes"][0]["translation"] = {origin_->x, origin_->y, origin_->z};
+    }
     Json primitives = Json::array();
     Json accessors = Json::array();
     for (std::size_t i = 0; i < parts_.size(); ++i) {
@@ -264,6 +269,7 @@ class GlbWriter : public MeshWriter {
 
   const MeshFileOptions options_;
   std::vector<Part> parts_;  // by surface index
+  std::optional<math::Vec3d> origin_;
   std::unique_ptr<SectionedFile> file_;
 };
 

@@ -1,18 +1,12 @@
 #include "clients/cpp/mesh_file/mesh_field.h"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 
 #include "absl/strings/str_cat.h"
 
-namespace isoscope::client {
+#include "core/cli/format.h"
 
-std::string ShortestText(double value) {
-  std::array<char, 32> text;
-  const std::to_chars_result end = std::to_chars(text.data(), text.data() + text.size(), value);
-  return {text.data(), end.ptr};
-}
+namespace isoscope::client {
 
 std::vector<std::string> LinesOf(const MeshField& field) {
   std::vector<std::string> lines = {
@@ -24,7 +18,7 @@ std::vector<std::string> LinesOf(const MeshField& field) {
     lines.push_back(absl::StrCat("step ", *field.step));
   }
   if (field.time.has_value()) {
-    lines.push_back(absl::StrCat("time ", ShortestText(*field.time),
+    lines.push_back(absl::StrCat("time ", cli::FormatShortest(*field.time),
                                  field.time_unit.empty() ? "" : " ", field.time_unit));
   }
   for (std::string& line : lines) {

@@ -18,9 +18,6 @@ struct MeshField {
   std::string time_unit = "";  // "": unknown
 };
 
-// The shortest text that reads back as the same double.
-std::string ShortestText(double value);
-
 // Returns a line for each fact: "field velocity:x", "unit m/s", "step 3", "time 0.25 s". Control
 // characters of names become '?', so that a line stays one.
 std::vector<std::string> LinesOf(const MeshField& field);

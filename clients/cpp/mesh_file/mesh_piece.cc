@@ -26,6 +26,11 @@ std::vector<float> Floats(absl::string_view bytes) {
 
 }  // namespace
 
+std::string TextOfOrigin(const math::Vec3d& origin) {
+  return absl::StrCat(cli::FormatShortest(origin.x), " ", cli::FormatShortest(origin.y), " ",
+                      cli::FormatShortest(origin.z));
+}
+
 absl::StatusOr<MeshPiece> DecodeMeshPiece(absl::string_view positions, absl::string_view normals,
                                           absl::string_view triangles, std::int64_t vertex_count,
                                           std::int64_t first_vertex) {
@@ -62,7 +67,17 @@ absl::StatusOr<MeshPiece> DecodeMeshPiece(absl::string_view positions, absl::str
 
 absl::StatusOr<MeshPiece> MeshDecoder::Decode(int surface_index, absl::string_view positions,
                                               absl::string_view normals,
-                                              absl::string_view triangles) {
+                                              absl::string_view triangles,
+                                              const std::optional<math::Vec3d>& origin) {
+  if (origin.has_value() && !math::IsFinite(*origin)) {
+    return absl::DataLossError("malformed chunk of a mesh: its origin is not finite");
+  }
+  if (has_begun_ && origin != origin_) {
+    return absl::DataLossError(
+        "malformed chunk of a mesh: its origin is not that of the first one");
+  }
+  origin_ = origin;
+  has_begun_ = true;
   if (surface_index < surface_index_ || surface_index >= surface_count_) {
     return absl::DataLossError(absl::StrCat("malformed chunk of a mesh: it is of surface ",
                                             surface_index, ", after surface ", surface_index_,
@@ -75,6 +90,7 @@ absl::StatusOr<MeshPiece> MeshDecoder::Decode(int surface_index, absl::string_vi
   ISOSCOPE_ASSIGN_OR_RETURN(MeshPiece piece, DecodeMeshPiece(positions, normals, triangles,
                                                              vertex_count_, first_vertex_));
   piece.surface_index = surface_index;
+  piece.origin = origin;
   vertex_count_ += piece.vertex_count();
   triangle_count_ += piece.triangle_count();
   return piece;

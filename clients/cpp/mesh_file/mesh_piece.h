@@ -4,11 +4,15 @@
 #define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_PIECE_H_
 
 #include <cstdint>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+
+#include "core/math/vec.h"
 
 namespace isoscope::client {
 
@@ -17,10 +21,13 @@ inline constexpr std::int64_t kMaxVertexCount = 0x7fffffff;
 
 // New vertices and new triangles of a mesh, all of one surface.
 struct MeshPiece {
-  std::vector<float> positions = {};          // x, y, z of each vertex
+  std::vector<float> positions = {};          // x, y, z of each vertex, from the origin
   std::vector<float> normals = {};            // as many
   std::vector<std::uint32_t> triangles = {};  // three vertex indices each, counted over all pieces
   int surface_index = 0;                      // never falls from piece to piece
+  // World position that positions are from, the same in all pieces of a mesh. Not set: (0, 0, 0).
+  // Set where float32 can't tell world positions apart (docs/export.md, "Far from the origin").
+  std::optional<math::Vec3d> origin = std::nullopt;
 
   [[nodiscard]] std::int64_t vertex_count() const {
     return static_cast<std::int64_t>(positions.size() / 3);
@@ -29,6 +36,9 @@ struct MeshPiece {
     return static_cast<std::int64_t>(triangles.size() / 3);
   }
 };
+
+// Returns "500000 4600000 100".
+std::string TextOfOrigin(const math::Vec3d& origin);
 
 // Decodes the messages of ExportIsosurface, in their order. Thread-compatible.
 class MeshDecoder {
@@ -40,10 +50,14 @@ class MeshDecoder {
   // triangles:          three vertex indices each, little-endian int64, each of a vertex of this
   //                     surface, in this message or before
   //
-  // DATA_LOSS if the bytes have another form, or if the surface is not in the request or precedes
-  // the last one. OUT_OF_RANGE above kMaxVertexCount vertices.
+  // origin:             of positions; not set: (0, 0, 0)
+  //
+  // DATA_LOSS if the bytes have another form, if the surface is not in the request or precedes the
+  // last one, or if the origin is not that of the first message. OUT_OF_RANGE above kMaxVertexCount
+  // vertices.
   absl::StatusOr<MeshPiece> Decode(int surface_index, absl::string_view positions,
-                                   absl::string_view normals, absl::string_view triangles);
+                                   absl::string_view normals, absl::string_view triangles,
+                                   const std::optional<math::Vec3d>& origin = std::nullopt);
 
   // Vertices of all surfaces so far.
   [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
@@ -55,6 +69,8 @@ class MeshDecoder {
   std::int64_t first_vertex_ = 0;  // of the surface
   std::int64_t vertex_count_ = 0;
   std::int64_t triangle_count_ = 0;
+  std::optional<math::Vec3d> origin_;
+  bool has_begun_ = false;
 };
 
 // Decodes one message.

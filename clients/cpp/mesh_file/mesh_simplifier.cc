@@ -1,10 +1,10 @@
 // Simplification in parts, so that memory is bounded whatever the size of the mesh:
 //
-// 1. WeldEqualPositions joins vertices of one position, which libmeshoptimizer would keep as seams.
-// 2. RunRound goes through the triangles in parts of part_triangle_count, in the order of the
+// 1. RunRound goes through the triangles in parts of part_triangle_count, in the order of the
 //    stream. libmeshoptimizer simplifies each part; vertices that parts share are locked.
-// 3. A mesh of several parts gets up to three rounds. Each shifts the borders of the parts, so that
+// 2. A mesh of several parts gets up to three rounds. Each shifts the borders of the parts, so that
 //    earlier borders are simplified, too.
+// 3. SeparateTouchingParts sees to it that each edge has two triangles again (mesh_repair.h).
 //
 // The error budget is split over the rounds, because their errors add up.
 
@@ -17,9 +17,13 @@
 #include <bit>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <vector>
 
+#include "absl/container/flat_hash_set.h"
+
+#include "clients/cpp/mesh_file/mesh_repair.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::client {
@@ -31,59 +35,22 @@ constexpr double kNearlyThere = 1.02;
 // No bound, for libmeshoptimizer: its errors are relative to the size of the mesh.
 constexpr float kAnyError = 1e10F;
 
-// Positions as bits, with -0 as 0.
-std::array<std::uint32_t, 3> KeyOf(const float* position) {
-  std::array<std::uint32_t, 3> key{};
-  for (std::size_t k = 0; k < 3; ++k) {
-    key[k] = std::bit_cast<std::uint32_t>(position[k] + 0.0F);
-  }
-  return key;
-}
-
-// Joins vertices of equal position into the first of them, and drops triangles that become
-// degenerate. Samples equal to the isovalue have such vertices, one for each grid edge that ends
-// there. libmeshoptimizer would keep them, as the seams of a texture.
-absl::Status WeldEqualPositions(MeshStore* mesh) {
-  const auto vertex_count = static_cast<std::size_t>(mesh->vertex_count());
-  const float* const positions = mesh->positions().data();
-  // An open-addressing hash table of 1 + vertex.
-  const std::size_t table_size = std::bit_ceil(2 * vertex_count + 1);
-  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> table,
-                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
-  ISOSCOPE_RETURN_IF_ERROR(table.Resize(table_size));
-  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> first,
-                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
-  ISOSCOPE_RETURN_IF_ERROR(first.Resize(vertex_count));
-  for (std::size_t i = 0; i < vertex_count; ++i) {
-    const std::array<std::uint32_t, 3> key = KeyOf(positions + 3 * i);
-    std::uint64_t hash = 0;
-    for (const std::uint32_t word : key) {
-      hash = (hash ^ word) * 0x9e3779b97f4a7c15U;  // 2^64 divided by the golden ratio
-      hash ^= hash >> 32;
-    }
-    std::size_t slot = hash & (table_size - 1);
-    while (table.data()[slot] != 0 &&
-           KeyOf(positions + 3 * (std::size_t{table.data()[slot]} - 1)) != key) {
-      slot = (slot + 1) & (table_size - 1);
-    }
-    if (table.data()[slot] == 0) {
-      table.data()[slot] = static_cast<std::uint32_t>(i + 1);
-    }
-    first.data()[i] = table.data()[slot] - 1;
-  }
-  const std::span<std::uint32_t> triangles = mesh->triangles().values();
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < triangles.size(); i += 3) {
-    const std::uint32_t a = first.data()[triangles[i]];
-    const std::uint32_t b = first.data()[triangles[i + 1]];
-    const std::uint32_t c = first.data()[triangles[i + 2]];
-    if (a != b && b != c && c != a) {
-      triangles[kept++] = a;
-      triangles[kept++] = b;
-      triangles[kept++] = c;
+// Moves positions by steps of float32 until all differ. libmeshoptimizer takes vertices of one
+// place for the seam of a texture, and joins parts of the surface that only touch there.
+void TellApart(std::vector<float>* positions) {
+  absl::flat_hash_set<std::array<std::uint32_t, 3>> seen;
+  for (std::size_t i = 0; i < positions->size(); i += 3) {
+    const auto key = [&] {
+      std::array<std::uint32_t, 3> bits{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        bits[k] = std::bit_cast<std::uint32_t>((*positions)[i + k] + 0.0F);  // -0 is 0
+      }
+      return bits;
+    };
+    while (!seen.insert(key()).second) {
+      (*positions)[i] = std::nextafter((*positions)[i], std::numeric_limits<float>::infinity());
     }
   }
-  return mesh->triangles().Resize(kept);
 }
 
 class Simplifier {
@@ -93,7 +60,6 @@ class Simplifier {
 
   absl::StatusOr<SimplifyResult> Run() {
     const double aim = options_.share.value_or(0) * static_cast<double>(mesh_.triangle_count());
-    ISOSCOPE_RETURN_IF_ERROR(WeldEqualPositions(&mesh_));
     const int round_count = mesh_.triangle_count() <= options_.part_triangle_count ? 1 : kMaxRounds;
     SimplifyResult result;
     for (int round = 0; round < round_count; ++round) {
@@ -108,6 +74,8 @@ class Simplifier {
         break;
       }
     }
+    // A collapse may bring parts together that only came near.
+    ISOSCOPE_RETURN_IF_ERROR(SeparateTouchingParts(&mesh_).status());
     result.triangle_count = mesh_.triangle_count();
     return result;
   }
@@ -147,6 +115,7 @@ class Simplifier {
   std::size_t SimplifyPart(std::span<const std::uint32_t> part, double share, double budget,
                            bool is_whole, double* error) {
     CollectVertices(part);
+    TellApart(&positions_);
     const float* const positions = positions_.data();
     const std::size_t vertex_count = vertices_.size();
     const float scale = meshopt_simplifyScale(positions, vertex_count, 3 * sizeof(float));

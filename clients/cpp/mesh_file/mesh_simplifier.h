@@ -31,7 +31,7 @@ struct SimplifyResult {
 
 // Removes triangles until `share` of them is left, or until the next removal would move the surface
 // by more than `max_error`, whichever is first. Remaining vertices keep their positions and
-// normals.
+// normals. A closed surface stays closed: each edge has two triangles (mesh_repair.h).
 //
 // A mesh of more than part_triangle_count triangles is processed in parts, in the order of the
 // stream. Vertices that parts share are kept, so there are no cracks. A second and a third round

@@ -1,8 +1,11 @@
 #include "clients/cpp/mesh_file/mesh_store.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 #include "core/base/status_macros.h"
 
@@ -30,9 +33,35 @@ absl::StatusOr<std::unique_ptr<MeshStore>> MeshStore::Create(const std::string& 
 }
 
 absl::Status MeshStore::Add(const MeshPiece& piece) {
+  origin_ = piece.origin;
   ISOSCOPE_RETURN_IF_ERROR(positions_.Append(piece.positions));
   ISOSCOPE_RETURN_IF_ERROR(normals_.Append(piece.normals));
   return triangles_.Append(piece.triangles);
+}
+
+absl::StatusOr<std::uint32_t> MeshStore::AddMean(std::initializer_list<std::uint32_t> vertices) {
+  const auto vertex = static_cast<std::uint32_t>(vertex_count());
+  std::array<double, 3> position{};
+  std::array<double, 3> normal{};
+  for (const std::uint32_t one : vertices) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      position[axis] += static_cast<double>(positions_.data()[3 * std::size_t{one} + axis]);
+      normal[axis] += static_cast<double>(normals_.data()[3 * std::size_t{one} + axis]);
+    }
+  }
+  const auto count = static_cast<double>(vertices.size());
+  const double length =
+      std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+  const double scale = vertices.size() == 1 || length == 0 ? 1 : 1 / length;
+  std::vector<float> of_position;
+  std::vector<float> of_normal;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    of_position.push_back(static_cast<float>(position[axis] / count));
+    of_normal.push_back(static_cast<float>(normal[axis] * scale));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(positions_.Append(of_position));
+  ISOSCOPE_RETURN_IF_ERROR(normals_.Append(of_normal));
+  return vertex;
 }
 
 absl::Status MeshStore::Emit(MeshSink* sink, std::int64_t first_vertex, int surface_index) const {
@@ -48,7 +77,8 @@ absl::Status MeshStore::Emit(MeshSink* sink, std::int64_t first_vertex, int surf
     new_index.data()[vertex] = 1;
   }
   std::uint32_t used_count = 0;
-  MeshPiece piece{.surface_index = surface_index};
+  const MeshPiece empty{.surface_index = surface_index, .origin = origin_};
+  MeshPiece piece = empty;
   for (std::size_t i = 0; i < vertex_count; ++i) {
     if (new_index.data()[i] != 0) {
       new_index.data()[i] = ++used_count;
@@ -57,13 +87,13 @@ absl::Status MeshStore::Emit(MeshSink* sink, std::int64_t first_vertex, int surf
     }
     if (piece.positions.size() >= 3 * kPieceSize) {
       ISOSCOPE_RETURN_IF_ERROR(sink->Add(piece));
-      piece = {.surface_index = surface_index};
+      piece = empty;
     }
   }
   ISOSCOPE_RETURN_IF_ERROR(sink->Add(piece));
   for (std::size_t begin = 0; begin < triangles.size(); begin += 3 * kPieceSize) {
     const std::size_t end = std::min(triangles.size(), begin + 3 * kPieceSize);
-    piece = {.surface_index = surface_index};
+    piece = empty;
     for (std::size_t i = begin; i < end; ++i) {
       piece.triangles.push_back(static_cast<std::uint32_t>(first_vertex) +
                                 new_index.data()[triangles[i]] - 1);

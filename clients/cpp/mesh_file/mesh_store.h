@@ -4,7 +4,9 @@
 #define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_STORE_H_
 
 #include <cstdint>
+#include <initializer_list>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -26,6 +28,10 @@ class MeshStore : public MeshSink {
   absl::Status Add(const MeshPiece& piece) override;
   absl::Status Finish() override { return absl::OkStatus(); }
 
+  // Adds a vertex whose position and normal are the mean of those of some vertices. Of one vertex
+  // it is a copy. REQUIRES: at least one.
+  absl::StatusOr<std::uint32_t> AddMean(std::initializer_list<std::uint32_t> vertices);
+
   // Passes the mesh to `sink`, all vertices first, without those that no triangle uses; does not
   // call its Finish. The order is preserved.
   //
@@ -33,6 +39,8 @@ class MeshStore : public MeshSink {
   absl::Status Emit(MeshSink* sink, std::int64_t first_vertex = 0, int surface_index = 0) const;
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
+  // Of positions, as MeshPiece::origin.
+  [[nodiscard]] const std::optional<math::Vec3d>& origin() const { return origin_; }
   [[nodiscard]] io::FileArray<float>& positions() { return positions_; }
   [[nodiscard]] io::FileArray<std::uint32_t>& triangles() { return triangles_; }
   [[nodiscard]] std::int64_t vertex_count() const {
@@ -54,6 +62,7 @@ class MeshStore : public MeshSink {
   io::FileArray<float> positions_;
   io::FileArray<float> normals_;
   io::FileArray<std::uint32_t> triangles_;
+  std::optional<math::Vec3d> origin_;
 };
 
 }  // namespace isoscope::client

@@ -83,6 +83,19 @@ frame::Color MeshFileOptions::ColorOf(int surface_index) const {
                    .blue = static_cast<float>(clay.b) / kMax});
 }
 
+bool HasDoubles(MeshFormat format) {
+  return format == MeshFormat::kPly || format == MeshFormat::kObj || format == MeshFormat::kVtp;
+}
+
+std::vector<double> WorldPositionsOf(const MeshPiece& piece) {
+  const math::Vec3d origin = piece.origin.value_or(math::Vec3d{});
+  std::vector<double> world(piece.positions.size());
+  for (std::size_t i = 0; i < world.size(); ++i) {
+    world[i] = origin[static_cast<int>(i % 3)] + static_cast<double>(piece.positions[i]);
+  }
+  return world;
+}
+
 absl::Status Validate(const MeshFileOptions& options) {
   if (options.format == MeshFormat::kStl && options.has_colors()) {
     return absl::InvalidArgumentError(

@@ -4,6 +4,7 @@
 #define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_WRITER_H_
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -38,6 +39,9 @@ struct MeshSurface {
   std::string name = {};  // of a surface of labels, written up to 256 bytes; empty: its isovalue
 };
 
+// The most surfaces whose indices are bytes; those of more are int32.
+inline constexpr std::size_t kMaxByteIndices = 256;
+
 struct MeshFileOptions {
   std::string path;
   MeshFormat format = MeshFormat::kPly;
@@ -54,16 +58,23 @@ struct MeshFileOptions {
   [[nodiscard]] frame::Color ColorOf(int surface_index) const;
 };
 
+// Returns true if a file of the format has doubles where pieces have an origin.
+bool HasDoubles(MeshFormat format);
+
 // INVALID_ARGUMENT if the format lacks a requested feature: STL has no colours.
 absl::Status Validate(const MeshFileOptions& options);
+
+// World positions of a piece, x, y, z of each vertex.
+std::vector<double> WorldPositionsOf(const MeshPiece& piece);
 
 // Red, green and blue, rounded to 8 bits.
 std::array<std::uint8_t, 3> ToBytes(const frame::Color& color);
 
-// A MeshSink that is a file. Pieces go to disk as they arrive, so memory holds one at a time. STL
-// is the exception: its triangles repeat their corners, so it keeps all positions in a file that is
-// mapped into memory. `path` appears at Finish, in one step. Without Finish the destructor removes
-// the written data.
+// A MeshSink that is a file. Where pieces have an origin, PLY, OBJ and VTP have world positions as
+// doubles; STL and GLB keep offsets, and say the origin. Pieces go to disk as they arrive, so
+// memory holds one at a time. STL is the exception: its triangles repeat their corners, so it keeps
+// all positions in a file that is mapped into memory. `path` appears at Finish, in one step.
+// Without Finish the destructor removes the written data.
 class MeshWriter : public MeshSink {
  public:
   // REQUIRES: Validate is OK. Errors as io::CreateWritableFile.

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cstddef>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 
@@ -24,8 +25,8 @@ void AppendNumber(T value, std::string* out) {
   out->append(text.data(), end.ptr);
 }
 
-void AppendVector(absl::string_view word, const float* v, absl::string_view rest,
-                  std::string* out) {
+template <typename T>
+void AppendVector(absl::string_view word, const T* v, absl::string_view rest, std::string* out) {
   out->append(word.data(), word.size());
   for (int k = 0; k < 3; ++k) {
     out->push_back(' ');
@@ -58,8 +59,14 @@ class ObjWriter : public MeshWriter {
       BeginSurface(piece.surface_index, &text);
     }
     text.reserve((2 * piece.positions.size() / 3 + piece.triangles.size() / 3) * kTypicalLineBytes);
+    const std::vector<double> world =
+        piece.origin.has_value() ? WorldPositionsOf(piece) : std::vector<double>();
     for (std::size_t i = 0; i < piece.positions.size(); i += 3) {
-      AppendVector("v", &piece.positions[i], line_end_, &text);
+      if (piece.origin.has_value()) {
+        AppendVector("v", &world[i], line_end_, &text);
+      } else {
+        AppendVector("v", &piece.positions[i], line_end_, &text);
+      }
       AppendVector("vn", &piece.normals[i], "\n", &text);
     }
     for (std::size_t i = 0; i < piece.triangles.size(); ++i) {

@@ -11,7 +11,8 @@
 
 namespace isoscope::client {
 
-// MeshWriter::Create for OBJ. Numbers are the shortest that read back as the same float.
+// MeshWriter::Create for OBJ. Numbers are the shortest that read back as the same float; positions
+// of a mesh with an origin, as the same double.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateObj(const MeshFileOptions& options);
 
 }  // namespace isoscope::client

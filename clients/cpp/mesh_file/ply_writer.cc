@@ -1,5 +1,6 @@
 #include "clients/cpp/mesh_file/ply_writer.h"
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -22,9 +23,22 @@ constexpr std::size_t kCountDigits = 10 + 19;
 
 enum Section : std::size_t { kVertices, kFaces };
 
+// The lines of three properties.
+std::string PropertiesOf(absl::string_view type, const std::array<const char*, 3>& names) {
+  std::string lines;
+  for (const char* name : names) {
+    absl::StrAppend(&lines, "property ", type, " ", name, "\n");
+  }
+  return lines;
+}
+
 class PlyWriter : public MeshWriter {
  public:
-  explicit PlyWriter(const MeshFileOptions& options) : options_(options) {}
+  explicit PlyWriter(const MeshFileOptions& options) : options_(options) {
+    vertex_.has_colors = options.has_colors();
+    vertex_.has_surface_index = options.surfaces.size() > 1;
+    vertex_.has_wide_index = options.surfaces.size() > kMaxByteIndices;
+  }
 
   absl::Status Open() {
     ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(options_.path, Header().size(), 2));
@@ -32,12 +46,24 @@ class PlyWriter : public MeshWriter {
   }
 
   absl::Status AddPiece(const MeshPiece& piece) override {
+    if (piece.origin.has_value() && !vertex_.has_doubles) {
+      // The first piece: the header becomes longer.
+      vertex_.has_doubles = true;
+      file_.reset();
+      ISOSCOPE_RETURN_IF_ERROR(Open());
+    }
+    const std::vector<double> world =
+        vertex_.has_doubles ? WorldPositionsOf(piece) : std::vector<double>();
     const auto vertex_count = static_cast<std::size_t>(piece.vertex_count());
     std::string vertices;
     const std::string tail = VertexTail(piece.surface_index);
-    vertices.reserve(vertex_count * (2 * kPlyVectorBytes + tail.size()));
+    vertices.reserve(vertex_count * (3 * kPlyVectorBytes + tail.size()));
     for (std::size_t i = 0; i < vertex_count; ++i) {
-      vertices.append(reinterpret_cast<const char*>(&piece.positions[3 * i]), kPlyVectorBytes);
+      if (vertex_.has_doubles) {
+        vertices.append(reinterpret_cast<const char*>(&world[3 * i]), 2 * kPlyVectorBytes);
+      } else {
+        vertices.append(reinterpret_cast<const char*>(&piece.positions[3 * i]), kPlyVectorBytes);
+      }
       vertices.append(reinterpret_cast<const char*>(&piece.normals[3 * i]), kPlyVectorBytes);
       vertices += tail;
     }
@@ -58,35 +84,37 @@ class PlyWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
   [[nodiscard]] std::string Header() const {
     return MakePlyHeader(
-        vertex_count(), triangle_count(), options_.has_colors(), has_indices(),
+        vertex_count(), triangle_count(), vertex_,
         options_.field.has_value() ? LinesOf(*options_.field) : std::vector<std::string>());
   }
 
   // Returns the bytes after the normal of each vertex of a surface.
   [[nodiscard]] std::string VertexTail(int surface_index) const {
     std::string tail;
-    if (options_.has_colors()) {
+    if (vertex_.has_colors) {
       for (const std::uint8_t channel : ToBytes(options_.ColorOf(surface_index))) {
         base::AppendLittleEndian(channel, &tail);
       }
     }
-    if (has_indices()) {
+    if (vertex_.has_wide_index) {
+      base::AppendLittleEndian(static_cast<std::int32_t>(surface_index), &tail);
+    } else if (vertex_.has_surface_index) {
       base::AppendLittleEndian(static_cast<std::uint8_t>(surface_index), &tail);
     }
     return tail;
   }
 
   const MeshFileOptions options_;
+  PlyVertex vertex_;
   std::unique_ptr<SectionedFile> file_;
 };
 
 }  // namespace
 
-std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count, bool has_colors,
-                          bool has_surface_indices, const std::vector<std::string>& comments) {
+std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count,
+                          const PlyVertex& vertex, const std::vector<std::string>& comments) {
   const std::string vertices = absl::StrCat(vertex_count);
   const std::string faces = absl::StrCat(triangle_count);
   // The comment pads the room that the counts leave.
@@ -95,14 +123,16 @@ std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count
   for (const std::string& comment : comments) {
     absl::StrAppend(&lines, "comment ", comment, "\n");
   }
-  return absl::StrCat(
-      "ply\nformat binary_little_endian 1.0\ncomment isoscope ", padding, "\n", lines,
-      "element vertex ", vertices,
-      "\nproperty float x\nproperty float y\nproperty float z\n"
-      "property float nx\nproperty float ny\nproperty float nz\n",
-      has_colors ? "property uchar red\nproperty uchar green\nproperty uchar blue\n" : "",
-      has_surface_indices ? "property uchar surface_index\n" : "", "element face ", faces,
-      "\nproperty list uchar int vertex_indices\nend_header\n");
+  return absl::StrCat("ply\nformat binary_little_endian 1.0\ncomment isoscope ", padding, "\n",
+                      lines, "element vertex ", vertices, "\n",
+                      PropertiesOf(vertex.has_doubles ? "double" : "float", {"x", "y", "z"}),
+                      PropertiesOf("float", {"nx", "ny", "nz"}),
+                      vertex.has_colors ? PropertiesOf("uchar", {"red", "green", "blue"}) : "",
+                      !vertex.has_surface_index ? ""
+                      : vertex.has_wide_index   ? "property int surface_index\n"
+                                                : "property uchar surface_index\n",
+                      "element face ", faces,
+                      "\nproperty list uchar int vertex_indices\nend_header\n");
 }
 
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreatePly(const MeshFileOptions& options) {

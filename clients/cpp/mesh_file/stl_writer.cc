@@ -24,9 +24,13 @@ constexpr std::size_t kTextBytes = 80;
 constexpr std::size_t kFacetBytes = 12 * sizeof(float) + sizeof(std::uint16_t);
 constexpr std::int64_t kMaxTriangleCount = std::numeric_limits<std::uint32_t>::max();
 
-std::string MakeHeader(const std::optional<MeshField>& field, std::int64_t triangle_count) {
+std::string MakeHeader(const std::optional<MeshField>& field,
+                       const std::optional<math::Vec3d>& origin, std::int64_t triangle_count) {
   // Must not begin with "solid", which marks the text format.
   std::string header = "isoscope, binary STL";
+  if (origin.has_value()) {
+    absl::StrAppend(&header, ", origin ", TextOfOrigin(*origin));
+  }
   if (field.has_value()) {
     absl::StrAppend(&header, ", ", absl::StrJoin(LinesOf(*field), ", "));
   }
@@ -75,6 +79,7 @@ class StlWriter : public MeshWriter {
                                                 " triangles, the most that an STL can hold: "
                                                 "write a .ply"));
     }
+    origin_ = piece.origin;
     ISOSCOPE_RETURN_IF_ERROR(positions_->Append(piece.positions));
     const std::span<const float> positions = positions_->values();
     std::string facets;
@@ -90,10 +95,13 @@ class StlWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  [[nodiscard]] std::string Header() const { return MakeHeader(options_.field, triangle_count()); }
+  [[nodiscard]] std::string Header() const {
+    return MakeHeader(options_.field, origin_, triangle_count());
+  }
 
   const MeshFileOptions options_;
   std::optional<io::FileArray<float>> positions_;  // of all vertices so far
+  std::optional<math::Vec3d> origin_;
   std::unique_ptr<SectionedFile> file_;
 };
 

@@ -2,7 +2,8 @@
 // declares the arrays with their offsets. After
 // its "_" follow the arrays, each preceded by its size in bytes (uint64):
 //
-//   Points, Normals, Colors (if wanted), SurfaceIndex (of several surfaces), connectivity (Int32),
+//   Points (Float32, or Float64 of a mesh with an origin), Normals, Colors (if wanted),
+//   SurfaceIndex (of several surfaces: UInt8, or Int32 of more than 256), connectivity (Int32),
 //   offsets (Int64)
 //
 // Connectivity fits 32 bits because there are at most 2^31 - 1 vertices. The offsets 3, 6, 9, ...
@@ -24,6 +25,7 @@
 #include "core/base/check.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
 
 namespace isoscope::client {
 namespace {
@@ -63,7 +65,7 @@ std::string FieldDataOf(const std::optional<MeshField>& field) {
     data += NumberArray("Int32", "TimeStep", absl::StrCat(*field->step));
   }
   if (field->time.has_value()) {
-    data += NumberArray("Float64", "TimeValue", ShortestText(*field->time));
+    data += NumberArray("Float64", "TimeValue", cli::FormatShortest(*field->time));
     add_text("TimeUnit", field->time_unit);
   }
   return absl::StrCat("    <FieldData>\n", data, "    </FieldData>\n");
@@ -91,7 +93,9 @@ class VtpWriter : public MeshWriter {
   }
 
   absl::Status AddPiece(const MeshPiece& piece) override {
-    ISOSCOPE_RETURN_IF_ERROR(file_->Append(0, BytesOf(piece.positions)));
+    has_doubles_ = piece.origin.has_value();
+    ISOSCOPE_RETURN_IF_ERROR(has_doubles_ ? file_->Append(0, BytesOf(WorldPositionsOf(piece)))
+                                          : file_->Append(0, BytesOf(piece.positions)));
     ISOSCOPE_RETURN_IF_ERROR(file_->Append(1, BytesOf(piece.normals)));
     if (has_colors()) {
       const std::array<std::uint8_t, 3> color = ToBytes(options_.ColorOf(piece.surface_index));
@@ -102,9 +106,13 @@ class VtpWriter : public MeshWriter {
       ISOSCOPE_RETURN_IF_ERROR(file_->Append(2, colors));
     }
     if (has_indices()) {
-      ISOSCOPE_RETURN_IF_ERROR(file_->Append(
-          connectivity() - 1, std::string(static_cast<std::size_t>(piece.vertex_count()),
-                                          static_cast<char>(piece.surface_index))));
+      const auto count = static_cast<std::size_t>(piece.vertex_count());
+      ISOSCOPE_RETURN_IF_ERROR(
+          has_wide_indices()
+              ? file_->Append(connectivity() - 1,
+                              BytesOf(std::vector<std::int32_t>(count, piece.surface_index)))
+              : file_->Append(connectivity() - 1,
+                              std::string(count, static_cast<char>(piece.surface_index))));
     }
     return file_->Append(connectivity(), BytesOf(piece.triangles));
   }
@@ -131,6 +139,7 @@ class VtpWriter : public MeshWriter {
   [[nodiscard]] std::size_t header_bytes() const { return kHeaderBytes + field_data_.size(); }
   [[nodiscard]] bool has_colors() const { return options_.has_colors(); }
   [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
+  [[nodiscard]] bool has_wide_indices() const { return options_.surfaces.size() > kMaxByteIndices; }
   // Returns the section of the connectivity; that of surface indices, if any, is before it.
   [[nodiscard]] std::size_t connectivity() const {
     return std::size_t{2} + (has_colors() ? 1 : 0) + (has_indices() ? 1 : 0);
@@ -148,14 +157,16 @@ class VtpWriter : public MeshWriter {
 
   [[nodiscard]] std::string MakeHeader() const {
     std::int64_t offset = 0;
-    const std::string points = Declare(0, "Float32", "Points", 3, &offset);
+    const std::string points =
+        Declare(0, has_doubles_ ? "Float64" : "Float32", "Points", 3, &offset);
     std::string data = Declare(1, "Float32", "Normals", 3, &offset);
     if (has_colors()) {
       absl::StrAppend(&data, "\n        ", Declare(2, "UInt8", "Colors", 3, &offset));
     }
     if (has_indices()) {
       absl::StrAppend(&data, "\n        ",
-                      Declare(connectivity() - 1, "UInt8", "SurfaceIndex", 1, &offset));
+                      Declare(connectivity() - 1, has_wide_indices() ? "Int32" : "UInt8",
+                              "SurfaceIndex", 1, &offset));
     }
     std::string cells = Declare(connectivity(), "Int32", "connectivity", 1, &offset);
     absl::StrAppend(&cells, "\n        ",
@@ -182,6 +193,7 @@ class VtpWriter : public MeshWriter {
 
   const MeshFileOptions options_;
   const std::string field_data_;
+  bool has_doubles_ = false;
   std::unique_ptr<SectionedFile> file_;
 };
 

@@ -10,6 +10,7 @@
 #include <limits>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -163,10 +164,6 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
   return items;
 }
 
-std::string TickLabel(double value, double step) {
-  return absl::StrFormat("%.9g", std::abs(value) < 1e-9 * step ? 0.0 : value);
-}
-
 // Draws light and dark grey squares in rows [begin_row, end_row) of a bar that begins at (x, y),
 // two in a row: the background of translucent colours.
 void DrawSquares(const Sheet& sheet, double x, int begin_row, int end_row, double y, double width) {
@@ -180,6 +177,10 @@ void DrawSquares(const Sheet& sheet, double x, int begin_row, int end_row, doubl
           {grey, grey, grey}, 1);
     }
   }
+}
+
+double StepOf(const std::vector<double>& ticks, const frame::ColorRange& range) {
+  return ticks.size() > 1 ? ticks[1] - ticks[0] : range.max - range.min;
 }
 
 // Draws the colours of a map from bottom to top, with a frame and ticks, in [y, y + height).
@@ -201,7 +202,7 @@ void DrawBar(const Sheet& sheet, double x, double y, double width, double height
   const frame::ColorRange range = color_by.range.value_or(frame::ColorRange());
   const int max_count = std::clamp(static_cast<int>(height / (2 * text)), 2, kMaxLegendTicks);
   const std::vector<double> ticks = LegendTicks(range, max_count);
-  const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : range.max - range.min;
+  const double step = StepOf(ticks, range);
   for (const double value : ticks) {
     const double at = y + height * (1 - (value - range.min) / (range.max - range.min));
     sheet.DrawLine(x + width, at, x + width + 0.35 * text, at, 0.1 * text, sheet.ink());
@@ -216,8 +217,9 @@ int WidthOf(const LegendItem& item, double text, bool is_light) {
   const Sheet ruler(0, 0, 1, 1, text, is_light);
   const frame::ColorRange range = item.color_by.range.value_or(frame::ColorRange());
   double labels = item.nan_color.has_value() ? ruler.WidthOf(kNoData) : 0;
-  for (const double value : LegendTicks(range, kMaxLegendTicks)) {
-    labels = std::max(labels, ruler.WidthOf(TickLabel(value, range.max - range.min)));
+  const std::vector<double> ticks = LegendTicks(range, kMaxLegendTicks);
+  for (const double value : ticks) {
+    labels = std::max(labels, ruler.WidthOf(TickLabel(value, StepOf(ticks, range))));
   }
   return Ceil(std::max(ruler.WidthOf(item.title), 1.7 * text + labels) + text);
 }
@@ -389,6 +391,20 @@ void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene) {
     const std::size_t side = kSides.find(frame.name()[axis]);
     scene->axis_names[axis] = std::string(1, kSides[side]);
     scene->opposite_names[axis] = std::string(1, kSides[side ^ 1U]);
+  }
+}
+
+std::string TickLabel(double value, double step) {
+  if (std::abs(value) < 1e-9 * step) {
+    return "0";
+  }
+  // Enough digits to tell neighbouring ticks apart, also where both have a large offset.
+  for (int digits = 9;; ++digits) {
+    const std::string text = absl::StrFormat("%.*g", digits, value);
+    double read = 0;
+    if (digits == 17 || (absl::SimpleAtod(text, &read) && std::abs(read - value) < 1e-3 * step)) {
+      return text;
+    }
   }
 }
 

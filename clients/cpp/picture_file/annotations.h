@@ -75,6 +75,8 @@ void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene);
 // ascending. The round number is the least one that gives at most `max_count` (>= 2) multiples.
 // There is at least one.
 std::vector<double> LegendTicks(const frame::ColorRange& range, int max_count);
+// The text of a tick, with enough digits to tell it from those `step` before and behind it.
+std::string TickLabel(double value, double step);
 
 // A scale bar: a round number of world units and its length in the picture.
 struct ScaleBar {

@@ -9,7 +9,6 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 
@@ -17,6 +16,7 @@
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
+#include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
 #include "core/volume/inside_rule.h"
@@ -50,8 +50,6 @@ absl::StatusOr<bool> ParseAll(absl::string_view text) {
   }
   return true;
 }
-
-std::string TextOf(double value) { return absl::StrFormat("%.9g", value); }
 
 // "3-7": whole numbers, the first at most the last.
 std::optional<std::pair<std::int64_t, std::int64_t>> RangeOf(absl::string_view item) {
@@ -89,7 +87,8 @@ class Names {
     if (found.size() > 1) {
       return absl::InvalidArgumentError(absl::StrCat(
           "'", base::Printable(name), "' is the name of the labels ",
-          absl::StrJoin(found, ", ", [](std::string* out, double v) { *out += TextOf(v); }),
+          absl::StrJoin(found, ", ",
+                        [](std::string* out, double v) { *out += cli::FormatValue(v); }),
           ": give one of these values"));
     }
     return found[0];
@@ -179,13 +178,15 @@ LabelSurface SurfaceOf(std::vector<double> values, const LabelValue& given,
                      .blue = static_cast<float>(color.blue) / kMaxByte};
   }
   surface.color.alpha = given.opacity.value_or(1);
+  surface.is_color_given = given.color.has_value();
   surface.name = NameOfLabels(values, dataset);
   surface.values = std::move(values);
   return surface;
 }
 
 absl::StatusOr<std::vector<double>> AllLabels(const v1::Dataset& dataset,
-                                              const std::optional<std::vector<double>>& present) {
+                                              const std::optional<std::vector<double>>& present,
+                                              std::size_t max_surfaces, const std::string& why) {
   std::vector<double> values;
   if (present) {
     values = *present;
@@ -198,16 +199,16 @@ absl::StatusOr<std::vector<double>> AllLabels(const v1::Dataset& dataset,
   if (values.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat("--labels all: ",
-                     present ? "all samples are 0, which is no label"
-                             : "the dataset has no names of labels, and the values of its samples "
-                               "are not counted: a command counts integers of at most 4096 "
-                               "different values, a gateway none",
+                     present       ? "all samples are 0, which is no label"
+                     : why.empty() ? "the dataset has no names of labels, and the values of its "
+                                     "samples are not known: a gateway does not list them"
+                                   : absl::StrCat("the dataset has no names of labels, and ", why),
                      ": give --label with values"));
   }
-  if (values.size() > frame::kMaxSurfaces) {
+  if (values.size() > max_surfaces) {
     return absl::InvalidArgumentError(
         absl::StrCat("--labels all: there are ", values.size(), " labels, and a frame has at most ",
-                     frame::kMaxSurfaces,
+                     max_surfaces,
                      " surfaces: choose some with --label 3 --label 7, or make one surface "
                      "of several with --label 3,7-9"));
   }
@@ -261,23 +262,52 @@ void AddLabelFlags(cli::FlagSet* set, LabelFlags* flags, bool has_opacity) {
     return absl::OkStatus();
   };
   set->Add("--labels", "all", wants_all,
-           "a surface for each label: each value of the samples but 0; of samples that are no "
-           "integers of at most 4096 values, each that has a name");
+           "a surface for each label: each value of the samples but 0, if all are whole numbers; "
+           "else each that has a name");
 }
 
-absl::Status CheckUsage(const LabelFlags& flags) {
+absl::Status CheckUsage(const LabelFlags& flags, std::size_t max_surfaces) {
   if (flags.wants_all && !flags.sets.empty()) {
     return cli::UsageError("--labels all draws every label: leave --label out");
   }
-  if (flags.sets.size() > frame::kMaxSurfaces) {
+  if (flags.sets.size() > max_surfaces) {
     return cli::UsageError(absl::StrCat("--label is given ", flags.sets.size(), " times: at most ",
-                                        frame::kMaxSurfaces, " surfaces are allowed"));
+                                        max_surfaces, " surfaces are allowed"));
   }
   return absl::OkStatus();
 }
 
+bool HasExactBins(const v1::Dataset& dataset) {
+  constexpr double kMaxBins = 4096;
+  const bool is_integer = dataset.sample_type() != v1::SAMPLE_TYPE_FLOAT32 &&
+                          dataset.sample_type() != v1::SAMPLE_TYPE_FLOAT64;
+  return is_integer && dataset.has_value_range() &&
+         dataset.value_range().max() - dataset.value_range().min() < kMaxBins;
+}
+
+std::string WhyNoLabels(const v1::GetHistogramResponse& histogram) {
+  if (!histogram.has_label_values()) {
+    return "";
+  }
+  const v1::LabelValues& listed = histogram.label_values();
+  if (listed.has_other_value()) {
+    return absl::StrCat("a sample is ", cli::FormatValue(listed.other_value()),
+                        ", and labels are whole numbers from -2^53 to 2^53");
+  }
+  return listed.has_more() ? absl::StrCat("its samples have more than ", listed.values_size(),
+                                          " different values")
+                           : "";
+}
+
 std::optional<std::vector<double>> PresentValues(const v1::Dataset& dataset,
                                                  const v1::GetHistogramResponse& histogram) {
+  if (histogram.has_label_values()) {
+    const v1::LabelValues& listed = histogram.label_values();
+    if (listed.has_more() || listed.has_other_value()) {
+      return std::nullopt;
+    }
+    return std::vector<double>(listed.values().begin(), listed.values().end());
+  }
   const bool is_integer = dataset.sample_type() != v1::SAMPLE_TYPE_FLOAT32 &&
                           dataset.sample_type() != v1::SAMPLE_TYPE_FLOAT64;
   if (!is_integer || !histogram.has_sample_counts()) {
@@ -296,10 +326,12 @@ std::optional<std::vector<double>> PresentValues(const v1::Dataset& dataset,
 }
 
 absl::Status ResolveLabels(const v1::Dataset& dataset,
-                           const std::optional<std::vector<double>>& present, LabelFlags* flags) {
+                           const std::optional<std::vector<double>>& present, LabelFlags* flags,
+                           std::size_t max_surfaces, const std::string& why) {
   flags->surfaces.clear();
   if (flags->wants_all) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values, AllLabels(dataset, present));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values,
+                              AllLabels(dataset, present, max_surfaces, why));
     for (const double value : values) {
       flags->surfaces.push_back(SurfaceOf({value}, {}, dataset));
     }
@@ -318,8 +350,8 @@ std::string NameOfLabels(const std::vector<double>& values, const v1::Dataset& d
   for (const double value : values) {
     const v1::Label* const label = FindIn(dataset, value);
     names.push_back(label != nullptr && !label->name().empty() ? label->name()
-                    : names.empty() ? absl::StrCat("label ", TextOf(value))
-                                    : TextOf(value));
+                    : names.empty() ? absl::StrCat("label ", cli::FormatValue(value))
+                                    : cli::FormatValue(value));
   }
   return absl::StrJoin(names, ", ");
 }

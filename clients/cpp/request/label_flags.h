@@ -18,6 +18,7 @@
 
 #include "core/cli/flag_set.h"
 #include "core/frame/color.h"
+#include "core/frame/frame_spec.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -42,7 +43,8 @@ absl::StatusOr<LabelValue> ParseLabel(absl::string_view text);
 struct LabelSurface {
   std::vector<double> values = {};  // ascending, distinct, finite, at least one
   frame::Color color = {};
-  std::string name = {};  // for people: "left lung", or "label 3"
+  bool is_color_given = false;  // by the flag
+  std::string name = {};        // for people: "left lung", or "label 3"
 
   friend bool operator==(const LabelSurface&, const LabelSurface&) = default;
 };
@@ -63,23 +65,35 @@ struct LabelFlags {
 // `flags` must outlive the parsing. Without `has_opacity` the help leaves the opacity out.
 void AddLabelFlags(cli::FlagSet* set, LabelFlags* flags, bool has_opacity = true);
 
-// UsageError if there are more surfaces than a frame has, or both flags.
-absl::Status CheckUsage(const LabelFlags& flags);
+// UsageError if there are more surfaces than `max_surfaces`, or both flags.
+absl::Status CheckUsage(const LabelFlags& flags, std::size_t max_surfaces = frame::kMaxSurfaces);
 
-// Returns the values that samples have, by a histogram of 4096 bins; not set unless it is exact:
-// only those of integers with at most 4096 different values are.
+// True if a histogram of 4096 bins tells the values of the samples: integers whose range is as
+// small.
+bool HasExactBins(const isoscope::v1::Dataset& dataset);
+
+// Returns the values that samples have: those that the histogram lists, or those of its bins; not
+// set if neither is exact.
 std::optional<std::vector<double>> PresentValues(
     const isoscope::v1::Dataset& dataset, const isoscope::v1::GetHistogramResponse& histogram);
 
 // Sets flags->surfaces. The colour is that of the flag, else that of the first value of the set in
 // the dataset, else volume::DefaultLabelColor.
 //
-// present: values of samples, for --labels all; not set: those that have names count
+// present:      values of samples, for --labels all; not set: those that have names count
+// max_surfaces: as CheckUsage has it
+// why:          why `present` is not set, for the error; may be empty
 //
 // INVALID_ARGUMENT: a name that the dataset does not have (says the nearest one), or several times;
-// a set of more than 256 values; --labels all of more labels than a frame has surfaces, or of none.
+// a set of more than 256 values; --labels all of more labels than max_surfaces, or of none.
 absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset,
-                           const std::optional<std::vector<double>>& present, LabelFlags* flags);
+                           const std::optional<std::vector<double>>& present, LabelFlags* flags,
+                           std::size_t max_surfaces = frame::kMaxSurfaces,
+                           const std::string& why = "");
+
+// Says why the values that a histogram lists are no labels: "a sample is 0.5, and labels are whole
+// numbers"; empty if they are some, or if it lists none.
+std::string WhyNoLabels(const isoscope::v1::GetHistogramResponse& histogram);
 
 // Returns a name for a set of values: their names or "label 3", with commas between.
 std::string NameOfLabels(const std::vector<double>& values, const isoscope::v1::Dataset& dataset);

@@ -110,8 +110,9 @@ std::vector<double> RequestFlags::isovalues() const {
 
 absl::Status CheckSurfaces(const std::optional<double>& isovalue,
                            const std::vector<SurfaceValue>& surfaces,
-                           const std::optional<frame::Color>& color, const LabelFlags& label) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(label));
+                           const std::optional<frame::Color>& color, const LabelFlags& label,
+                           std::size_t max_surfaces) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(label, max_surfaces));
   if (!isovalue && surfaces.empty() && label.empty()) {
     return cli::UsageError(
         "--isovalue V is missing: the level of the surface, in field units; "
@@ -126,15 +127,15 @@ absl::Status CheckSurfaces(const std::optional<double>& isovalue,
         absl::StrCat("--surface and ", isovalue ? "--isovalue" : "--color",
                      " exclude each other: write --surface V:COLOR for each surface"));
   }
-  if (surfaces.size() > frame::kMaxSurfaces) {
+  if (surfaces.size() > max_surfaces) {
     return cli::UsageError(absl::StrCat("--surface is given ", surfaces.size(), " times: at most ",
-                                        frame::kMaxSurfaces, " are allowed"));
+                                        max_surfaces, " are allowed"));
   }
   if (const std::size_t count = (isovalue ? 1 : 0) + surfaces.size() + label.surface_count();
-      count > frame::kMaxSurfaces) {
+      count > max_surfaces) {
     return cli::UsageError(absl::StrCat("there are ", count,
                                         " surfaces of isovalues and labels together: at most ",
-                                        frame::kMaxSurfaces, " are allowed"));
+                                        max_surfaces, " are allowed"));
   }
   return absl::OkStatus();
 }

@@ -65,10 +65,11 @@ void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags);
 // UsageError.
 absl::Status CheckUsage(const RequestFlags& flags);
 // UsageError unless --isovalue is given, or --surface without --isovalue and --color, or labels
-// beside either or alone, and no more surfaces than a frame has.
+// beside either or alone, and no more surfaces than `max_surfaces`.
 absl::Status CheckSurfaces(const std::optional<double>& isovalue,
                            const std::vector<SurfaceValue>& surfaces,
-                           const std::optional<frame::Color>& color, const LabelFlags& label = {});
+                           const std::optional<frame::Color>& color, const LabelFlags& label = {},
+                           std::size_t max_surfaces = frame::kMaxSurfaces);
 
 // REQUIRES: CheckUsage(flags) is OK, and flags.label is resolved.
 isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,

@@ -157,3 +157,32 @@ def test_the_async_client_has_the_same(boxes):
             return (await dataset.render(labels="all", size=64)).png
 
     assert asyncio.run(picture()) == boxes.render(labels="all", size=64).png
+
+
+def test_listed_values_are_labels_or_the_error_says_why():
+    from isoscope.data import LabelValues
+
+    assert _core.listed(info(labels=KNOWN), LabelValues((0.0, 2.0, 3.0), False, None)) == (Label(2.0), KNOWN[1])
+    assert _core.listed(info(labels=KNOWN), LabelValues((0.0,), True, None)) == KNOWN[1:]
+    assert _core.listed(info(labels=KNOWN), LabelValues((), False, 0.5)) == KNOWN[1:]
+    with pytest.raises(InvalidArgumentError, match="a sample is 0.5"):
+        _core.listed(info(), LabelValues((), False, 0.5))
+    with pytest.raises(InvalidArgumentError, match="more than 1 different"):
+        _core.listed(info(), LabelValues((3.0,), True, None))
+
+
+@pytest.mark.parametrize("kind", ["float", "double", "int32"])
+def test_whole_numbers_of_every_type_are_labels(programs, tmp_path, kind):
+    dtype = {"float": np.float32, "double": np.float64, "int32": np.int32}[kind]
+    samples = np.zeros((12, 12, 12), dtype)
+    samples[3:6, 3:6, 3:6] = 7
+    samples[7:10, 3:6, 3:6] = 100000
+    path = tmp_path / "labels.nrrd"
+    path.write_bytes(
+        f"NRRD0004\ntype: {kind}\ndimension: 3\nsizes: 12 12 12\nendian: little\nencoding: raw\n\n".encode() + samples.tobytes()
+    )
+    with isoscope.serve(path) as client:
+        dataset = client.dataset()
+        assert dataset.present_labels() == (Label(7.0), Label(100000.0))
+        mesh = dataset.mesh(labels="all")
+    assert mesh.is_closed and len(mesh.isovalues) == 2

@@ -112,3 +112,104 @@ def test_vtk_reads_what_was_saved(dataset, tmp_path, ending):
     properties.Update()
     assert reader.GetOutput().GetNumberOfPolys() == pytest.approx(len(mesh.triangles), rel=1e-2)
     assert properties.GetSurfaceArea() == pytest.approx(mesh.area, rel=1e-4)
+
+
+def test_a_closed_mesh_has_the_volume_of_its_solids(mesh):
+    assert mesh.is_closed and mesh.open_edge_count == 0
+    assert mesh.volume == pytest.approx(2 * (1 / 3) * 2 / 6)
+    assert mesh.surface(0).volume == pytest.approx(1 / 9)
+    assert mesh.area == pytest.approx(2 * mesh.surface(1).area)
+    open_mesh = isoscope.Mesh(mesh.points, mesh.normals, mesh.triangles[1:], mesh.triangle_surface[1:], mesh.isovalues)
+    assert open_mesh.open_edge_count == 3 and not open_mesh.is_closed and open_mesh.volume is None
+    turned = isoscope.Mesh(mesh.points, mesh.normals, mesh.triangles[:, ::-1], mesh.triangle_surface, mesh.isovalues)
+    assert turned.volume == pytest.approx(-mesh.volume)
+    order = np.random.default_rng(3).permutation(len(mesh.triangles))
+    other = isoscope.Mesh(mesh.points, mesh.normals, mesh.triangles[order], mesh.triangle_surface, mesh.isovalues)
+    assert (other.area, other.volume) == (mesh.area, mesh.volume)
+    empty = isoscope.Mesh(mesh.points[:0], mesh.normals[:0], mesh.triangles[:0], mesh.triangle_surface[:0], (1.0,))
+    assert (empty.area, empty.volume) == (0, 0)
+
+
+@pytest.fixture
+def far(mesh):
+    """The same in centimetres, in metres of UTM: float32 has steps of 0.5 there."""
+    origin = (500000.0, 4600000.0, -2.5)
+    points = mesh.points.astype(np.float64) / 100 + origin
+    return isoscope.Mesh(points, mesh.normals, mesh.triangles, mesh.triangle_surface, mesh.isovalues, origin)
+
+
+def test_positions_far_from_the_origin_keep_their_digits(mesh, far, tmp_path):
+    assert far.volume == pytest.approx(mesh.volume / 100**3, rel=1e-6)
+    far.save(tmp_path / "m.ply")
+    data = (tmp_path / "m.ply").read_bytes()
+    head, body = data[: data.index(b"end_header\n") + 11].decode(), data[data.index(b"end_header\n") + 11 :]
+    assert head.count("property double") == 3
+    vertices = np.frombuffer(body, [("point", "<f8", 3), ("normal", "<f4", 3)], 8)
+    assert (vertices["point"] == far.points).all() and (vertices["normal"] == far.normals).all()
+    far.save(tmp_path / "m.obj")
+    lines = [line.split() for line in (tmp_path / "m.obj").read_text().splitlines()]
+    assert (np.float64([line[1:] for line in lines if line[0] == "v"]) == far.points).all()
+    with pytest.warns(UserWarning, match="from the origin 500000 4600000 -2.5"):
+        far.save(tmp_path / "m.stl")
+    data = (tmp_path / "m.stl").read_bytes()
+    assert data[:80] == b"isoscope, origin 500000 4600000 -2.5".ljust(80)
+    corners = np.frombuffer(data, "<f4", 12, 84).reshape(4, 3)[1:]
+    assert np.allclose(corners, mesh.points[[0, 2, 1]] / 100)
+    far.save(tmp_path / "m.glb")
+    data = (tmp_path / "m.glb").read_bytes()
+    document = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    assert document["nodes"] == [{"mesh": 0, "translation": [500000.0, 4600000.0, -2.5]}]
+    assert document["accessors"][0]["max"] == pytest.approx((mesh.points[:4].max(axis=0) / 100).tolist())
+    assert far.surface(1).origin == far.origin
+
+
+def test_more_than_256_surfaces_have_wider_indices(tmp_path):
+    points = np.zeros((3, 3), np.float32)
+    mesh = isoscope.Mesh(points, points, np.array([[0, 1, 2]]), np.int32([256]), tuple(map(float, range(257))))
+    mesh.save(tmp_path / "m.ply")
+    data = (tmp_path / "m.ply").read_bytes()
+    assert b"property int surface\n" in data and data.endswith(struct.pack("<i", 256))
+
+
+def test_a_closed_surface_of_a_server_is_measured_as_its_mesh(dataset):
+    clip = isoscope.Clip(planes=[(1, 0, 0, 10)])
+    is_open = dataset.mesh(127.5, clip=clip)
+    assert not is_open.is_closed
+    mesh = dataset.mesh(127.5, clip=clip, closed=True)
+    assert mesh.is_closed and mesh.volume > 0 and mesh.points.dtype == np.float32 and mesh.origin is None
+    (measures,) = dataset.measure(127.5, clip=clip, closed=True)
+    assert measures.area == pytest.approx(mesh.area, rel=1e-6) and measures.volume == pytest.approx(mesh.volume, rel=1e-5)
+    assert measures.is_closed and measures.triangle_count == len(mesh.triangles)
+    two = dataset.measure(surfaces=[127.5, 60], clip=clip)
+    assert two[0].volume is None and two[0].open_edge_count == is_open.open_edge_count
+    assert two[0].area == pytest.approx(is_open.area, rel=1e-6)
+    with pytest.raises(isoscope.InvalidArgumentError, match="closed=True"):
+        dataset.mesh(127.5, clip=isoscope.Clip(planes=[(1, 0, 0, 10)], caps=True))
+
+
+def test_an_older_server_is_not_asked_to_close(dataset):
+    import dataclasses
+
+    from isoscope import _request
+
+    old = dataclasses.replace(dataset._client._capabilities, features=frozenset({"labels"}))
+    request = _request.export(dataset, 127.5, None, None, capabilities=old)
+    assert not request.with_origin
+    with pytest.raises(isoscope.FailedPreconditionError, match="older"):
+        _request.measure(request)
+    with pytest.raises(isoscope.FailedPreconditionError, match="older"):
+        _request.export(dataset, 127.5, None, None, closed=True, capabilities=old)
+
+
+def test_a_volume_far_from_the_origin_gives_float64_points(run, tmp_path):
+    counts = []
+    for number, (spacing, origin) in enumerate((("1", "0,0,0"), ("0.01", "500000,4600000,0"), ("0.000001", "1000,1000,1000"))):
+        path = tmp_path / f"{number}.nrrd"
+        run("generate", "shells", "--dims", "24,24,24", "--type", "float32", "--spacing", ",".join([spacing] * 3),
+            "--origin", origin, "--output", path)  # fmt: skip
+        with isoscope.serve(path) as client:
+            mesh = client.dataset().mesh(0.5)
+        assert (mesh.points.dtype == np.float64) == (number > 0) and (mesh.origin is None) == (number == 0)
+        counts.append(len(np.unique(mesh.points, axis=0)))
+        assert counts[-1] == len(mesh.points)
+    assert counts[0] > 1000 and set(counts) == {counts[0]}

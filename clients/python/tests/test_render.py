@@ -128,6 +128,21 @@ def test_large_pictures_and_planes_pass_every_limit_of_messages(dataset):
     assert frame.rgba.nbytes > 4 << 20 and frame.position.shape == (2200, 2600, 3)
 
 
+@pytest.mark.parametrize(
+    "how",
+    [{"azimuth": 30}, {"elevation": -20, "region": (40, 30, 50, 60)},
+     {"camera": isoscope.Camera((60, 90, 80), (20, 35, 12), (0.1, 1, 0), height=70)}],
+)  # fmt: skip
+def test_points_are_positions_with_more_digits(dataset, how):
+    frame = dataset.render(127.5, planes=["position", "depth"], **how, **SIZE)
+    assert frame.points.dtype == np.float64 and frame.points.shape == frame.position.shape
+    assert np.array_equal(np.isnan(frame.points), np.isnan(frame.position)) and np.isfinite(frame.points).any()
+    assert np.allclose(frame.points, frame.position, rtol=1e-6, atol=1e-5, equal_nan=True)
+    if "region" not in how:
+        y, x = (int(indices[0]) for indices in np.nonzero(np.isfinite(frame.depth)))
+        assert frame.points[y, x] == pytest.approx(frame.pick(x, y).position, rel=1e-13)
+
+
 def test_picks_are_the_planes(dataset):
     frame = dataset.render(127.5, azimuth=30, **SIZE)
     rows, columns = np.nonzero(np.isfinite(frame.depth))

@@ -27,6 +27,7 @@
 #include "core/base/task_arena.h"
 #include "core/composite/band_format.h"
 #include "core/composite/pixel_codec.h"
+#include "core/math/exact_sum.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/grpc_time.h"
 #include "core/rpc/proto_convert.h"
@@ -358,8 +359,13 @@ std::vector<std::string> Seeds() {
   block->set_block_id(1);
   block->set_positions(std::string(36, '\0'));
   block->set_normals(std::string(36, '\0'));
-  block->set_edge_keys(std::string(24, '\0'));
+  block->set_copies(std::string("\0\1\2", 3));
   block->set_triangles(std::string("\0\0\0\0\1\0\0\0\2\0\0\0", 12));
+  const std::string sum = math::ExactSum().Encode();
+  surface.mutable_sums()->set_area(sum);
+  surface.mutable_sums()->set_volume(sum);
+  surface.mutable_sums()->set_triangle_count(1);
+  surface.mutable_sums()->set_open_edge_count(3);
   internal::GetShardHistogramResponse histogram;
   histogram.set_first_bin(10);
   histogram.set_stored_bin_count(1);
@@ -367,6 +373,8 @@ std::vector<std::string> Seeds() {
   histogram.add_active_block_counts(3);
   histogram.add_active_block_bytes(300);
   histogram.add_estimated_triangle_counts(51);
+  histogram.mutable_label_values()->add_values(3);
+  histogram.mutable_label_values()->set_other_value(0.5);
   internal::GetActiveBoxResponse box;
   box.set_active_block_count(1);
   box.mutable_begin_cell();

@@ -20,6 +20,7 @@
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
+#include "core/solid/block_surface.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
@@ -249,13 +250,17 @@ class PartitionAgentServiceTest : public ::testing::Test {
   }
   // Returns the end of an export, whose blocks `visit` gets.
   template <typename Visit>
-  std::string ReadSurface(const v1::ExtractSurfaceRequest& request, const Visit& visit) const {
+  std::string ReadSurface(const v1::ExtractSurfaceRequest& request, const Visit& visit,
+                          v1::SurfaceSums* sums = nullptr) const {
     grpc::ClientContext context;
     const auto reader = stub_->ExtractSurface(&context, request);
     v1::ExtractSurfaceResponse message;
     while (reader->Read(&message)) {
       for (const v1::BlockSurface& block : message.blocks()) {
         visit(block);
+      }
+      if (sums != nullptr && message.has_sums()) {
+        *sums = message.sums();
       }
     }
     return CodeOf(reader->Finish());
@@ -777,41 +782,87 @@ v1::ExtractSurfaceRequest SurfaceOf(const SmallDataset& dataset, const std::vect
   return request;
 }
 
-TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
-  std::vector<std::pair<std::int64_t, std::string>> blocks;  // id, edge keys
-  for (const std::vector<int>& shards : std::vector<std::vector<int>>{{0}, {1}}) {
-    std::int64_t last = -1;
-    const auto visit = [&](const v1::BlockSurface& block) {
-      EXPECT_GT(block.block_id(), last) << "blocks must ascend";
-      last = block.block_id();
-      EXPECT_FALSE(block.triangles().empty());
-      EXPECT_EQ(block.positions().size() * 2, block.edge_keys().size() * 3);
-      EXPECT_EQ(block.normals().size(), block.positions().size());
-      blocks.emplace_back(block.block_id(), block.edge_keys() + block.triangles());
-    };
-    EXPECT_EQ(ReadSurface(SurfaceOf(dataset_, shards), visit), "OK");
-  }
-  std::sort(blocks.begin(), blocks.end());
-  const volume::BlockLayout layout =
-      *volume::BlockLayout::Make(dataset_.geometry().sample_dims, {8, 8, 8});
-  std::vector<std::pair<std::int64_t, std::string>> expected;
-  for (const mesh::BlockMesh& mesh :
-       isoscope::testing::ExtractAllBlocks(dataset_.geometry(), layout, volume::ScalarType::kUint8,
-                                           dataset_.samples(), SmallDataset::kIsovalue)) {
-    if (mesh.indices.empty()) {
-      continue;
-    }
-    std::string bytes(reinterpret_cast<const char*>(mesh.edge_keys.data()),
-                      mesh.edge_keys.size() * sizeof(mesh.edge_keys[0]));
-    bytes.append(reinterpret_cast<const char*>(mesh.indices.data()),
-                 mesh.indices.size() * sizeof(mesh.indices[0]));
-    expected.emplace_back(mesh.block_id, std::move(bytes));
-  }
-  EXPECT_TRUE(blocks == expected) << blocks.size() << " and " << expected.size() << " blocks";
+// The bytes of a block's surface, as messages have them.
+std::string BytesOf(const mesh::BlockMesh& mesh) {
+  const auto append = [](const auto& values, std::string* bytes) {
+    bytes->append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(values[0]));
+  };
+  std::string bytes;
+  append(mesh.positions, &bytes);
+  append(mesh.normals, &bytes);
+  append(mesh.copies, &bytes);
+  append(mesh.indices, &bytes);
+  return bytes;
 }
 
-// Blocks of 8 cells: a plane at x = 12 leaves out the first of each row.
-TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndOthersComeWhole) {
+// The surfaces of all blocks, and their sums.
+std::map<std::int64_t, std::string> ExpectedSurface(const SmallDataset& dataset,
+                                                    const solid::SurfaceOptions& options,
+                                                    solid::SurfaceSums* sums) {
+  const volume::BlockLayout layout = dataset.layout();
+  solid::BlockSurface extractor(dataset.geometry(), layout,
+                                std::make_shared<extract::BlockShapes>(layout), options);
+  std::map<std::int64_t, std::string> blocks;
+  for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    const std::string samples = isoscope::testing::CutBlock(layout, volume::ScalarType::kUint8,
+                                                            dataset.samples(), id);
+    mesh::BlockMesh mesh;
+    extractor.Extract({id, volume::ScalarType::kUint8, samples.data()},
+                      volume::InsideRule::OfIsovalue(SmallDataset::kIsovalue), &mesh, sums);
+    if (!mesh.indices.empty()) {
+      blocks[i] = BytesOf(mesh);
+    }
+  }
+  return blocks;
+}
+
+TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
+  isoscope::v1::ClipRegion region;
+  region.add_half_spaces()->mutable_normal()->set_x(1);
+  region.mutable_half_spaces(0)->set_offset(12);
+  const view::ClipRegion clip{.half_spaces = {{{1, 0, 0}, 12}}, .box = {}};
+  for (const auto& [closes, is_cut] : {std::pair(false, false), {true, false}, {true, true}}) {
+    std::map<std::int64_t, std::string> blocks;
+    solid::SurfaceSums sums;
+    for (const std::vector<int>& shards : std::vector<std::vector<int>>{{0}, {1}}) {
+      v1::ExtractSurfaceRequest request = SurfaceOf(dataset_, shards);
+      request.set_closes(closes);
+      if (is_cut) {
+        *request.mutable_clip() = region;
+      }
+      std::int64_t last = -1;
+      const auto visit = [&](const v1::BlockSurface& block) {
+        EXPECT_GT(block.block_id(), last) << "blocks must ascend";
+        last = block.block_id();
+        blocks[last] = block.positions() + block.normals() + block.copies() + block.triangles();
+      };
+      v1::SurfaceSums of_shard;
+      EXPECT_EQ(ReadSurface(request, visit, &of_shard), "OK");
+      sums.Add({.area = math::ExactSum::Decode(of_shard.area()).value(),
+                .volume = math::ExactSum::Decode(of_shard.volume()).value(),
+                .triangle_count = of_shard.triangle_count(),
+                .open_side_count = of_shard.open_edge_count()});
+      request.set_without_blocks(true);
+      v1::SurfaceSums alone;
+      EXPECT_EQ(ReadSurface(request, [](const v1::BlockSurface&) { ADD_FAILURE(); }, &alone), "OK");
+      EXPECT_EQ(alone.SerializeAsString(), of_shard.SerializeAsString());
+    }
+    solid::SurfaceSums expected_sums;
+    const std::map<std::int64_t, std::string> expected =
+        ExpectedSurface(dataset_, {.clip = is_cut ? clip : view::ClipRegion(), .closes = closes},
+                        &expected_sums);
+    EXPECT_TRUE(blocks == expected) << blocks.size() << " and " << expected.size() << " blocks";
+    EXPECT_EQ(sums.area.Value(), expected_sums.area.Value());
+    EXPECT_EQ(sums.volume.Value(), expected_sums.volume.Value());
+    EXPECT_EQ(sums.triangle_count, expected_sums.triangle_count);
+    EXPECT_EQ(sums.open_side_count, expected_sums.open_side_count);
+    EXPECT_EQ(sums.open_side_count == 0, closes);
+  }
+}
+
+// Blocks of 8 cells: a plane at x = 12 leaves out the first of each row, and cuts the second.
+TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndThoseInsideComeWhole) {
   const auto blocks_of = [&](const v1::ExtractSurfaceRequest& request) {
     std::map<std::int64_t, std::string> blocks;
     EXPECT_EQ(ReadSurface(request,
@@ -821,17 +872,25 @@ TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndOthersCom
               "OK");
     return blocks;
   };
+  const auto begin_of = [&](std::int64_t block) {
+    return dataset_.layout().CellsOf(static_cast<volume::BlockId>(block)).begin.x;
+  };
   v1::ExtractSurfaceRequest request = SurfaceOf(dataset_, {0, 1});
-  std::map<std::int64_t, std::string> expected = blocks_of(request);
-  const std::size_t all_count = expected.size();
-  std::erase_if(expected, [&](const auto& block) {
-    return dataset_.layout().CellsOf(static_cast<volume::BlockId>(block.first)).begin.x == 0;
-  });
+  const std::map<std::int64_t, std::string> all = blocks_of(request);
   isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
   half_space->mutable_normal()->set_x(1);
   half_space->set_offset(12);
-  EXPECT_EQ(blocks_of(request), expected);
-  EXPECT_LT(expected.size(), all_count);
+  int cut_count = 0;
+  for (const auto& [id, bytes] : blocks_of(request)) {
+    EXPECT_GT(begin_of(id), 0);
+    if (begin_of(id) == 8) {
+      EXPECT_NE(bytes, all.at(id));
+      ++cut_count;
+    } else {
+      EXPECT_EQ(bytes, all.at(id));
+    }
+  }
+  EXPECT_GT(cut_count, 0);
   half_space->set_offset(1000);
   EXPECT_TRUE(blocks_of(request).empty());
 }

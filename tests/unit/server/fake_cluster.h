@@ -80,15 +80,12 @@ inline internal::v1::ExtractSurfaceResponse Triangles(std::int64_t block_id = 0,
   internal::v1::BlockSurface* block = message.add_blocks();
   block->set_block_id(block_id);
   const std::vector<float> positions = {1, 1, 1.5F, 2, 1, 1.5F, 1, 2, 1.5F};
-  const std::int64_t edge = 3 * (91 + 20 * block_id) + 2;
-  const std::vector<std::int64_t> keys = {edge, edge + 3, edge + 27};
   std::vector<std::uint32_t> triangles;
   for (int i = 0; i < count; ++i) {
     triangles.insert(triangles.end(), {0, 1, 2});
   }
   block->set_positions(positions.data(), positions.size() * sizeof(float));
   block->set_normals(positions.data(), positions.size() * sizeof(float));
-  block->set_edge_keys(keys.data(), keys.size() * sizeof(std::int64_t));
   block->set_triangles(triangles.data(), triangles.size() * sizeof(std::uint32_t));
   return message;
 }

@@ -15,6 +15,7 @@
 #include "core/base/coding.h"
 #include "core/base/retry_delay.h"
 #include "core/image/png_codec.h"
+#include "core/math/exact_sum.h"
 #include "proto/message_checksum.h"
 #include "server/admission/coordinator_memory.h"
 #include "tests/unit/server/fake_cluster.h"
@@ -511,6 +512,52 @@ TEST_F(IsosurfaceServiceTest, SurfacesFollowOneAnotherAndWrongRequestsReachNoAge
   EXPECT_THAT(
       Export(frames_.get(), "", request).Finish(),
       StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("clip.half_spaces[0].normal")));
+}
+
+// The sums of both agents together, behind the mesh; or an error, if an agent has none.
+TEST_F(IsosurfaceServiceTest, MeasuresAreTheSumsOfAllAgents) {
+  const auto sums_of = [](double area, double volume, std::int64_t open_edges) {
+    internal::ExtractSurfaceResponse message;
+    math::ExactSum sum;
+    sum.Add(area);
+    message.mutable_sums()->set_area(sum.Encode());
+    sum = {};
+    sum.Add(volume);
+    message.mutable_sums()->set_volume(sum.Encode());
+    message.mutable_sums()->set_triangle_count(4);
+    message.mutable_sums()->set_open_edge_count(open_edges);
+    return message;
+  };
+  first_.on_surface = SendSurface(sums_of(2, -3, 0));
+  second_.on_surface = SendSurface(sums_of(5, 4, 0));
+  Start();
+  isoscope::v1::ExportIsosurfaceRequest request = testing::ExportRequest();
+  request.set_with_measures(true);
+  request.set_without_mesh(true);
+  const auto measures = [&] {
+    Export mesh(frames_.get(), "", request);
+    EXPECT_TRUE(mesh.Read());
+    const isoscope::v1::SurfaceMeasures of_surface = mesh.chunk().measures();
+    EXPECT_FALSE(mesh.Read());
+    EXPECT_THAT(mesh.Finish(), IsOk());
+    return of_surface;
+  };
+  EXPECT_EQ(measures().area(), 7);
+  EXPECT_EQ(measures().volume(), 1);
+  EXPECT_EQ(measures().triangle_count(), 8);
+  EXPECT_EQ(measures().open_edge_count(), 0);
+  second_.on_surface = SendSurface(sums_of(5, 4, 6));
+  EXPECT_FALSE(measures().has_volume());
+  EXPECT_EQ(measures().open_edge_count(), 6);
+  second_.on_surface = SendSurface(Triangles());
+  EXPECT_THAT(Export(frames_.get(), "", request).Finish(),
+              StatusIs(absl::StatusCode::kInternal, HasSubstr("no sums")));
+  second_.on_surface = SendSurface(sums_of(5, 4, -6));
+  EXPECT_THAT(Export(frames_.get(), "", request).Finish(),
+              StatusIs(absl::StatusCode::kInternal, HasSubstr("-6 open edges")));
+  request.set_with_measures(false);
+  EXPECT_THAT(Export(frames_.get(), "", request).Finish(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("without_mesh")));
 }
 
 TEST_F(IsosurfaceServiceTest, AMalformedSurfaceIsRefusedNamingTheAgent) {

@@ -31,11 +31,13 @@ from isoscope.data import (
     FieldComponent,
     FieldValue,
     Histogram,
+    LabelValues,
     Mesh,
     PickedPoint,
     Statistics,
     Suggestion,
     SurfaceColoring,
+    SurfaceMeasures,
     SurfaceNote,
     SurfaceStatistics,
     TimeStep,
@@ -331,12 +333,14 @@ class MeshParts:
         )
         self._parts: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
         self._surfaces: list[int] = []
+        self._origin: tuple[float, float, float] | None = None
 
     def add(self, chunk: pb.ExportIsosurfaceResponse) -> None:
         """Takes the next chunk."""
         for part, data in zip(self._parts, (chunk.positions, chunk.normals, chunk.triangles)):
             part.append(data)
         self._surfaces.append(chunk.surface_index)
+        self._origin = _tuple3(chunk.origin) if chunk.HasField("origin") else None
 
     def result(self, do: Callable[[Any], Any] | None) -> Mesh:
         """Returns the whole mesh."""
@@ -345,8 +349,38 @@ class MeshParts:
             for part, dtype in zip(self._parts, ("<f4", "<f4", "<i8"))
         )
         counts = [len(data) // 24 for data in self._parts[2]]
-        surface = np.repeat(np.array(self._surfaces, np.uint8), counts)
-        return Mesh(points, normals, triangles, surface, self._isovalues)
+        surface = np.repeat(np.array(self._surfaces, np.uint8 if len(self._isovalues) <= 256 else np.int32), counts)
+        if self._origin is not None:
+            points = points.astype(np.float64) + self._origin
+        return Mesh(points, normals, triangles, surface, self._isovalues, self._origin)
+
+
+class MeasuresOfSurfaces:
+    """Takes the measures that ExportIsosurface sends without a mesh."""
+
+    def __init__(self, request: pb.ExportIsosurfaceRequest) -> None:
+        self._measures: list[SurfaceMeasures | None] = [None] * max(1, len(request.surfaces))
+
+    def add(self, chunk: pb.ExportIsosurfaceResponse) -> None:
+        """Takes the next chunk."""
+        if chunk.HasField("measures") and 0 <= chunk.surface_index < len(self._measures):
+            of = chunk.measures
+            self._measures[chunk.surface_index] = SurfaceMeasures(
+                of.area, _optional(of, "volume"), of.triangle_count, of.open_edge_count
+            )
+
+    def result(self, do: Callable[[Any], Any] | None) -> list[SurfaceMeasures]:
+        """Returns the measures of each surface."""
+        found = [one for one in self._measures if one is not None]
+        if len(found) < len(self._measures):
+            raise InternalError("the server did not send the measures of all surfaces")
+        return found
+
+
+def label_values(proto: datasets_pb.GetHistogramResponse) -> LabelValues:
+    """Returns the values that samples have, as far as they may be labels."""
+    listed = proto.label_values
+    return LabelValues(tuple(listed.values), listed.has_more, _optional(listed, "other_value"))
 
 
 def picked(

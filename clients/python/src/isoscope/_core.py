@@ -21,7 +21,16 @@ from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import CameraLike
-from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint
+from isoscope.data import (
+    AgentState,
+    Capabilities,
+    DatasetInfo,
+    Histogram,
+    LabelValues,
+    Mesh,
+    PickedPoint,
+    SurfaceMeasures,
+)
 from isoscope.errors import InvalidArgumentError
 from isoscope.frame import Frame, ImageFormat, PlaneName
 from isoscope.labels import Label, LabelsLike
@@ -328,6 +337,7 @@ def mesh(
     component: str | int | None = None,
     time: float | None = None,
     step: int | Literal["first", "last"] | None = None,
+    closed: bool = False,
     timeout: float | None = None,
 ) -> Call[Mesh]:
     """Returns whole isosurfaces as one welded mesh in memory: 36 bytes a triangle, or so.
@@ -336,13 +346,14 @@ def mesh(
 
     Args:
         isovalue: level of the only surface, field units.
-        surfaces: 1 to 128 surfaces (or isovalues) instead.
+        surfaces: surfaces (or isovalues) instead, any number.
         labels: surfaces of labels, as in `render`.
-        clip: triangles are cut at its borders; nothing closes the cut.
+        clip: triangles are cut at its borders.
         field, component, time, step: as in `render`.
+        closed: closes each surface where its solid ends: at the border of the volume and of `clip`, and at NaN.
         timeout: deadline in seconds; default: the client's.
     """
-    request = _expecting(self, _request.export(self, isovalue, surfaces, clip, field, component, time, step, labels))
+    request = _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, closed)
     return Call(request, _answer.MeshParts(request), timeout)
 
 
@@ -354,6 +365,37 @@ def notes_on_mesh(call: Call[Mesh], mesh: Mesh, capabilities: Capabilities | Non
     if not frame.surfaces or not frame.with_notes:
         return None
     return Call(pb.RenderIsosurfaceStreamRequest(request=frame), _answer.FrameParts(frame), call.timeout)
+
+
+def measure(
+    self: DatasetOfClient,
+    isovalue: float | None = None,
+    *,
+    surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
+    labels: LabelsLike | None = None,
+    clip: ClipLike | None = None,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | Literal["first", "last"] | None = None,
+    closed: bool = False,
+    timeout: float | None = None,
+) -> Call[list[SurfaceMeasures]]:
+    """Returns area and enclosed volume of each surface, which the server computes: no mesh is sent.
+
+    The numbers are those of the whole surfaces, to the last digit the same for any number of agents.
+
+    Args:
+        isovalue, surfaces, labels, clip, field, component, time, step, closed, timeout: as in `mesh`.
+    """
+    request = _request.measure(
+        _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, closed)
+    )
+    return Call(request, _answer.MeasuresOfSurfaces(request), timeout)
+
+
+def _exported(self: DatasetOfClient, *what: Any) -> Any:
+    return _expecting(self, _request.export(self, *what, self._client._capabilities))
 
 
 def histogram(
@@ -379,7 +421,32 @@ def histogram(
     return Call(request, One(_answer.histogram), timeout)
 
 
+_MAX_LISTED_VALUES = 65536
 _SELECTION = ("field", "component", "time", "step", "timeout")
+
+
+def label_values(
+    self: DatasetOfClient,
+    *,
+    field: str | None = None,
+    component: str | int | None = None,
+    time: float | None = None,
+    step: int | Literal["first", "last"] | None = None,
+    timeout: float | None = None,
+) -> Call[LabelValues]:
+    """Lists the values of samples of any type, as far as they may be labels."""
+    request = _expecting(self, _request.histogram(self, 1, None, field, component, time, step))
+    request.max_label_value_count = _MAX_LISTED_VALUES
+    return Call(request, One(_answer.label_values), timeout)
+
+
+def has_exact_bins(dataset: DatasetOfClient, what: dict[str, Any]) -> bool:
+    """Whether a histogram of 4096 bins tells the values of the samples, or the server lists none."""
+    capabilities = dataset._client._capabilities
+    if capabilities is None or "label_values" not in capabilities.features:
+        return True
+    is_small = dataset.range is not None and dataset.range[1] - dataset.range[0] < 4096
+    return dataset.dtype.kind in "iu" and is_small and not {"field", "component"} & what.keys()
 
 
 def wants_present(how: dict[str, Any]) -> bool:
@@ -400,6 +467,21 @@ def present(dataset: DatasetInfo, counted: Histogram) -> tuple[Label, ...]:
         return tuple(label for label in dataset.labels if label.value != 0)
     values = (float(value) for value in counted.edges[:-1][counted.sample_count > 0])
     return tuple(known.get(value, Label(value)) for value in values if value != 0)
+
+
+def listed(dataset: DatasetInfo, found: LabelValues) -> tuple[Label, ...]:
+    """Returns the labels but 0 that samples have; those with names if the values are no labels."""
+    known = {label.value: label for label in dataset.labels}
+    if found.has_more or found.other_value is not None:
+        if not known:
+            why = (
+                f"there are more than {len(found.values)} different values"
+                if found.other_value is None
+                else f"a sample is {found.other_value!r}, and labels are whole numbers from -2^53 to 2^53"
+            )
+            raise InvalidArgumentError(f"labels='all': {why}; give values")
+        return tuple(label for label in dataset.labels if label.value != 0)
+    return tuple(known.get(value, Label(value)) for value in found.values if value != 0)
 
 
 def _expecting(dataset: DatasetOfClient, request: _R) -> _R:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pathlib
 from collections.abc import Iterator
@@ -20,19 +21,21 @@ class Mesh:
     """Whole isosurfaces as one mesh, each welded.
 
     Attributes:
-        points: float32, shape (n, 3): world positions.
+        points: float32, shape (n, 3): world positions; float64 where float32 can't tell neighbouring ones apart.
         normals: float32, shape (n, 3): unit vectors towards smaller values, or 0.
         triangles: int64, shape (m, 3): indices of points, counter-clockwise seen from the side where
             the field is below the isovalue.
-        triangle_surface: uint8, shape (m,): index of the surface of each triangle.
+        triangle_surface: shape (m,): index of the surface of each triangle; uint8, int32 of more than 256 surfaces.
         isovalues: isovalue of each surface; NaN of one of labels.
+        origin: where points are float64: the world position that .stl and .glb files have offsets from, as float32.
     """
 
-    points: npt.NDArray[np.float32]
+    points: npt.NDArray[np.float32] | npt.NDArray[np.float64]
     normals: npt.NDArray[np.float32]
     triangles: npt.NDArray[np.int64]
-    triangle_surface: npt.NDArray[np.uint8]
+    triangle_surface: npt.NDArray[Any]
     isovalues: tuple[float, ...]
+    origin: tuple[float, float, float] | None = None
 
     def __repr__(self) -> str:
         values = ", ".join(f"{value:g}" for value in self.isovalues)
@@ -50,7 +53,8 @@ class Mesh:
     def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
         """Writes a file by the ending of its name: .ply, .stl, .obj, .glb; with PyVista also .vtp and .vtk.
 
-        The mesh is in memory here: `isoscope export` writes the same formats without that.
+        A mesh with an origin has doubles in .ply and .obj, and offsets from it in .stl and .glb, as these formats
+        have float32 alone. The mesh is in memory here: `isoscope export` writes the same formats without that.
         """
         target = pathlib.Path(path)
         _mesh_files.save(self, target)
@@ -58,8 +62,37 @@ class Mesh:
 
     @property
     def area(self) -> float:
-        """Sum of the areas of all triangles, world units squared."""
-        return float(self._cross().sum())
+        """Sum of the areas of all triangles, world units squared; rounded once, so their order doesn't show."""
+        a, b, c = self._corners()
+        return math.fsum(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    @property
+    def open_edge_count(self) -> int:
+        """Number of edges that have fewer triangles on one side than on the other: 0 for closed surfaces."""
+        if not len(self.triangles):
+            return 0
+        start = self.triangles.ravel().astype(np.int64)
+        end = np.roll(self.triangles, -1, axis=1).ravel().astype(np.int64)
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        _, edge = np.unique(low * len(self.points) + high, return_inverse=True)
+        balance = np.bincount(edge.ravel(), np.where(start < end, 1, -1))
+        return int(np.abs(balance).sum())
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether each edge of a triangle is that of one more."""
+        return self.open_edge_count == 0
+
+    @property
+    def volume(self) -> float | None:
+        """Volume that the surfaces enclose, world units cubed, rounded once; None if one is open.
+
+        It is negative for a surface that encloses what is outside, as around a bubble.
+        """
+        if not self.is_closed:
+            return None
+        a, b, c = self._corners()
+        return math.fsum(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
 
     def surface(self, index: int) -> Mesh:
         """Returns one surface alone, its points numbered anew."""
@@ -74,6 +107,7 @@ class Mesh:
             renumbered.reshape(-1, 3).astype(np.int64),
             np.zeros(len(triangles), np.uint8),
             (self.isovalues[index],),
+            self.origin,
         )
 
     def to_pyvista(self) -> Any:
@@ -90,6 +124,7 @@ class Mesh:
         poly.cell_data["surface"] = self.triangle_surface
         return poly
 
-    def _cross(self) -> npt.NDArray[np.float64]:
-        a, b, c = (self.points[self.triangles[:, corner]].astype(np.float64) for corner in (0, 1, 2))
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    def _corners(self) -> list[npt.NDArray[np.float64]]:
+        """Returns the first, second and third corners, from a point near them."""
+        base = self.points.min(axis=0).astype(np.float64) if len(self.points) else np.zeros(3)
+        return [self.points[self.triangles[:, corner]].astype(np.float64) - base for corner in (0, 1, 2)]

@@ -6,6 +6,7 @@ import json
 import math
 import pathlib
 import struct
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,8 @@ _FLOAT, _UNSIGNED_INT, _VERTEX_BUFFER, _INDEX_BUFFER = 5126, 5125, 34962, 34963
 def save(mesh: Mesh, path: pathlib.Path) -> None:
     """Writes the format that the name's ending says."""
     suffix = path.suffix.lower()
+    if suffix == ".stl" and mesh.origin is not None:
+        warnings.warn(f"{path}: positions are from the origin {_text_of(mesh.origin)}, because STL has float32", stacklevel=3)
     if suffix in _WRITERS:
         path.write_bytes(_WRITERS[suffix](mesh))
     elif suffix in (".vtp", ".vtk"):
@@ -41,34 +44,50 @@ def _as_uint32(mesh: Mesh) -> npt.NDArray[np.uint32]:
     return mesh.triangles.astype("<u4")
 
 
+def _text_of(origin: tuple[float, float, float]) -> str:
+    return " ".join(f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value) for value in origin)
+
+
+def _offsets(mesh: Mesh) -> npt.NDArray[np.float32]:
+    """Points as float32, from the origin."""
+    return np.asarray(mesh.points - (mesh.origin or (0, 0, 0)), np.float32)
+
+
 def _ply(mesh: Mesh) -> bytes:
     """Binary PLY: points with normals, faces with the index of their surface."""
+    is_wide = mesh.points.dtype == np.float64
+    vertices = np.empty(len(mesh.points), [("point", "<f8" if is_wide else "<f4", 3), ("normal", "<f4", 3)])
+    vertices["point"], vertices["normal"] = mesh.points, mesh.normals
+    surface = "u1" if len(mesh.isovalues) <= 256 else "<i4"
     head = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {len(mesh.points)}\n"
-        + "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
-        + f"element face {len(mesh.triangles)}\n"
-        "property list uchar uint vertex_indices\nproperty uchar surface\nend_header\n"
+        + "".join(f"property {'double' if is_wide else 'float'} {name}\n" for name in "xyz")
+        + "".join(f"property float n{name}\n" for name in "xyz")
+        + f"element face {len(mesh.triangles)}\nproperty list uchar uint vertex_indices\n"
+        f"property {'uchar' if surface == 'u1' else 'int'} surface\nend_header\n"
     )
-    faces = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<u4", 3), ("surface", "u1")])
+    faces = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<u4", 3), ("surface", surface)])
     faces["count"], faces["corners"], faces["surface"] = 3, _as_uint32(mesh), mesh.triangle_surface
-    return head.encode() + np.hstack([mesh.points, mesh.normals]).astype("<f4").tobytes() + faces.tobytes()
+    return head.encode() + vertices.tobytes() + faces.tobytes()
 
 
 def _stl(mesh: Mesh) -> bytes:
     """Binary STL: each triangle with its own corners and the normal of its plane; 0 where it has none."""
     facets = np.zeros(len(mesh.triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    corners = mesh.points[mesh.triangles].astype(np.float64).reshape(-1, 3, 3)
+    corners = _offsets(mesh)[mesh.triangles].astype(np.float64).reshape(-1, 3, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
-    return b"isoscope".ljust(80) + struct.pack("<I", len(facets)) + facets.tobytes()
+    title = "isoscope" if mesh.origin is None else f"isoscope, origin {_text_of(mesh.origin)}"
+    return title.encode()[:80].ljust(80) + struct.pack("<I", len(facets)) + facets.tobytes()
 
 
 def _obj(mesh: Mesh) -> bytes:
-    """Wavefront OBJ: a group for each surface. Nine digits keep the bits of a float."""
-    lines = ["v {:.9g} {:.9g} {:.9g}".format(*point) for point in mesh.points.tolist()]
+    """Wavefront OBJ: a group for each surface. Nine digits keep the bits of a float, 17 those of a double."""
+    digits = 17 if mesh.points.dtype == np.float64 else 9
+    lines = ["v " + " ".join(f"{value:.{digits}g}" for value in point) for point in mesh.points.tolist()]
     lines += ["vn {:.9g} {:.9g} {:.9g}".format(*normal) for normal in mesh.normals.tolist()]
     for surface in range(len(mesh.isovalues)):
         lines.append(f"g surface_{surface}")
@@ -94,7 +113,7 @@ def _glb(mesh: Mesh) -> bytes:
         binary.extend(data)
         return len(accessors) - 1
 
-    points = mesh.points.astype("<f4")
+    points = _offsets(mesh).astype("<f4")
     ends = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
     # The normals of a glTF have length 1.
     has_none = ~mesh.normals.any(axis=1, keepdims=True)
@@ -117,7 +136,7 @@ def _glb(mesh: Mesh) -> bytes:
         "asset": {"version": "2.0", "generator": "isoscope"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [{"mesh": 0} if mesh.origin is None else {"mesh": 0, "translation": list(mesh.origin)}],
         "meshes": [{"primitives": primitives}],
         "buffers": [{"byteLength": len(binary)}],
         "bufferViews": views,

@@ -269,6 +269,8 @@ def export(
     time: float | None = None,
     step: int | str | None = None,
     labels: LabelsLike | None = None,
+    closed: bool = False,
+    capabilities: Capabilities | None = None,
 ) -> pb.ExportIsosurfaceRequest:
     """Returns the request for a mesh."""
     selection = selection_message(dataset, field, component, time, step)
@@ -277,8 +279,21 @@ def export(
     if clip is not None:
         clip_region, caps = clip_messages(clip)
         if caps is not None:
-            raise InvalidArgumentError("clip caps: meshes are open where they are cut; leave caps out")
+            raise InvalidArgumentError("clip caps are those of pictures: closed=True closes a mesh; leave caps out")
         request.clip.CopyFrom(clip_region)
+    if capabilities is not None and "closed_meshes" in capabilities.features:
+        request.closes = bool(closed)
+        request.with_origin = True
+    elif closed:
+        raise FailedPreconditionError("closed: the server does not close meshes, it is older than this client")
+    return request
+
+
+def measure(request: pb.ExportIsosurfaceRequest) -> pb.ExportIsosurfaceRequest:
+    """Returns the request for the measures of a mesh, alone."""
+    if not request.with_origin:
+        raise FailedPreconditionError("measure: the server does not measure surfaces, it is older than this client")
+    request.with_measures = request.without_mesh = True
     return request
 
 

@@ -19,7 +19,7 @@ import grpc.aio
 from isoscope import _core
 from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_aio_channel
-from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion
+from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion, SurfaceMeasures
 from isoscope.errors import InvalidArgumentError
 from isoscope.frame import Frame
 from isoscope.labels import Label
@@ -157,17 +157,25 @@ class Dataset(_core.DatasetOfClient):
             await self._client._do(notes)
         return mesh
 
+    @_core.shaped_like(_core.measure)
+    async def measure(self, *what: Any, **how: Any) -> list[SurfaceMeasures]:
+        return await self._client._do(_core.measure(self, *what, **(await self._resolved(how))))
+
     @_core.shaped_like(_core.histogram)
     async def histogram(self, *what: Any, **how: Any) -> Histogram:
         return await self._client._do(_core.histogram(self, *what, **how))
 
     async def present_labels(self, **what: Any) -> tuple[Label, ...]:
-        """Returns the labels but 0 that samples have: of integers of at most 4096 values, else those with names.
+        """Returns the labels but 0 that samples have, if all are whole numbers; else those with names.
+
+        Reads all samples, unless they are integers whose range is below 4096.
 
         Args:
             what: field, component, time and step, as in `render`.
         """
-        return _core.present(self, await self.histogram(4096, **what))
+        if _core.has_exact_bins(self, what):
+            return _core.present(self, await self.histogram(4096, **what))
+        return _core.listed(self, await self._client._do(_core.label_values(self, **what)))
 
     async def _resolved(self, how: dict[str, Any]) -> dict[str, Any]:
         """Returns the arguments of a call with the labels of "all"."""

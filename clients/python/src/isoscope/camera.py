@@ -69,6 +69,16 @@ class Camera:
         """Distance from eye to target, world units."""
         return _length(_sub(self.target, self.eye))
 
+    def _view_height(self) -> float:
+        """Returns the height of the picture: at distance 1, or anywhere for parallel rays."""
+        return 2 * math.tan(math.radians(self.fov_y) / 2) if self.height is None else self.height
+
+    def _axes(self) -> tuple[Vec3, Vec3, Vec3, Vec3]:
+        """Returns the eye, and unit vectors forward, to the right and up."""
+        forward = _normalized(_sub(self.target, self.eye))
+        right = _normalized(_cross(forward, self.up))
+        return self.eye, forward, right, _cross(right, forward)
+
     def azimuth(self, degrees: float) -> Camera:
         """Returns the camera with its eye turned about `up` through the target (vtkCamera.Azimuth)."""
         axis = _normalized(self.up)

@@ -35,11 +35,13 @@ __all__ = [
     "FieldComponent",
     "FieldValue",
     "Histogram",
+    "LabelValues",
     "Mesh",
     "PickedPoint",
     "Statistics",
     "Suggestion",
     "SurfaceColoring",
+    "SurfaceMeasures",
     "SurfaceNote",
     "SurfaceStatistics",
     "TimeStep",
@@ -223,6 +225,43 @@ class FieldValue:
     component: str
     unit: str | None
     value: float
+
+
+@dataclass(frozen=True)
+class SurfaceMeasures:
+    """Area and enclosed volume of a surface, as the triangles of its mesh have them.
+
+    Attributes:
+        area: world units squared.
+        volume: world units cubed; None if the surface is open; negative if it encloses what is outside.
+        triangle_count: number of triangles.
+        open_edge_count: edges that one triangle alone has.
+    """
+
+    area: float
+    volume: float | None
+    triangle_count: int
+    open_edge_count: int
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether there is no open edge."""
+        return self.open_edge_count == 0
+
+
+@dataclass(frozen=True)
+class LabelValues:
+    """The different values of samples that may be labels: whole numbers.
+
+    Attributes:
+        values: ascending; not all, if one of the others is set.
+        has_more: whether there are more.
+        other_value: a value that is no label; None if there is none.
+    """
+
+    values: tuple[float, ...]
+    has_more: bool
+    other_value: float | None
 
 
 @dataclass(frozen=True)

@@ -111,8 +111,31 @@ class Frame:
 
     @property
     def position(self) -> npt.NDArray[np.float32]:
-        """World position that each pixel shows: float32, shape (height, width, 3); NaN: background."""
+        """World position that each pixel shows: float32, shape (height, width, 3); NaN: background.
+
+        Far from the origin float32 can't tell neighbouring ones apart: `points` can.
+        """
         return self._plane("position")
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """World position that each pixel shows: float64, shape (height, width, 3); NaN: background.
+
+        Computed from `depth` and the camera, as `pick` has it but for rounding.
+        """
+        request, depth = self._request, self.depth.astype(np.float64)
+        eye, forward, right, up = (np.array(axis) for axis in self.camera._axes())
+        # World units of a pixel: at distance 1 for a perspective, anywhere for parallel rays.
+        pixel = self.camera._view_height() / request.viewport.height_px
+        x = (np.arange(self.width) + request.region.x + 0.5 - request.viewport.width_px / 2) * pixel
+        y = (request.viewport.height_px / 2 - np.arange(self.height) - request.region.y - 0.5) * pixel
+        offsets = x[None, :, None] * right + y[:, None, None] * up
+        with np.errstate(invalid="ignore"):  # the depth of the background is infinite
+            points = forward * depth[:, :, None]
+            points += offsets if self.camera.is_orthographic else offsets * depth[:, :, None]
+        points += eye
+        points[~np.isfinite(depth)] = np.nan
+        return points
 
     @property
     def normal(self) -> npt.NDArray[np.float32]:

@@ -10,8 +10,10 @@
 namespace isoscope::cli {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using Json = nlohmann::ordered_json;
 
 FrameRecord SampleFrame() {
@@ -98,6 +100,19 @@ TEST(FrameStatisticsTest, SeveralSurfacesAreListed) {
   EXPECT_EQ(Json::parse(StatisticsJson({frame}))["frames"][0]["surfaces"],
             Json::parse(R"([{"triangle_count": 100, "unique_vertex_count": 10},
                             {"triangle_count": 200, "unique_vertex_count": 20}])"));
+}
+
+TEST(FrameStatisticsTest, MeasuresOfSurfacesAreThereIfTheyWereMeasured) {
+  FrameRecord frame = SampleFrame();
+  frame.measures = FrameMeasures{.length_unit = "mm", .surfaces = {MeasuredSurface()}};
+  frame.measures->surfaces[0].measures = {.area = 2.5, .volume = -0.5, .triangle_count = 4};
+  const Json json = Json::parse(StatisticsJson({frame}))["frames"][0];
+  EXPECT_EQ(json["measures"]["length_unit"], "mm");
+  EXPECT_EQ(json["measures"]["surfaces"][0]["area"], 2.5);
+  EXPECT_EQ(json["measures"]["surfaces"][0]["volume"], -0.5);
+  EXPECT_THAT(DescribeStatistics({SampleFrame(), frame}),
+              AllOf(HasSubstr("Surfaces of the last frame:\n"), HasSubstr("volume mm^3")));
+  EXPECT_THAT(DescribeStatistics({SampleFrame()}), Not(HasSubstr("volume")));
 }
 
 TEST(FrameStatisticsTest, PixelsWithTooManyLayersAreCountedWhereThereAreAny) {

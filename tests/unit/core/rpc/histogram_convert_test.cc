@@ -18,7 +18,10 @@ namespace {
 namespace internal = isoscope::internal::v1;
 namespace v1 = isoscope::v1;
 using ::isoscope::testing::StatusIs;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Optional;
 
 constexpr std::int64_t kHuge = std::numeric_limits<std::int64_t>::max();
 
@@ -37,11 +40,14 @@ TEST(HistogramQueryTest, DefaultsAndValuesAreTaken) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(HistogramQuery query, HistogramQueryFromProto(request));
   EXPECT_EQ(query.max_bin_count, 256);
   EXPECT_FALSE(query.value_range.has_value());
+  EXPECT_EQ(query.max_label_value_count, 0U);
   request.set_max_bin_count(4096);
+  request.set_max_label_value_count(65536);
   request.mutable_value_range()->set_min(-1);
   request.mutable_value_range()->set_max(-1);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(query, HistogramQueryFromProto(request));
   EXPECT_EQ(query.max_bin_count, 4096);
+  EXPECT_EQ(query.max_label_value_count, 65536U);
   EXPECT_EQ(*query.value_range, (volume::ScalarSpan{-1, -1}));
 }
 
@@ -55,6 +61,13 @@ TEST(HistogramQueryTest, EveryHostileValueIsNamed) {
     EXPECT_THAT(HistogramQueryFromProto(request),
                 StatusIs(absl::StatusCode::kInvalidArgument,
                          HasSubstr("max_bin_count is " + std::to_string(count))));
+  }
+  for (const int count : {-1, 65537}) {
+    v1::GetHistogramRequest request;
+    request.set_max_label_value_count(count);
+    EXPECT_THAT(HistogramQueryFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("max_label_value_count is " + std::to_string(count))));
   }
   for (const auto& [min, max] : {std::pair(nan, 1.0), std::pair(0.0, nan), std::pair(-kInf, 1.0),
                                  std::pair(0.0, kInf), std::pair(2.0, 1.0)}) {
@@ -79,6 +92,19 @@ TEST(HistogramPartTest, ComesBackFromTheWire) {
   EXPECT_EQ(back.estimated_triangle_counts, part.estimated_triangle_counts);
   EXPECT_EQ(back.samples, part.samples);
   EXPECT_EQ(back.value_range, part.value_range);
+  EXPECT_FALSE(back.label_values.has_value());
+  part.label_values = volume::LabelValues::Of({-2, 0, 0x1p53}, true, 0.5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::HistogramPart labels,
+                                HistogramPartFromProto(ToProto(part)));
+  EXPECT_THAT(labels.label_values->values(), ElementsAre(-2, 0, 0x1p53));
+  EXPECT_TRUE(labels.label_values->has_more());
+  EXPECT_THAT(labels.label_values->other_value(), Optional(0.5));
+  part.label_values = volume::LabelValues::Of({}, false, std::nullopt);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::HistogramPart none,
+                                HistogramPartFromProto(ToProto(part)));
+  EXPECT_THAT(none.label_values->values(), IsEmpty());
+  EXPECT_FALSE(none.label_values->has_more());
+  EXPECT_FALSE(none.label_values->other_value().has_value());
   part.samples.reset();
   part.value_range = {};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::HistogramPart without,
@@ -120,6 +146,12 @@ TEST(HistogramPartTest, WhatNoAgentOfOursSendsIsRefused) {
       [](Proto* p) { p->mutable_samples()->add_counts(1); },
       [](Proto* p) { p->mutable_samples()->set_counts(2, -5); },
       [](Proto* p) { p->mutable_samples()->set_counts(2, kHuge); },
+      [](Proto* p) { p->mutable_label_values()->add_values(0.5); },
+      [](Proto* p) {
+        p->mutable_label_values()->add_values(3);
+        p->mutable_label_values()->add_values(3);
+      },
+      [](Proto* p) { p->mutable_label_values()->mutable_values()->Resize(65537, 1); },
       [](Proto* p) { p->mutable_samples()->set_nan_count(-1); },
       [](Proto* p) { p->mutable_samples()->set_positive_infinity_count(kHuge); },
       [](Proto* p) { p->mutable_samples()->set_negative_infinity_count(std::int64_t{1} << 46); },
@@ -150,6 +182,10 @@ TEST(HistogramResponseTest, BinsHaveTheirEdgesAndSums) {
   EXPECT_EQ(response.nan_count(), 6);
   EXPECT_EQ(response.negative_infinity_count(), 7);
   EXPECT_EQ(response.positive_infinity_count(), 8);
+  EXPECT_FALSE(response.has_label_values());
+  volume::HistogramPart labels = Example();
+  labels.label_values = volume::LabelValues::Of({3, 4}, false, std::nullopt);
+  EXPECT_THAT(ToProto(labels, {}).label_values().values(), ElementsAre(3, 4));
   ASSERT_EQ(response.suggestions_size(), 1);
   EXPECT_EQ(response.suggestions(0).method(), v1::IsovalueSuggestion::METHOD_ONE_PERCENT);
   EXPECT_EQ(response.suggestions(0).isovalue(), 2.5);

@@ -67,6 +67,21 @@ TEST(InsideRuleTest, ActiveSpansOfLabelsHoldALabelAndAnotherValue) {
   EXPECT_FALSE(rule.IsActive(2.5, 4.5));
 }
 
+TEST(InsideRuleTest, ASpanMayHaveSomethingInsideIfARuleReachesIntoIt) {
+  const InsideRule isovalue = InsideRule::OfIsovalue(2);
+  EXPECT_TRUE(isovalue.MayHaveInside({0, 2}));
+  EXPECT_TRUE(isovalue.MayHaveInside({2, 2}));
+  EXPECT_FALSE(isovalue.MayHaveInside({0, 1.5}));
+  EXPECT_FALSE(isovalue.MayHaveInside(ScalarSpan{}));
+  const InsideRule labels = InsideRule::OfLabels({2, 5});
+  EXPECT_TRUE(labels.MayHaveInside({2, 2}));
+  EXPECT_TRUE(labels.MayHaveInside({3, 5}));
+  EXPECT_TRUE(labels.MayHaveInside({0, 9}));
+  EXPECT_FALSE(labels.MayHaveInside({3, 4}));
+  EXPECT_FALSE(labels.MayHaveInside({6, 9}));
+  EXPECT_FALSE(labels.MayHaveInside(ScalarSpan{}));
+}
+
 TEST(InsideRuleTest, EqualLabelsAreEqualRulesInAnyOrder) {
   EXPECT_EQ(InsideRule::OfLabels({3, 7, 3}), InsideRule::OfLabels({7, 3}));
   EXPECT_EQ(InsideRule::OfLabels({-0.0}), InsideRule::OfLabels({0.0}));

@@ -151,6 +151,15 @@ TEST(HistogramPartTest, PartsAddUpAndOneWithoutSamplesLeavesTheSumWithout) {
   EXPECT_THAT(a.estimated_triangle_counts, ElementsAre(400, 600));
   EXPECT_EQ(*a.samples, (SampleHistogram{bins, {12, 14}, 11, 22, 33}));
   EXPECT_EQ(a.samples->TotalCount(), 12 + 14 + 11 + 22 + 33);
+  EXPECT_FALSE(a.label_values.has_value());
+  HistogramPart labels = b;
+  labels.label_values = LabelValues::Of({1, 3}, false, std::nullopt);
+  HistogramPart sum = labels;
+  labels.label_values = LabelValues::Of({2}, false, std::nullopt);
+  ISOSCOPE_ASSERT_OK(AddPart(labels, &sum));
+  EXPECT_THAT(sum.label_values->values(), ElementsAre(1, 2, 3));
+  ISOSCOPE_ASSERT_OK(AddPart(b, &sum));
+  EXPECT_FALSE(sum.label_values.has_value());
   HistogramPart without = b;
   without.samples.reset();
   ISOSCOPE_ASSERT_OK(AddPart(without, &a));

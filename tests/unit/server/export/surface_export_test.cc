@@ -1,6 +1,7 @@
 #include "server/export/surface_export.h"
 
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -18,8 +19,9 @@ using testing::StatusIs;
 // Hands out what it was given.
 class ListSource final : public SurfaceSource {
  public:
-  explicit ListSource(std::vector<mesh::BlockMesh> blocks, absl::Status end = absl::OkStatus())
-      : blocks_(std::move(blocks)), end_(std::move(end)) {}
+  explicit ListSource(std::vector<mesh::BlockMesh> blocks, absl::Status end = absl::OkStatus(),
+                      std::optional<solid::SurfaceSums> sums = std::nullopt)
+      : blocks_(std::move(blocks)), end_(std::move(end)), sums_(std::move(sums)) {}
 
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override {
     if (next_ == blocks_.size()) {
@@ -32,9 +34,12 @@ class ListSource final : public SurfaceSource {
     return true;
   }
 
+  [[nodiscard]] const std::optional<solid::SurfaceSums>& sums() const override { return sums_; }
+
  private:
   const std::vector<mesh::BlockMesh> blocks_;
   const absl::Status end_;
+  const std::optional<solid::SurfaceSums> sums_;
   std::size_t next_ = 0;
 };
 
@@ -50,7 +55,7 @@ volume::BlockLayout Layout() {
   return *volume::BlockLayout::Make(Geometry().sample_dims, {4, 4, 4});
 }
 
-// A triangle on the x edges of the block's own samples: three vertices that no other block has.
+// A triangle inside of a block, on no face between blocks: three vertices that no other block has.
 mesh::BlockMesh Triangle(volume::BlockId id, std::size_t copies = 1) {
   mesh::BlockMesh block;
   block.block_id = id;
@@ -60,9 +65,6 @@ mesh::BlockMesh Triangle(volume::BlockId id, std::size_t copies = 1) {
     for (int i = 0; i < 3; ++i) {
       block.positions.push_back({x, static_cast<float>(i % 2), static_cast<float>(i / 2)});
       block.normals.push_back({1, 0, 0});
-      // Edges inside of the block: x = 4 id + 1, y = z = 1 are never on a face between blocks.
-      block.edge_keys.push_back(
-          3 * (static_cast<std::int64_t>(4 * id) + 1 + 33 * (i % 2) + 99 * (i / 2)));
     }
     block.indices.insert(block.indices.end(), {first, first + 1, first + 2});
   }
@@ -71,7 +73,7 @@ mesh::BlockMesh Triangle(volume::BlockId id, std::size_t copies = 1) {
 
 absl::StatusOr<std::vector<SurfaceChunk>> Export(
     const volume::GridGeometry& geometry, const std::vector<std::vector<mesh::BlockMesh>>& agents,
-    const view::ClipRegion& clip = {}, std::int64_t first_vertex = 0) {
+    std::int64_t first_vertex = 0, bool has_origin = false) {
   std::vector<std::unique_ptr<ListSource>> owned;
   std::vector<SurfaceSource*> sources;
   for (const auto& blocks : agents) {
@@ -80,17 +82,17 @@ absl::StatusOr<std::vector<SurfaceChunk>> Export(
   }
   std::vector<SurfaceChunk> chunks;
   std::int64_t sent_count = 0;
-  const absl::StatusOr<std::int64_t> vertex_count =
-      ExportSurface({.geometry = geometry, .layout = Layout(), .clip = clip}, sources, first_vertex,
-                    [&](SurfaceChunk chunk) {
+  const absl::StatusOr<ExportedSurface> surface =
+      ExportSurface({.geometry = geometry, .layout = Layout(), .has_origin = has_origin}, sources,
+                    first_vertex, [&](SurfaceChunk chunk) {
                       sent_count += static_cast<std::int64_t>(chunk.positions.size() / 12);
                       chunks.push_back(std::move(chunk));
                       return absl::OkStatus();
                     });
-  if (!vertex_count.ok()) {
-    return vertex_count.status();
+  if (!surface.ok()) {
+    return surface.status();
   }
-  EXPECT_EQ(*vertex_count, sent_count);
+  EXPECT_EQ(surface->vertex_count, sent_count);
   return chunks;
 }
 
@@ -121,32 +123,60 @@ TEST(SurfaceExportTest, PositionsAreInWorldUnitsAndTrianglesCountOverTheStream) 
 
 TEST(SurfaceExportTest, LaterSurfacesCountBehindEarlierOnes) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks,
-                                Export(Geometry(), {{Triangle(0)}}, {}, std::int64_t{1} << 40));
+                                Export(Geometry(), {{Triangle(0)}}, std::int64_t{1} << 40));
   EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunks[0].triangles.data() + 8),
             (std::int64_t{1} << 40) + 1);
 }
 
-// The borders are those of the world: spacing 2, origin 10.
-TEST(SurfaceExportTest, TrianglesAreCutAtTheBordersOfTheRegion) {
-  mesh::BlockMesh block = Triangle(0);
-  block.positions = {{0, 0, 1}, {4, 0, 1}, {0, 2, 1}};
-  const auto positions = [&](const view::ClipRegion& region) {
-    const auto chunks = Export(Geometry(), {{block}}, region);
-    EXPECT_THAT(chunks, IsOk());
-    std::vector<float> values;
-    for (std::size_t i = 0; i < chunks->front().positions.size(); i += sizeof(float)) {
-      values.push_back(base::LoadLittleEndian<float>(chunks->front().positions.data() + i));
-    }
-    return values;
+// Far from the origin positions are from one near the volume; without it they would be equal.
+TEST(SurfaceExportTest, PositionsAreFromTheOriginIfOneIsWanted) {
+  volume::GridGeometry far = Geometry();
+  far.spacing = {0.01, 0.01, 0.01};
+  far.origin = {4600000, 500000, 0};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks,
+                                Export(far, {{Triangle(0)}, {Triangle(1)}}, 0, true));
+  const char* positions = chunks[0].positions.data();
+  EXPECT_FLOAT_EQ(base::LoadLittleEndian<float>(positions), 0.015F);
+  EXPECT_FLOAT_EQ(base::LoadLittleEndian<float>(positions + 36), 0.055F);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto without, Export(far, {{Triangle(0)}, {Triangle(1)}}));
+  EXPECT_EQ(base::LoadLittleEndian<float>(without[0].positions.data() + 36), 4600000);
+}
+
+// Blocks of two agents that share a face send its vertices both.
+TEST(SurfaceExportTest, AVertexOnAFaceBetweenBlocksIsSentOnce) {
+  mesh::BlockMesh first = Triangle(0);
+  first.positions = {{4, 1, 1}, {4, 1, 1}, {3, 1, 0.5F}};
+  first.copies = {0, 1, 0};
+  mesh::BlockMesh second = Triangle(1);
+  second.positions = {{4, 1, 1}, {5, 1, 1}, {5, 1, 0.5F}};
+  second.copies = {1, 0, 0};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks, Export(Geometry(), {{first}, {second}}));
+  EXPECT_EQ(chunks[0].positions.size(), 5U * 12);
+  EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunks[0].triangles.data() + 24), 1);
+}
+
+TEST(SurfaceExportTest, SumsOfAllSourcesAddUpAndAreMissingIfOneHasNone) {
+  const auto sums_of = [](double side) {
+    solid::SurfaceSums sums;
+    sums.AddTriangle({math::Vec3d{0, 0, 1}, {side, 0, 1}, {0, side, 1}});
+    sums.open_side_count = 3;
+    return sums;
   };
-  EXPECT_EQ(positions({.half_spaces = {{{1, 0, 0}, 14}}, .box = {}}),
-            (std::vector<float>{18, 0, 1, 14, 0, 1, 14, 1, 1}));
-  EXPECT_EQ(positions({.half_spaces = {}, .box = math::Box3d{{0, 1, 0}, {99, 9, 9}}}),
-            (std::vector<float>{10, 2, 1, 14, 1, 1, 10, 1, 1}));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto none,
-      Export(Geometry(), {{block}}, {.half_spaces = {{{1, 0, 0}, 19}}, .box = {}}));
-  EXPECT_TRUE(none.empty());
+  const auto ignore = [](SurfaceChunk) { return absl::OkStatus(); };
+  const ExportedVolume volume{.geometry = Geometry(), .layout = Layout()};
+  ListSource one({Triangle(0)}, absl::OkStatus(), sums_of(2));
+  ListSource two({}, absl::OkStatus(), sums_of(4));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportedSurface both,
+                                ExportSurface(volume, {&one, &two}, 0, ignore));
+  ASSERT_TRUE(both.sums.has_value());
+  EXPECT_EQ(both.sums->area.Value(), 2 + 8);
+  EXPECT_EQ(both.sums->triangle_count, 2);
+  EXPECT_EQ(both.sums->open_side_count, 6);
+  ListSource again({}, absl::OkStatus(), sums_of(2));
+  ListSource without({});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportedSurface unknown,
+                                ExportSurface(volume, {&again, &without}, 0, ignore));
+  EXPECT_FALSE(unknown.sums.has_value());
 }
 
 TEST(SurfaceExportTest, AMirroredGridTurnsTrianglesOver) {

@@ -31,31 +31,36 @@ class AgentLoad(_message.Message):
     def __init__(self, up_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., working_frame_count: _Optional[int] = ..., done_frame_count: _Optional[int] = ..., failed_frame_count: _Optional[int] = ..., read_bytes: _Optional[int] = ..., triangle_count: _Optional[int] = ..., busy_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., resident_bytes: _Optional[int] = ..., memory_limit_bytes: _Optional[int] = ...) -> None: ...
 
 class AgentStatus(_message.Message):
-    __slots__ = ["address", "is_draining", "load", "message", "picture_revision", "renderer", "shards", "state", "version"]
+    __slots__ = ["address", "damaged_shards", "is_draining", "load", "message", "opening", "picture_revision", "renderer", "shards", "state", "version"]
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = []
     ADDRESS_FIELD_NUMBER: _ClassVar[int]
+    DAMAGED_SHARDS_FIELD_NUMBER: _ClassVar[int]
     IS_DRAINING_FIELD_NUMBER: _ClassVar[int]
     LOAD_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    OPENING_FIELD_NUMBER: _ClassVar[int]
     PICTURE_REVISION_FIELD_NUMBER: _ClassVar[int]
     RENDERER_FIELD_NUMBER: _ClassVar[int]
     SHARDS_FIELD_NUMBER: _ClassVar[int]
     STATE_FIELD_NUMBER: _ClassVar[int]
+    STATE_OPENING: AgentStatus.State
     STATE_REACHABLE: AgentStatus.State
     STATE_UNREACHABLE: AgentStatus.State
     STATE_UNSPECIFIED: AgentStatus.State
     VERSION_FIELD_NUMBER: _ClassVar[int]
     address: str
+    damaged_shards: _containers.RepeatedCompositeFieldContainer[DamagedShard]
     is_draining: bool
     load: AgentLoad
     message: str
+    opening: OpeningProgress
     picture_revision: str
     renderer: str
     shards: _containers.RepeatedCompositeFieldContainer[ServedShard]
     state: AgentStatus.State
     version: str
-    def __init__(self, address: _Optional[str] = ..., state: _Optional[_Union[AgentStatus.State, str]] = ..., message: _Optional[str] = ..., version: _Optional[str] = ..., renderer: _Optional[str] = ..., shards: _Optional[_Iterable[_Union[ServedShard, _Mapping]]] = ..., picture_revision: _Optional[str] = ..., load: _Optional[_Union[AgentLoad, _Mapping]] = ..., is_draining: bool = ...) -> None: ...
+    def __init__(self, address: _Optional[str] = ..., state: _Optional[_Union[AgentStatus.State, str]] = ..., message: _Optional[str] = ..., version: _Optional[str] = ..., renderer: _Optional[str] = ..., shards: _Optional[_Iterable[_Union[ServedShard, _Mapping]]] = ..., picture_revision: _Optional[str] = ..., load: _Optional[_Union[AgentLoad, _Mapping]] = ..., is_draining: bool = ..., opening: _Optional[_Union[OpeningProgress, _Mapping]] = ..., damaged_shards: _Optional[_Iterable[_Union[DamagedShard, _Mapping]]] = ...) -> None: ...
 
 class CoordinatorLoad(_message.Message):
     __slots__ = ["done_frame_count", "failed_frame_count", "memory_limit_bytes", "network_bytes", "queued_frame_count", "refused_frame_count", "resident_bytes", "up_duration", "working_frame_count"]
@@ -78,6 +83,16 @@ class CoordinatorLoad(_message.Message):
     up_duration: _duration_pb2.Duration
     working_frame_count: int
     def __init__(self, up_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., working_frame_count: _Optional[int] = ..., queued_frame_count: _Optional[int] = ..., done_frame_count: _Optional[int] = ..., failed_frame_count: _Optional[int] = ..., refused_frame_count: _Optional[int] = ..., network_bytes: _Optional[int] = ..., resident_bytes: _Optional[int] = ..., memory_limit_bytes: _Optional[int] = ...) -> None: ...
+
+class DamagedShard(_message.Message):
+    __slots__ = ["dataset", "message", "shard_index"]
+    DATASET_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    SHARD_INDEX_FIELD_NUMBER: _ClassVar[int]
+    dataset: str
+    message: str
+    shard_index: int
+    def __init__(self, dataset: _Optional[str] = ..., shard_index: _Optional[int] = ..., message: _Optional[str] = ...) -> None: ...
 
 class FrameInWork(_message.Message):
     __slots__ = ["age_duration", "client", "dataset", "extent", "request_id", "step"]
@@ -147,6 +162,18 @@ class GetClusterStatusResponse(_message.Message):
     load: CoordinatorLoad
     next_page_token: str
     def __init__(self, agents: _Optional[_Iterable[_Union[AgentStatus, _Mapping]]] = ..., load: _Optional[_Union[CoordinatorLoad, _Mapping]] = ..., frames: _Optional[_Iterable[_Union[FrameInWork, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
+
+class OpeningProgress(_message.Message):
+    __slots__ = ["open_shard_count", "read_bytes", "shard_count", "table_bytes"]
+    OPEN_SHARD_COUNT_FIELD_NUMBER: _ClassVar[int]
+    READ_BYTES_FIELD_NUMBER: _ClassVar[int]
+    SHARD_COUNT_FIELD_NUMBER: _ClassVar[int]
+    TABLE_BYTES_FIELD_NUMBER: _ClassVar[int]
+    open_shard_count: int
+    read_bytes: int
+    shard_count: int
+    table_bytes: int
+    def __init__(self, shard_count: _Optional[int] = ..., open_shard_count: _Optional[int] = ..., table_bytes: _Optional[int] = ..., read_bytes: _Optional[int] = ...) -> None: ...
 
 class ServedShard(_message.Message):
     __slots__ = ["block_count", "dataset", "dataset_id", "shard_index"]

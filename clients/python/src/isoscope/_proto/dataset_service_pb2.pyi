@@ -20,23 +20,26 @@ class GetDatasetResponse(_message.Message):
     def __init__(self, dataset: _Optional[_Union[_dataset_pb2.Dataset, _Mapping]] = ...) -> None: ...
 
 class GetHistogramRequest(_message.Message):
-    __slots__ = ["dataset", "dataset_id", "max_bin_count", "selection", "value_range"]
+    __slots__ = ["dataset", "dataset_id", "max_bin_count", "max_label_value_count", "selection", "value_range"]
     DATASET_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     MAX_BIN_COUNT_FIELD_NUMBER: _ClassVar[int]
+    MAX_LABEL_VALUE_COUNT_FIELD_NUMBER: _ClassVar[int]
     SELECTION_FIELD_NUMBER: _ClassVar[int]
     VALUE_RANGE_FIELD_NUMBER: _ClassVar[int]
     dataset: str
     dataset_id: str
     max_bin_count: int
+    max_label_value_count: int
     selection: _dataset_pb2.FieldSelection
     value_range: _dataset_pb2.ValueRange
-    def __init__(self, dataset: _Optional[str] = ..., max_bin_count: _Optional[int] = ..., value_range: _Optional[_Union[_dataset_pb2.ValueRange, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., max_bin_count: _Optional[int] = ..., value_range: _Optional[_Union[_dataset_pb2.ValueRange, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., max_label_value_count: _Optional[int] = ...) -> None: ...
 
 class GetHistogramResponse(_message.Message):
-    __slots__ = ["bins", "has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count", "selection", "suggestions"]
+    __slots__ = ["bins", "has_sample_counts", "label_values", "nan_count", "negative_infinity_count", "positive_infinity_count", "selection", "suggestions"]
     BINS_FIELD_NUMBER: _ClassVar[int]
     HAS_SAMPLE_COUNTS_FIELD_NUMBER: _ClassVar[int]
+    LABEL_VALUES_FIELD_NUMBER: _ClassVar[int]
     NAN_COUNT_FIELD_NUMBER: _ClassVar[int]
     NEGATIVE_INFINITY_COUNT_FIELD_NUMBER: _ClassVar[int]
     POSITIVE_INFINITY_COUNT_FIELD_NUMBER: _ClassVar[int]
@@ -44,12 +47,13 @@ class GetHistogramResponse(_message.Message):
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
     bins: _containers.RepeatedCompositeFieldContainer[HistogramBin]
     has_sample_counts: bool
+    label_values: LabelValues
     nan_count: int
     negative_infinity_count: int
     positive_infinity_count: int
     selection: _dataset_pb2.FieldSelection
     suggestions: _containers.RepeatedCompositeFieldContainer[IsovalueSuggestion]
-    def __init__(self, bins: _Optional[_Iterable[_Union[HistogramBin, _Mapping]]] = ..., has_sample_counts: bool = ..., nan_count: _Optional[int] = ..., negative_infinity_count: _Optional[int] = ..., positive_infinity_count: _Optional[int] = ..., suggestions: _Optional[_Iterable[_Union[IsovalueSuggestion, _Mapping]]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ...) -> None: ...
+    def __init__(self, bins: _Optional[_Iterable[_Union[HistogramBin, _Mapping]]] = ..., has_sample_counts: bool = ..., nan_count: _Optional[int] = ..., negative_infinity_count: _Optional[int] = ..., positive_infinity_count: _Optional[int] = ..., suggestions: _Optional[_Iterable[_Union[IsovalueSuggestion, _Mapping]]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., label_values: _Optional[_Union[LabelValues, _Mapping]] = ...) -> None: ...
 
 class HistogramBin(_message.Message):
     __slots__ = ["active_block_bytes", "active_block_count", "estimated_triangle_count", "max", "min", "sample_count"]
@@ -81,6 +85,16 @@ class IsovalueSuggestion(_message.Message):
     isovalue: float
     method: IsovalueSuggestion.Method
     def __init__(self, method: _Optional[_Union[IsovalueSuggestion.Method, str]] = ..., isovalue: _Optional[float] = ..., inside_fraction: _Optional[float] = ...) -> None: ...
+
+class LabelValues(_message.Message):
+    __slots__ = ["has_more", "other_value", "values"]
+    HAS_MORE_FIELD_NUMBER: _ClassVar[int]
+    OTHER_VALUE_FIELD_NUMBER: _ClassVar[int]
+    VALUES_FIELD_NUMBER: _ClassVar[int]
+    has_more: bool
+    other_value: float
+    values: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, values: _Optional[_Iterable[float]] = ..., has_more: bool = ..., other_value: _Optional[float] = ...) -> None: ...
 
 class ListDatasetsRequest(_message.Message):
     __slots__ = ["page_size", "page_token"]

@@ -88,32 +88,44 @@ class ColorRange(_message.Message):
     def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ...) -> None: ...
 
 class ExportIsosurfaceRequest(_message.Message):
-    __slots__ = ["clip", "dataset", "dataset_id", "isovalue", "selection", "surfaces"]
+    __slots__ = ["clip", "closes", "dataset", "dataset_id", "isovalue", "selection", "surfaces", "with_measures", "with_origin", "without_mesh"]
     CLIP_FIELD_NUMBER: _ClassVar[int]
+    CLOSES_FIELD_NUMBER: _ClassVar[int]
     DATASET_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
     SELECTION_FIELD_NUMBER: _ClassVar[int]
     SURFACES_FIELD_NUMBER: _ClassVar[int]
+    WITHOUT_MESH_FIELD_NUMBER: _ClassVar[int]
+    WITH_MEASURES_FIELD_NUMBER: _ClassVar[int]
+    WITH_ORIGIN_FIELD_NUMBER: _ClassVar[int]
     clip: ClipRegion
+    closes: bool
     dataset: str
     dataset_id: str
     isovalue: float
     selection: _dataset_pb2.FieldSelection
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ...) -> None: ...
+    with_measures: bool
+    with_origin: bool
+    without_mesh: bool
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., closes: bool = ..., with_origin: bool = ..., with_measures: bool = ..., without_mesh: bool = ...) -> None: ...
 
 class ExportIsosurfaceResponse(_message.Message):
-    __slots__ = ["normals", "positions", "surface_index", "triangles"]
+    __slots__ = ["measures", "normals", "origin", "positions", "surface_index", "triangles"]
+    MEASURES_FIELD_NUMBER: _ClassVar[int]
     NORMALS_FIELD_NUMBER: _ClassVar[int]
+    ORIGIN_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_FIELD_NUMBER: _ClassVar[int]
     SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
     TRIANGLES_FIELD_NUMBER: _ClassVar[int]
+    measures: SurfaceMeasures
     normals: bytes
+    origin: _geometry_pb2.Vec3
     positions: bytes
     surface_index: int
     triangles: bytes
-    def __init__(self, positions: _Optional[bytes] = ..., normals: _Optional[bytes] = ..., triangles: _Optional[bytes] = ..., surface_index: _Optional[int] = ...) -> None: ...
+    def __init__(self, positions: _Optional[bytes] = ..., normals: _Optional[bytes] = ..., triangles: _Optional[bytes] = ..., surface_index: _Optional[int] = ..., origin: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., measures: _Optional[_Union[SurfaceMeasures, _Mapping]] = ...) -> None: ...
 
 class FieldValue(_message.Message):
     __slots__ = ["component", "field", "unit", "value"]
@@ -388,6 +400,18 @@ class SurfaceColoring(_message.Message):
     shows_nan: bool
     surface_index: int
     def __init__(self, surface_index: _Optional[int] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., shows_nan: bool = ...) -> None: ...
+
+class SurfaceMeasures(_message.Message):
+    __slots__ = ["area", "open_edge_count", "triangle_count", "volume"]
+    AREA_FIELD_NUMBER: _ClassVar[int]
+    OPEN_EDGE_COUNT_FIELD_NUMBER: _ClassVar[int]
+    TRIANGLE_COUNT_FIELD_NUMBER: _ClassVar[int]
+    VOLUME_FIELD_NUMBER: _ClassVar[int]
+    area: float
+    open_edge_count: int
+    triangle_count: int
+    volume: float
+    def __init__(self, area: _Optional[float] = ..., volume: _Optional[float] = ..., triangle_count: _Optional[int] = ..., open_edge_count: _Optional[int] = ...) -> None: ...
 
 class SurfaceNote(_message.Message):
     __slots__ = ["message", "reason", "surface_index"]

@@ -1,6 +1,7 @@
 #include "clients/cpp/mesh_file/mesh_piece.h"
 
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -73,6 +74,32 @@ TEST(MeshDecoderTest, SurfacesFollowOneAnotherAndShareNoVertices) {
         StatusIs(absl::StatusCode::kDataLoss,
                  HasSubstr(absl::StrCat("of surface ", surface, ", after surface 2 of 3"))));
   }
+}
+
+TEST(MeshDecoderTest, AllMessagesHaveTheOriginOfTheFirst) {
+  const std::string vertex = Bytes<float>({0, 0, 0});
+  const math::Vec3d origin{500000, 4600000, 0.5};
+  MeshDecoder far(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const MeshPiece piece, far.Decode(0, vertex, vertex, "", origin));
+  EXPECT_EQ(piece.origin, origin);
+  ISOSCOPE_EXPECT_OK(far.Decode(0, vertex, vertex, "", origin).status());
+  EXPECT_THAT(far.Decode(0, vertex, vertex, "", math::Vec3d{500000, 4600000, 1}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("origin")));
+  EXPECT_THAT(far.Decode(0, vertex, vertex, ""),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("origin")));
+  MeshDecoder near(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const MeshPiece first, near.Decode(0, vertex, vertex, ""));
+  EXPECT_FALSE(first.origin.has_value());
+  EXPECT_THAT(near.Decode(0, vertex, vertex, "", origin),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("origin")));
+  MeshDecoder hostile(1);
+  EXPECT_THAT(hostile.Decode(0, vertex, vertex, "",
+                             math::Vec3d{std::numeric_limits<double>::infinity(), 0, 0}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("origin")));
+}
+
+TEST(MeshPieceTest, AnOriginIsTextThatReadsBack) {
+  EXPECT_EQ(TextOfOrigin({500000, -4600000.1, 0}), "500000 -4600000.1 0");
 }
 
 TEST(MeshPieceTest, OneVertexTooManyIsOutOfRange) {

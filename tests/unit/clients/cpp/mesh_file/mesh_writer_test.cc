@@ -50,6 +50,7 @@ std::vector<T> LoadArray(const std::string& bytes, std::size_t offset, std::size
 
 struct ReadMesh {
   std::vector<float> positions;
+  std::vector<double> world;  // positions of a mesh with an origin
   std::vector<float> normals;
   std::vector<std::uint32_t> triangles;
   std::vector<double> color;  // of the first vertex, or of all materials
@@ -206,7 +207,11 @@ ReadMesh ReadVtp(const std::string& bytes) {
     EXPECT_EQ(Load<std::uint64_t>(bytes, begin), count * sizeof(T)) << name;
     return LoadArray<T>(bytes, begin + 8, count);
   };
-  mesh.positions = read("Points", 3 * vertex_count, float{});
+  if (xml.find("type=\"Float64\" Name=\"Points\"") != std::string::npos) {
+    mesh.world = read("Points", 3 * vertex_count, double{});
+  } else {
+    mesh.positions = read("Points", 3 * vertex_count, float{});
+  }
   mesh.normals = read("Normals", 3 * vertex_count, float{});
   for (const std::int32_t vertex : read("connectivity", 3 * triangle_count, std::int32_t{})) {
     mesh.triangles.push_back(static_cast<std::uint32_t>(vertex));
@@ -297,6 +302,84 @@ TEST(MeshWriterTest, EveryFormatReadsBackAsTheSameClosedSurface) {
                           std::filesystem::directory_iterator()),
             4)
       << "scratch files are left";
+}
+
+// OBJ and VTP have sums of origin and offset, with all digits; STL and GLB say the origin.
+TEST(MeshWriterTest, MeshesFarFromTheOriginKeepAllDigits) {
+  const TempDir folder;
+  MeshPiece sphere = MakeSphere(2, {0.5, 0.25, 0.125}, 0.0625);
+  sphere.origin = math::Vec3d{500000, 4600000, -12.5};
+  std::vector<double> world;
+  for (std::size_t i = 0; i < sphere.positions.size(); ++i) {
+    world.push_back((*sphere.origin)[static_cast<int>(i % 3)] + double{sphere.positions[i]});
+  }
+  const auto write = [&](MeshFormat format) {
+    const MeshFileOptions options{.path = folder.Sub("mesh"), .format = format};
+    const auto writer = MeshWriter::Create(options).value();
+    ISOSCOPE_EXPECT_OK(writer->Add(sphere));
+    ISOSCOPE_EXPECT_OK(writer->Finish());
+    return io::ReadWholeFile(options.path, 10'000'000).value();
+  };
+  EXPECT_EQ(WorldPositionsOf(sphere), world);
+  EXPECT_EQ(ReadVtp(write(MeshFormat::kVtp)).world, world);
+  std::istringstream lines(write(MeshFormat::kObj));
+  std::vector<double> of_obj;
+  for (std::string line; std::getline(lines, line);) {
+    if (absl::StartsWith(line, "v ")) {
+      std::istringstream in(line.substr(2));
+      for (std::string number; in >> number;) {
+        of_obj.push_back(std::stod(number));
+      }
+    }
+  }
+  EXPECT_EQ(of_obj, world);
+  const std::string stl = write(MeshFormat::kStl);
+  EXPECT_EQ(stl.substr(0, 80), "isoscope, binary STL, origin 500000 4600000 -12.5" +
+                                   std::string(31, ' '));
+  EXPECT_TRUE(IsClosed(ReadStl(stl).triangles));
+  EXPECT_EQ(ReadStl(stl).positions.size(), sphere.positions.size());
+  const std::string glb = write(MeshFormat::kGlb);
+  EXPECT_EQ(ReadGlb(glb).positions, sphere.positions);
+  const nlohmann::json json =
+      nlohmann::json::parse(glb.substr(20, Load<std::uint32_t>(glb, 12)));
+  EXPECT_EQ(json.at("nodes").at(0).at("translation"),
+            nlohmann::json::array({500000.0, 4600000.0, -12.5}));
+  for (const MeshFormat format : kParsed) {
+    EXPECT_EQ(HasDoubles(format), format == MeshFormat::kObj || format == MeshFormat::kVtp);
+  }
+  EXPECT_TRUE(HasDoubles(MeshFormat::kPly));
+}
+
+// Indices of 257 surfaces do not fit into a byte.
+TEST(MeshWriterTest, EveryFormatHoldsHundredsOfSurfaces) {
+  const TempDir folder;
+  for (const MeshFormat format : kParsed) {
+    SCOPED_TRACE(NameOf(format));
+    MeshFileOptions options{.path = folder.Sub("mesh"), .format = format};
+    options.surfaces.resize(257, {.name = "left lung"});
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, MeshWriter::Create(options));
+    std::uint32_t first_vertex = 0;
+    for (int i = 0; i < 257; ++i) {
+      MeshPiece piece = MakeSphere(0, {3.0 * i, 0, 0}, 1, first_vertex);
+      piece.surface_index = i;
+      first_vertex += static_cast<std::uint32_t>(piece.vertex_count());
+      ISOSCOPE_ASSERT_OK(writer->Add(piece));
+    }
+    ISOSCOPE_ASSERT_OK(writer->Finish());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes,
+                                  io::ReadWholeFile(options.path, 10'000'000));
+    if (format == MeshFormat::kVtp) {
+      const std::size_t mark = bytes.find('_', bytes.find("<AppendedData encoding=\"raw\">"));
+      const std::size_t at = bytes.find("type=\"Int32\" Name=\"SurfaceIndex\"");
+      ASSERT_NE(at, std::string::npos);
+      const std::size_t begin = mark + 1 + NumberAfter(bytes, at, "offset");
+      EXPECT_EQ(Load<std::int32_t>(bytes, begin + 8 + 4 * (257 * 6 - 1)), 256);
+    } else if (format == MeshFormat::kObj) {
+      EXPECT_THAT(bytes, HasSubstr("o surface_256_left_lung\n"));
+    } else {
+      EXPECT_EQ(Read(format, bytes).triangles.size(), 257U * 24);
+    }
+  }
 }
 
 TEST(MeshWriterTest, ColorsAreThereWhereTheFormatHasThem) {

@@ -6,6 +6,7 @@
 
 #include "gtest/gtest.h"
 
+#include "core/base/coding.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -77,7 +78,7 @@ TEST(PlyWriterTest, ColorsFollowEachNormal) {
   ISOSCOPE_ASSERT_OK(WriteTwoPieces(
       {.path = path, .surfaces = {{.color = frame::Color{.red = 1, .green = 0.5F, .blue = 0}}}}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 10'000));
-  const std::string header = MakePlyHeader(4, 2, /*has_colors=*/true);
+  const std::string header = MakePlyHeader(4, 2, {.has_colors = true});
   EXPECT_NE(header.find("property uchar red\nproperty uchar green\nproperty uchar blue\n"),
             std::string::npos);
   ASSERT_EQ(content.substr(0, header.size()), header);
@@ -100,6 +101,59 @@ TEST(PlyWriterTest, HeaderLengthDoesNotDependOnTheCounts) {
   EXPECT_EQ(MakePlyHeader(12, 345).size(), size);
 }
 
+// An origin: x, y and z are doubles, and the sums of origin and offset.
+TEST(PlyWriterTest, PositionsFarFromTheOriginAreDoubles) {
+  const TempDir folder;
+  const std::string path = folder.Sub("mesh.ply");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, CreatePly({.path = path}));
+  const math::Vec3d origin{500000, 4600000, -0.5};
+  ISOSCOPE_ASSERT_OK(writer->Add({.positions = {0.015625F, 0, 0},
+                                  .normals = {0, 0, 1},
+                                  .triangles = {},
+                                  .origin = origin}));
+  ISOSCOPE_ASSERT_OK(writer->Add({.positions = {0, 0.25F, 1},
+                                  .normals = {0, 0, 1},
+                                  .triangles = {0, 1, 0},
+                                  .origin = origin}));
+  ISOSCOPE_ASSERT_OK(writer->Finish());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 10'000));
+  const std::string header = MakePlyHeader(2, 1, {.has_doubles = true});
+  EXPECT_NE(header.find("property double x\nproperty double y\nproperty double z\n"
+                        "property float nx\n"),
+            std::string::npos);
+  ASSERT_EQ(bytes.size(), header.size() + 2 * 36 + 13);
+  EXPECT_EQ(bytes.substr(0, header.size()), header);
+  const auto at = [&](std::size_t offset) {
+    return base::LoadLittleEndian<double>(bytes.data() + header.size() + offset);
+  };
+  EXPECT_EQ(at(0), 500000.015625);
+  EXPECT_EQ(at(8), 4600000);
+  EXPECT_EQ(at(36 + 8), 4600000.25);
+  EXPECT_EQ(at(36 + 16), 0.5);
+  EXPECT_EQ(writer->size_bytes(), static_cast<std::int64_t>(bytes.size()));
+}
+
+TEST(PlyWriterTest, ASurfaceIndexOfMoreThanAByteIsAnInt) {
+  const TempDir folder;
+  for (const std::size_t count : {std::size_t{256}, std::size_t{257}}) {
+    const std::string path = folder.Sub("mesh.ply");
+    const bool is_wide = count > 256;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto writer,
+        CreatePly({.path = path, .surfaces = std::vector<MeshSurface>(count)}));
+    const int last = static_cast<int>(count) - 1;
+    ISOSCOPE_ASSERT_OK(writer->Add(
+        {.positions = {0, 0, 0}, .normals = {0, 0, 1}, .triangles = {}, .surface_index = last}));
+    ISOSCOPE_ASSERT_OK(writer->Finish());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 10'000));
+    const std::string header =
+        MakePlyHeader(1, 0, {.has_surface_index = true, .has_wide_index = is_wide});
+    EXPECT_EQ(header.find("property int surface_index\n") != std::string::npos, is_wide);
+    ASSERT_EQ(bytes.size(), header.size() + (is_wide ? 28 : 25));
+    EXPECT_EQ(bytes.substr(header.size() + 24), is_wide ? std::string("\0\1\0\0", 4) : "\xff");
+  }
+}
+
 TEST(PlyWriterTest, VerticesOfSeveralSurfacesSayWhichIsTheirs) {
   const TempDir folder;
   const std::string path = folder.Sub("mesh.ply");
@@ -110,7 +164,7 @@ TEST(PlyWriterTest, VerticesOfSeveralSurfacesSayWhichIsTheirs) {
       {.positions = {1, 1, 1}, .normals = {0, 0, 1}, .triangles = {}, .surface_index = 1}));
   ISOSCOPE_ASSERT_OK(writer->Finish());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 10'000));
-  const std::string header = MakePlyHeader(2, 0, false, true);
+  const std::string header = MakePlyHeader(2, 0, {.has_surface_index = true});
   EXPECT_NE(header.find("float nz\nproperty uchar surface_index\nelement face 0"),
             std::string::npos);
   ASSERT_EQ(bytes.size(), header.size() + std::size_t{2 * 25});

@@ -265,6 +265,17 @@ TEST(AnnotationsTest, LegendTicksAreRoundNumbersInTheRange) {
   }
 }
 
+TEST(AnnotationsTest, NeighbouringTicksHaveDifferentTextsFarFromZero) {
+  EXPECT_EQ(TickLabel(0.5, 0.5), "0.5");
+  EXPECT_EQ(TickLabel(4600000.02, 0.01), "4600000.02");
+  EXPECT_EQ(TickLabel(-500000.002, 0.002), "-500000.002");
+  EXPECT_EQ(TickLabel(1000.000002, 1e-6), "1000.000002");
+  EXPECT_EQ(TickLabel(1e-20, 0.1), "0") << "the rounding of a tick at zero";
+  EXPECT_EQ(TickLabel(0.1 + 0.2, 0.1), "0.3");
+  EXPECT_NE(TickLabel(1e18, 128), TickLabel(1e18 + 128, 128));
+  EXPECT_EQ(TickLabel(std::nextafter(1.0, 2.0), 1e-18), "1.0000000000000002") << "it ends";
+}
+
 // The bar is somewhere in the right half: its first and last colours are there, from bottom to top.
 TEST(AnnotationsTest, TheLegendShowsTheMapFromBottomToTop) {
   AnnotationScene scene = Orthographic(500, 400);

@@ -153,8 +153,61 @@ TEST(LabelFlagsTest, AllIsEachPresentValueOrElseEachNameButNot0) {
   EXPECT_THAT(ResolveLabels(Organs(), many, &flags),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("there are 129 labels"), HasSubstr("--label 3,7-9"))));
+  EXPECT_THAT(ResolveLabels(Organs(), many, &flags, /*max_surfaces=*/129), IsOk());
+  EXPECT_EQ(flags.surfaces.size(), 129U);
   many.pop_back();
   EXPECT_THAT(ResolveLabels(Organs(), many, &flags), IsOk());
+  EXPECT_THAT(ResolveLabels(v1::Dataset(), std::nullopt, &flags, 128, "a sample is 0.5"),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("no names of labels, and a sample is 0.5: give --label")));
+}
+
+// A label that nobody gave a colour has one for pictures; formats without colours may drop it.
+TEST(LabelFlagsTest, AColourIsKnownToBeGivenOrNot) {
+  LabelFlags flags = FlagsOf({"3", "3:red", "3::0.5"});
+  ASSERT_THAT(ResolveLabels(Organs(), std::nullopt, &flags), IsOk());
+  EXPECT_FALSE(flags.surfaces[0].is_color_given);
+  EXPECT_TRUE(flags.surfaces[1].is_color_given);
+  EXPECT_FALSE(flags.surfaces[2].is_color_given);
+}
+
+TEST(LabelFlagsTest, NamesHaveAllDigitsOfALabel) {
+  EXPECT_EQ(NameOfLabels({9007199254740992}, {}), "label 9007199254740992");
+  EXPECT_EQ(NameOfLabels({1000000, 1234567891}, {}), "label 1000000, 1234567891");
+  EXPECT_EQ(NameOfLabels({0.5}, {}), "label 0.5");
+}
+
+// Values of any type, as the coordinator lists them.
+TEST(LabelFlagsTest, AListOfTheValuesTellsThemOfEveryType) {
+  v1::Dataset dataset;
+  dataset.set_sample_type(v1::SAMPLE_TYPE_FLOAT32);
+  v1::GetHistogramResponse histogram;
+  EXPECT_EQ(WhyNoLabels(histogram), "");
+  histogram.mutable_label_values()->add_values(0);
+  histogram.mutable_label_values()->add_values(16777216);
+  EXPECT_EQ(PresentValues(dataset, histogram), (std::vector<double>{0, 16777216}));
+  EXPECT_EQ(WhyNoLabels(histogram), "");
+  histogram.mutable_label_values()->set_has_more(true);
+  EXPECT_EQ(PresentValues(dataset, histogram), std::nullopt);
+  EXPECT_EQ(WhyNoLabels(histogram), "its samples have more than 2 different values");
+  histogram.mutable_label_values()->set_other_value(0.5);
+  EXPECT_EQ(PresentValues(dataset, histogram), std::nullopt);
+  EXPECT_EQ(WhyNoLabels(histogram),
+            "a sample is 0.5, and labels are whole numbers from -2^53 to 2^53");
+}
+
+TEST(LabelFlagsTest, AHistogramHasABinForEachIntegerOfASmallRange) {
+  v1::Dataset dataset;
+  dataset.set_sample_type(v1::SAMPLE_TYPE_INT32);
+  EXPECT_FALSE(HasExactBins(dataset));
+  dataset.mutable_value_range()->set_min(-5);
+  dataset.mutable_value_range()->set_max(4090);
+  EXPECT_TRUE(HasExactBins(dataset));
+  dataset.mutable_value_range()->set_max(4091);
+  EXPECT_FALSE(HasExactBins(dataset));
+  dataset.mutable_value_range()->set_max(3);
+  dataset.set_sample_type(v1::SAMPLE_TYPE_FLOAT32);
+  EXPECT_FALSE(HasExactBins(dataset));
 }
 
 TEST(LabelFlagsTest, OnlyAHistogramOfEachIntegerTellsTheValues) {
@@ -223,6 +276,7 @@ TEST(LabelFlagsTest, FlagsThatContradictEachOtherAreWrongUsage) {
   refuses({.isovalue = 1, .label = FlagsOf(many)}, "129 surfaces");
   many.push_back("128");
   refuses({.label = FlagsOf(many)}, "129 times");
+  EXPECT_THAT(CheckUsage(FlagsOf(many), /*max_surfaces=*/129), IsOk());
   cli::FlagSet set({.has_help = false});
   LabelFlags flags;
   AddLabelFlags(&set, &flags);
