@@ -135,7 +135,8 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const FrameBenchFlags& f
     options.shard_count = static_cast<int>(shard_count);
     options.block_cells = flags.block_cells;
     ISOSCOPE_RETURN_IF_ERROR(
-        cli::PartitionVolume(cli::RequestOf(flags.source, *flags.input), options, context).status());
+        cli::PartitionVolume(cli::RequestOf(flags.source, *flags.input), options, context)
+            .status());
     datasets.push_back({.shard_count = options.shard_count, .directory = options.output_directory});
   }
   return datasets;

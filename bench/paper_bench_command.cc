@@ -190,7 +190,8 @@ class Datasets {
     options.distribution = distribution;
     options.block_cells = flags_.block_cells;
     ISOSCOPE_RETURN_IF_ERROR(
-        cli::PartitionVolume(cli::RequestOf(flags_.source, *flags_.input), options, context_).status());
+        cli::PartitionVolume(cli::RequestOf(flags_.source, *flags_.input), options, context_)
+            .status());
     if (shard_count > 1) {
       last_ = options.output_directory;
     }

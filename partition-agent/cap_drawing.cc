@@ -43,8 +43,7 @@ render::SampleColor SampleColorOf(const frame::ClipCaps& caps) {
   const frame::ColorRange range = caps.range.value();
   return [table, range](double value) {
     // Infinities of both signs around a point leave it without a value.
-    return std::isnan(value) ? picture::kNoSample
-                             : (*table)[picture::ColorMapStepOf(value, range)];
+    return std::isnan(value) ? picture::kNoSample : (*table)[picture::ColorMapStepOf(value, range)];
   };
 }
 

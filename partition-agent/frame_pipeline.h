@@ -49,8 +49,8 @@ struct RaySelection {
 //   kNone:         RenderAll
 class FramePipeline {
  public:
-  // All shards are of one dataset. INVALID_ARGUMENT if the camera or the range of caps with a map is
-  // not set, or camera or viewport do not validate, or surfaces times blocks are too many
+  // All shards are of one dataset. INVALID_ARGUMENT if the camera or the range of caps with a map
+  // is not set, or camera or viewport do not validate, or surfaces times blocks are too many
   // (frame::CheckOwners), or a surface shows a field and has no shards in `color_shards`.
   // FAILED_PRECONDITION as ColorVolumes::Make.
   //

@@ -165,10 +165,10 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
                             .max_unused_bytes = options.memory->unused_image_bytes(),
                             .arena = options.arena}));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Listen(options));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<http::MetricsServer> metrics,
-                            http::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
-                              return server->CollectMetrics();
-                            }));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::shared_ptr<http::MetricsServer> metrics,
+      http::MetricsServer::StartIfAsked(server_flags.metrics_listen,
+                                        [server] { return server->CollectMetrics(); }));
   *started = {.options = options,
               .server = server,
               .address = rpc::BoundAddress(server_flags.listen_address, server->port())};

@@ -140,10 +140,10 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<http::MetricsServer> metrics,
-                            http::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
-                              return server->CollectMetrics();
-                            }));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::shared_ptr<http::MetricsServer> metrics,
+      http::MetricsServer::StartIfAsked(server_flags.metrics_listen,
+                                        [server] { return server->CollectMetrics(); }));
   base::LogInfo("coordinator_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
                  {"agents", base::OwnText{absl::StrJoin(flags.agents, ",")}},

@@ -312,20 +312,17 @@ std::string DescribeResult(const RenderFlags& flags) {
 }
 
 // Draws all frames and writes their pictures. Returns the last answer.
-absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(const RenderFlags& flags,
-                                                        const Subject& subject,
-                                                        const v1::Camera& camera, Session* session,
-                                                        std::vector<FrameRecord>* frames,
-                                                        PictureOutput* output,
-                                                        const Context& context) {
+absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(
+    const RenderFlags& flags, const Subject& subject, const v1::Camera& camera, Session* session,
+    std::vector<FrameRecord>* frames, PictureOutput* output, const Context& context) {
   const int frame_count = flags.sweep.frame_count();
   v1::RenderIsosurfaceResponse last;
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
     const client::RequestFlags of_frame = RequestOfFrame(flags.sweep, flags.request, i);
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
-                              MakeFrameRequest(flags, of_frame, subject.dataset.name(), camera, i,
-                                               subject.has_notes));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const v1::RenderIsosurfaceRequest request,
+        MakeFrameRequest(flags, of_frame, subject.dataset.name(), camera, i, subject.has_notes));
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
     if (i == 0 && flags.view.save_camera_file) {
@@ -351,8 +348,8 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
                                                  session->frame_timeout(), &session->client(),
                                                  &flags.request.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count(),
-                                      flags.request.has_sample_caps()));
+  ISOSCOPE_RETURN_IF_ERROR(
+      CheckUsage(flags.look, flags.request.surface_count(), flags.request.has_sample_caps()));
   ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(dataset, &flags.sweep));
   if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
     flags.annotations.caption = "{time}";

@@ -187,8 +187,8 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.surface_count(),
-                                        flags.request.has_sample_caps()));
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckUsage(flags.look, flags.request.surface_count(), flags.request.has_sample_caps()));
     const bool has_frames = flags.sweep.frame_count() > 1 || flags.sweep.is_step_sweep();
     if (flags.planes.files.any_plane() && has_frames) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");

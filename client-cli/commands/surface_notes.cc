@@ -54,8 +54,8 @@ absl::Status WriteNotesOf(const v1::RenderIsosurfaceRequest& frame,
     return absl::IsCancelled(response.status()) ? response.status() : absl::OkStatus();
   }
   FrameRecord record;
-  std::copy_if(response->notes().begin(), response->notes().end(),
-               std::back_inserter(record.notes), is_wanted);
+  std::copy_if(response->notes().begin(), response->notes().end(), std::back_inserter(record.notes),
+               is_wanted);
   WriteNotes({record}, context);
   return absl::OkStatus();
 }

@@ -16,10 +16,9 @@ namespace isoscope::cli {
 
 // Draws a frame, small and whole, for its notes alone. Writes those that `is_wanted` to standard
 // error. Does nothing if the server is older than notes.
-absl::Status WriteNotesOf(
-    const isoscope::v1::RenderIsosurfaceRequest& frame,
-    const std::function<bool(const isoscope::v1::SurfaceNote&)>& is_wanted, Session* session,
-    const Context& context);
+absl::Status WriteNotesOf(const isoscope::v1::RenderIsosurfaceRequest& frame,
+                          const std::function<bool(const isoscope::v1::SurfaceNote&)>& is_wanted,
+                          Session* session, const Context& context);
 
 // Writes to standard error why surfaces of an export have no triangles, and which of their labels
 // no sample has. Of many such surfaces the first 128. `has_triangles` is asked by surface.

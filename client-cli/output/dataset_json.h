@@ -23,9 +23,9 @@ using Json = nlohmann::ordered_json;
 // "value_range", "max_gradient_magnitude", "block_cells", "block_count", "shard_count",
 // "patient_frame", "missing_shards"}; direction is a list of three columns; value_range is null if
 // every sample is NaN; max_gradient_magnitude and patient_frame are null if there is none.
-// "finite_range" follows value_range where that has an infinite end and a sample is finite. A series
-// has "length_unit", "time_unit", "fields" and "time_steps" too (series_json.h): what all shards
-// serve.
+// "finite_range" follows value_range where that has an infinite end and a sample is finite. A
+// series has "length_unit", "time_unit", "fields" and "time_steps" too (series_json.h): what all
+// shards serve.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
 // above; "infinite_count", of samples beside the range; both only if samples were read. "note": how

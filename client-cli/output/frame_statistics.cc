@@ -47,8 +47,7 @@ nlohmann::ordered_json AgentToJson(const v1::AgentStatistics& agent) {
 // "outside_range", in snake_case without the prefix of the message.
 std::string NameOf(v1::SurfaceNote::Reason reason) {
   constexpr absl::string_view kPrefix = "REASON_";
-  return absl::AsciiStrToLower(
-      absl::StripPrefix(v1::SurfaceNote::Reason_Name(reason), kPrefix));
+  return absl::AsciiStrToLower(absl::StripPrefix(v1::SurfaceNote::Reason_Name(reason), kPrefix));
 }
 
 nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {

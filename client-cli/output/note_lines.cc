@@ -39,9 +39,9 @@ std::vector<std::string> NoteLines(const std::vector<FrameRecord>& frames) {
       const auto found = std::find_if(frames_of.begin(), frames_of.end(), [&](const auto& known) {
         return known.first == note.message();
       });
-      std::vector<std::size_t>& having =
-          found != frames_of.end() ? found->second
-                                   : frames_of.emplace_back(note.message(), 0).second;
+      std::vector<std::size_t>& having = found != frames_of.end()
+                                             ? found->second
+                                             : frames_of.emplace_back(note.message(), 0).second;
       if (having.empty() || having.back() != i) {
         having.push_back(i);
       }
@@ -54,9 +54,9 @@ std::vector<std::string> NoteLines(const std::vector<FrameRecord>& frames) {
                                    " more notes on surfaces that do not show; --stats has all"));
       break;
     }
-    lines.push_back(absl::StrCat(
-        having.size() == frames.size() ? "" : absl::StrCat(TextOfFrames(having), ": "),
-        base::Printable(message)));
+    lines.push_back(
+        absl::StrCat(having.size() == frames.size() ? "" : absl::StrCat(TextOfFrames(having), ": "),
+                     base::Printable(message)));
   }
   return lines;
 }

@@ -71,11 +71,10 @@ absl::StatusOr<client::CapsColoring> CapsColoringOf(
   const client::FieldValue field{response.selection().field(), response.selection().component()};
   const std::string title = client::TitleOfField(dataset, field);
   const std::string unit = client::UnitOfField(dataset, field);
-  client::CapsColoring coloring{
-      .map = caps.map.value_or(frame::ColorMap::kViridis),
-      .range = caps.range.value_or(frame::ColorRange()),
-      .title = absl::StrCat(title.empty() ? "samples" : title, " on cuts",
-                            unit.empty() ? "" : ", ", unit)};
+  client::CapsColoring coloring{.map = caps.map.value_or(frame::ColorMap::kViridis),
+                                .range = caps.range.value_or(frame::ColorRange()),
+                                .title = absl::StrCat(title.empty() ? "samples" : title, " on cuts",
+                                                      unit.empty() ? "" : ", ", unit)};
   if (proto.shows_nan()) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         coloring.nan_color,

@@ -96,8 +96,9 @@ struct DrawnField {
 DrawnField DrawnFieldOf(const source::VolumeSeries& series, const SourceRanges& ranges) {
   const std::vector<source::SourceField>& fields = series.fields();
   if (ranges.steps == 0) {
-    return {.flag = fields.size() > 1 ? absl::StrCat(" --field ", base::ShellWord(fields[0].name)) : "",
-            .isovalue = "VALUE"};
+    return {
+        .flag = fields.size() > 1 ? absl::StrCat(" --field ", base::ShellWord(fields[0].name)) : "",
+        .isovalue = "VALUE"};
   }
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const std::vector<std::string>& components = fields[i].components;

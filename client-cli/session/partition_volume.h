@@ -39,8 +39,8 @@ absl::StatusOr<store::Manifest> PartitionVolume(source::VolumeSeries& source,
                                                 partition::PartitionOptions options,
                                                 const Context& context);
 
-// The same of a source that has one volume, which this opens. INVALID_ARGUMENT: it has several. Other
-// errors also as source::OpenIdentified.
+// The same of a source that has one volume, which this opens. INVALID_ARGUMENT: it has several.
+// Other errors also as source::OpenIdentified.
 absl::StatusOr<store::Manifest> PartitionVolume(const source::OpenRequest& request,
                                                 partition::PartitionOptions options,
                                                 const Context& context);

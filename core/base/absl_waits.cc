@@ -58,9 +58,9 @@ bool WaitForPost(absl_internal::KernelTimeout timeout) {
     if (MonotonicNow() >= end) {
       return false;
     }
-    absl_internal::Futex::WaitBitsetAbsoluteTimeout(reinterpret_cast<Word*>(waiter), 0,
-                                               static_cast<std::int32_t>(FUTEX_BITSET_MATCH_ANY),
-                                               &kernel_end);
+    absl_internal::Futex::WaitBitsetAbsoluteTimeout(
+        reinterpret_cast<Word*>(waiter), 0, static_cast<std::int32_t>(FUTEX_BITSET_MATCH_ANY),
+        &kernel_end);
   }
   return true;
 }

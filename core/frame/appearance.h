@@ -79,7 +79,7 @@ struct ColorBy {
 
 // How the cuts of a clip region through the inside of opaque surfaces are filled.
 struct ClipCaps {
-  std::optional<ColorMap> map = std::nullopt;      // not set: the look of the surface
+  std::optional<ColorMap> map = std::nullopt;  // not set: the look of the surface
   // Not set: that of the drawn field's finite samples, over all steps.
   std::optional<ColorRange> range = std::nullopt;
 

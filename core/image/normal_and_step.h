@@ -107,8 +107,9 @@ constexpr Rgba8 NormalOf(Rgba8 code) {
                                    internal::TinyCoordinateOf(vector)};
   return tiny.x == internal::kNoTinyVector
              ? kNoNormal
-             : internal::NormalOfCoordinates({tiny.x, std::max(tiny.y, -internal::kMaxTinyCoordinate)},
-                                             internal::kMaxTinyCoordinate);
+             : internal::NormalOfCoordinates(
+                   {tiny.x, std::max(tiny.y, -internal::kMaxTinyCoordinate)},
+                   internal::kMaxTinyCoordinate);
 }
 
 // REQUIRES: HasStep(code).

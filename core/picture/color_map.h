@@ -43,8 +43,8 @@ inline float OpacityOf(const frame::ColorBy& color_by, std::size_t step) {
   return color_by.opacity_at_min + (color_by.opacity_at_max - color_by.opacity_at_min) * share;
 }
 
-// Returns the step whose opacity missing values (NaN) have: that of the more opaque end, so that they
-// are never fainter than all that has a value.
+// Returns the step whose opacity missing values (NaN) have: that of the more opaque end, so that
+// they are never fainter than all that has a value.
 inline std::uint8_t StepOfNan(const frame::ColorBy& color_by) {
   return color_by.opacity_at_min > color_by.opacity_at_max
              ? std::uint8_t{0}

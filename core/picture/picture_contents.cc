@@ -53,8 +53,8 @@ class Search {
   [[nodiscard]] PictureContents OfRow(int row) const {
     PictureContents found;
     const auto look = [&](int x, int y, std::size_t pixel) {
-      if (x >= window_.begin_x && x < window_.end_x && y >= window_.begin_y &&
-          y < window_.end_y && (with_shown_ || MayLackValueAt(pixel))) {
+      if (x >= window_.begin_x && x < window_.end_x && y >= window_.begin_y && y < window_.end_y &&
+          (with_shown_ || MayLackValueAt(pixel))) {
         LookAt(x, y, pixel, &found);
       }
     };
@@ -109,10 +109,10 @@ class Search {
         spec_.surfaces[drawn_.order.SurfaceOf(image::OwnerOf(fragment.key))];
     const bool has_map_opacity = drawn_.shader != nullptr && surface.color_by.has_value() &&
                                  surface.color_by->is_translucent();
-    return has_map_opacity ? surface.opacity * picture::OpacityOf(
-                                                   *surface.color_by,
-                                                   drawn_.shader->OpacityStepOf(fragment))
-                           : surface.opacity;
+    return has_map_opacity
+               ? surface.opacity *
+                     picture::OpacityOf(*surface.color_by, drawn_.shader->OpacityStepOf(fragment))
+               : surface.opacity;
   }
 
   void Add(std::uint64_t key, image::Rgba8 code, PictureContents* found) const {

@@ -43,8 +43,8 @@ struct ShadeBatch {
   // The result if `keeps_normals`: the mixed normal, [axis], of no particular length.
   bool keeps_normals = false;
   alignas(64) std::array<Lane, 3> mixed_normal;
-  // Input if `keeps_levels`: levels of the colour map (LevelsToMix), [corner]: finite, or NaN at all
-  // corners. The result is the mixed level; NaN of NaN.
+  // Input if `keeps_levels`: levels of the colour map (LevelsToMix), [corner]: finite, or NaN at
+  // all corners. The result is the mixed level; NaN of NaN.
   bool keeps_levels = false;
   alignas(64) std::array<Lane, 3> level;
   alignas(64) Lane mixed_level;

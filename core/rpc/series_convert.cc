@@ -34,8 +34,8 @@ void SetRanges(const std::vector<const store::ScalarVolume*>& volumes,
     const volume::ScalarSpan& range = volume->value_range;
     Cover(range, &all);
     Cover(volume->finite_range.value_or(range), &finite);
-    is_finite_known &= volume->finite_range.has_value() || volume::IsFinite(range) ||
-                       !(range.min <= range.max);
+    is_finite_known &=
+        volume->finite_range.has_value() || volume::IsFinite(range) || !(range.min <= range.max);
   }
   if (all.min <= all.max) {
     *component->mutable_value_range() = SpanToProto(all);

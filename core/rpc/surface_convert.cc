@@ -131,9 +131,10 @@ absl::StatusOr<frame::ColorRange> RangeOfSamples(const Samples& samples, const s
       samples.has_finite_range() ? samples.finite_range() : samples.value_range();
   if (!std::isfinite(values.min()) || !std::isfinite(values.max())) {
     return absl::InvalidArgumentError(absl::StrCat(
-        path, " is not set: required, because there are infinite samples, and the dataset does not "
-              "tell the range of the finite ones; give the range (MAP:MIN,MAX), or partition the "
-              "volume anew"));
+        path,
+        " is not set: required, because there are infinite samples, and the dataset does not "
+        "tell the range of the finite ones; give the range (MAP:MIN,MAX), or partition the "
+        "volume anew"));
   }
   return frame::ColorRangeOfSamples(values.min(), values.max());
 }
@@ -400,9 +401,9 @@ v1::Light ToProto(const frame::Light& light) {
 
 absl::StatusOr<image::Rgba8> NanColorFromProto(const v1::Color& proto) {
   if (proto.alpha() != 1.0F) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "nan_color.alpha is ", proto.alpha(),
-        ": must be 1, missing values have the opacity of the surface"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("nan_color.alpha is ", proto.alpha(),
+                     ": must be 1, missing values have the opacity of the surface"));
   }
   return ColorFromProto(proto, "nan_color");
 }

@@ -58,8 +58,8 @@ absl::StatusOr<image::Rgba8> NanColorFromProto(const isoscope::v1::Color& proto)
 
 // Returns the range of a map over the finite samples of a component at all steps; 0 to 1 if all are
 // NaN. INVALID_ARGUMENT if the component does not tell it; `path` is that of the range.
-absl::StatusOr<isoscope::v1::ColorRange> ColorRangeOf(
-    const isoscope::v1::FieldComponent& component, const std::string& path);
+absl::StatusOr<isoscope::v1::ColorRange> ColorRangeOf(const isoscope::v1::FieldComponent& component,
+                                                      const std::string& path);
 
 // Gives the maps that show the gradient's magnitude, and the map of caps, a range where the request
 // has none: 0 to the dataset's bound, and that of its finite samples. INVALID_ARGUMENT if the

@@ -139,8 +139,8 @@ absl::StatusOr<std::vector<double>> Hdf5ScaleValues(hid_t scale, std::int64_t co
   }
   std::vector<double> values(static_cast<std::size_t>(count));
   if (H5Dread(scale, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) {
-    return absl::DataLossError(
-        absl::StrFormat("its scale \"%s\" can't be read: %s", Hdf5ScaleName(scale), LastHdf5Error()));
+    return absl::DataLossError(absl::StrFormat("its scale \"%s\" can't be read: %s",
+                                               Hdf5ScaleName(scale), LastHdf5Error()));
   }
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!std::isfinite(values[i]) || (i > 0 && !(values[i] > values[i - 1]))) {

@@ -40,7 +40,8 @@ std::string ExactText(double number) { return absl::StrFormat("%a", number); }
 std::string ExactText(const math::Index3& v) { return absl::StrCat(v.x, ",", v.y, ",", v.z); }
 std::string ExactText(const math::Vec3d& v) { return absl::StrFormat("%a,%a,%a", v.x, v.y, v.z); }
 std::string ExactText(const math::Mat3d& m) {
-  return absl::StrCat(ExactText(m.columns[0]), ";", ExactText(m.columns[1]), ";", ExactText(m.columns[2]));
+  return absl::StrCat(ExactText(m.columns[0]), ";", ExactText(m.columns[1]), ";",
+                      ExactText(m.columns[2]));
 }
 std::string ExactText(const SampleBox& box) {
   const auto& [begin, end] = box;
@@ -57,8 +58,8 @@ std::string ExactText(const std::vector<std::string>& names) {
 }
 std::string ExactText(const RawFormat& raw) {
   const auto& [dims, type, is_big_endian, header_bytes] = raw;
-  return absl::StrCat(ExactText(dims), " ", volume::NameOf(type), " ", ExactText(is_big_endian), " ",
-                      ExactText(header_bytes));
+  return absl::StrCat(ExactText(dims), " ", volume::NameOf(type), " ", ExactText(is_big_endian),
+                      " ", ExactText(header_bytes));
 }
 template <typename T>
 std::string ExactText(const std::optional<T>& value) {

@@ -65,8 +65,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& 
 // Errors as Open, as far as they show.
 absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request);
 
-// The path to open with the rules of the request: its own, or that of a file of the DICOM series that
-// dicom_series chooses beside files of other kinds. Errors as FindDicomSeriesFile.
+// The path to open with the rules of the request: its own, or that of a file of the DICOM series
+// that dicom_series chooses beside files of other kinds. Errors as FindDicomSeriesFile.
 absl::StatusOr<std::string> PathOf(const OpenRequest& request);
 
 }  // namespace isoscope::source

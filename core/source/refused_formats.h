@@ -19,8 +19,8 @@ std::optional<std::string> DescribeContent(const std::string& path);
 // rectilinear grids, files of microscopes, ... A folder of arrays is known by a file of its own.
 std::optional<std::string> WhyRefused(const std::string& path);
 
-// "a.nii.gz, b.nrrd and 3 more": the files of a folder whose names or contents are those of volumes,
-// so that one can be given in place of the folder; "" if there are none.
+// "a.nii.gz, b.nrrd and 3 more": the files of a folder whose names or contents are those of
+// volumes, so that one can be given in place of the folder; "" if there are none.
 std::string ListVolumesIn(const std::string& folder);
 
 // INVALID_ARGUMENT for an existing file that no reader takes: WhyRefused; else that its kind is

@@ -45,8 +45,8 @@ struct Manifest {
   volume::GridGeometry geometry;
   volume::ScalarType scalar_type = volume::ScalarType::kUint8;
   volume::ScalarSpan value_range;  // over all samples that are not NaN
-  // Over the finite samples; empty if there are none. Only if `value_range` has an infinite end, and
-  // not in datasets of programs that did not know it.
+  // Over the finite samples; empty if there are none. Only if `value_range` has an infinite end,
+  // and not in datasets of programs that did not know it.
   std::optional<volume::ScalarSpan> finite_range = std::nullopt;
   math::Index3 block_cells;
   Distribution distribution = Distribution::kRandom;

@@ -481,8 +481,9 @@ absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, Data
                                                                })
                               : caller.MaySee(name) && opening.count(name) > 0;
   if (is_opening) {
-    return OpeningError(name.empty() ? unreachable
-                                     : absl::StrCat("dataset ", base::Quoted(name), ": ", unreachable));
+    return OpeningError(name.empty()
+                            ? unreachable
+                            : absl::StrCat("dataset ", base::Quoted(name), ": ", unreachable));
   }
   if (!name.empty()) {
     return absl::NotFoundError(absl::StrCat("dataset ", base::Quoted(name), ": ", known, suffix));

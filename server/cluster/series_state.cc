@@ -96,8 +96,8 @@ absl::Status CheckOnlyVolume(const v1::Dataset& dataset, const v1::FieldSelectio
   if (!selection.field().empty() || !selection.component().empty()) {
     return absl::InvalidArgumentError(absl::StrCat(
         "selection.", selection.field().empty() ? "component" : "field", " is ",
-        base::Quoted(selection.field().empty() ? selection.component() : selection.field()),
-        ": ", name, " has one field, without a name; leave it out"));
+        base::Quoted(selection.field().empty() ? selection.component() : selection.field()), ": ",
+        name, " has one field, without a name; leave it out"));
   }
   if (selection.when_case() == v1::FieldSelection::kTime) {
     return absl::InvalidArgumentError(

@@ -7,9 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
-#include "core/base/retry_delay.h"
-
 #include "core/base/monotonic_time.h"
+#include "core/base/retry_delay.h"
 #include "core/rpc/grpc_time.h"
 
 namespace isoscope::server {

@@ -203,8 +203,8 @@ class FrameRunner::Attempt {
     begin_.mutable_request()->clear_allow_partial();  // without effect on an agent, as the next two
     begin_.mutable_request()->clear_nan_color();
     begin_.mutable_request()->clear_with_notes();
-    begin_.mutable_request()->clear_dataset_id();     // older agents refuse it
-    begin_.mutable_request()->clear_selection();      // likewise
+    begin_.mutable_request()->clear_dataset_id();  // older agents refuse it
+    begin_.mutable_request()->clear_selection();   // likewise
     begin_.mutable_color_dataset_ids()->Assign(target.selected.color_dataset_ids.begin(),
                                                target.selected.color_dataset_ids.end());
     begin_.set_agent_count(static_cast<std::int32_t>(parts.size()));

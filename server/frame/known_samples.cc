@@ -38,15 +38,15 @@ std::string TextOfValues(const std::vector<std::int64_t>& values) {
     while (end < values.size() && values[end] == values[end - 1] + 1) {
       ++end;
     }
-    parts.push_back(end - begin < 3 ? absl::StrJoin(values.begin() + static_cast<std::ptrdiff_t>(begin),
-                                                    values.begin() + static_cast<std::ptrdiff_t>(end), ", ")
-                                    : absl::StrCat(values[begin], " to ", values[end - 1]));
+    parts.push_back(end - begin < 3
+                        ? absl::StrJoin(values.begin() + static_cast<std::ptrdiff_t>(begin),
+                                        values.begin() + static_cast<std::ptrdiff_t>(end), ", ")
+                        : absl::StrCat(values[begin], " to ", values[end - 1]));
     begin = listed = end;
   }
-  return absl::StrCat(absl::StrJoin(parts, ", "),
-                      listed < values.size()
-                          ? absl::StrCat(" and ", values.size() - listed, " more")
-                          : "");
+  return absl::StrCat(
+      absl::StrJoin(parts, ", "),
+      listed < values.size() ? absl::StrCat(" and ", values.size() - listed, " more") : "");
 }
 
 }  // namespace

@@ -190,16 +190,15 @@ absl::Status PictureJob::AddNotes(const FrameTarget& target, Response* response)
   ReleaseImages();
   const base::TraceScope trace(recorder(), "notes");
   const FrameIdentity identity = Identity();
-  const absl::StatusOr<std::vector<v1::SurfaceNote>> notes =
-      NotesOf({.runner = ticket_->runner(),
-               .identity = &identity,
-               .asked = &asked_,
-               .target = &target,
-               .parts = &parts_,
-               .shown = contents_.shown});
+  const absl::StatusOr<std::vector<v1::SurfaceNote>> notes = NotesOf({.runner = ticket_->runner(),
+                                                                      .identity = &identity,
+                                                                      .asked = &asked_,
+                                                                      .target = &target,
+                                                                      .parts = &parts_,
+                                                                      .shown = contents_.shown});
   if (!notes.ok()) {
-    base::LogWarning("notes_failed", {{"request", ticket_->request().request_id()},
-                                      {"status", notes.status()}});
+    base::LogWarning("notes_failed",
+                     {{"request", ticket_->request().request_id()}, {"status", notes.status()}});
     return absl::IsCancelled(notes.status()) ? notes.status() : absl::OkStatus();
   }
   response->mutable_notes()->Assign(notes->begin(), notes->end());

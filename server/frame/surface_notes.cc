@@ -6,7 +6,8 @@
 //    The rest is drawn once more without these, until no other one shows.
 // 3. No cell has it. The rest is drawn without a clip region and without culling: a surface without
 //    triangles has no cell.
-// 4. The clip region cuts it away, or it lies outside of the picture. With the default camera, which
+// 4. The clip region cuts it away, or it lies outside of the picture. With the default camera,
+// which
 //    sees the whole volume, the same as in 2 tells these apart.
 //
 // Each drawing is small, and step 2 ends the search in most pictures.
@@ -77,8 +78,9 @@ class NoteSearch {
       if (const auto note = samples->NoteOf(spec_.surfaces[i].rule); note.has_value()) {
         Add(i, *note);
       }
-      const bool is_explained = !notes_[i].empty() && notes_[i].front().reason() !=
-                                                          v1::SurfaceNote::REASON_SOME_LABELS_MISSING;
+      const bool is_explained =
+          !notes_[i].empty() &&
+          notes_[i].front().reason() != v1::SurfaceNote::REASON_SOME_LABELS_MISSING;
       unseen.set(i, !frame_.shown.test(i) && !is_explained);
     }
     ISOSCOPE_RETURN_IF_ERROR(ExplainUnseen(*samples, unseen));
@@ -99,7 +101,8 @@ class NoteSearch {
 
   // Step 1. Not set if no surface needs it, or if agents of an earlier version do not tell enough.
   absl::StatusOr<std::optional<KnownSamples>> AskSamples() {
-    const bool is_told = frame_.target->dataset->picture_revision.number >= frame::kPictureRevisionNumber;
+    const bool is_told =
+        frame_.target->dataset->picture_revision.number >= frame::kPictureRevisionNumber;
     if (!NeedsSamples() || !is_told) {
       return std::optional<KnownSamples>();
     }
@@ -138,8 +141,8 @@ class NoteSearch {
     }
     for (std::size_t i = 0; i < spec_.surfaces.size(); ++i) {
       const volume::InsideRule& rule = spec_.surfaces[i].rule;
-      const std::string name =
-          absl::StrCat(samples.NameOf(rule), rule.labels.size() > 1 ? " do" : " does", " not show: ");
+      const std::string name = absl::StrCat(
+          samples.NameOf(rule), rule.labels.size() > 1 ? " do" : " does", " not show: ");
       if (hidden.test(i) && IsTransparent(spec_.surfaces[i])) {
         const frame::ColorBy& color_by = *spec_.surfaces[i].color_by;
         Add(i, {v1::SurfaceNote::REASON_TRANSPARENT,
@@ -165,7 +168,8 @@ class NoteSearch {
     if (!surface.color_by.has_value()) {
       return false;
     }
-    const float least = std::min(surface.color_by->opacity_at_min, surface.color_by->opacity_at_max);
+    const float least =
+        std::min(surface.color_by->opacity_at_min, surface.color_by->opacity_at_max);
     const float most = std::max(surface.color_by->opacity_at_min, surface.color_by->opacity_at_max);
     return most == 0 || (least == 0 && spec_.surfaces.size() == 1);
   }
@@ -192,8 +196,7 @@ class NoteSearch {
     }
     ISOSCOPE_ASSIGN_OR_RETURN(
         const FrameResult result,
-        Draw(surfaces,
-             {.sees_all = true, .is_clipped = false, .culling = frame::Culling::kNone}));
+        Draw(surfaces, {.sees_all = true, .is_clipped = false, .culling = frame::Culling::kNone}));
     const v1::RenderStatistics statistics = StatisticsOf(result);
     int drawn = 0;
     for (std::size_t i = 0; i < spec_.surfaces.size(); ++i) {
@@ -237,7 +240,7 @@ class NoteSearch {
         surface->mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
       }
     }
-    spec.viewport = how.sees_all                 ? view::Viewport{kMaxSidePx, kMaxSidePx}
+    spec.viewport = how.sees_all               ? view::Viewport{kMaxSidePx, kMaxSidePx}
                     : spec_.region.has_value() ? spec_.viewport
                                                : Smaller(spec_.viewport);
     if (!how.sees_all && spec_.region.has_value()) {
@@ -256,10 +259,10 @@ class NoteSearch {
     }
     FrameTarget target = *frame_.target;
     target.selected.color_dataset_ids.clear();
-    target.order.ties = frame::TieRuleOf(
-        frame::DrawnBy(spec, frame_.target->dataset->picture_revision.back_end));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        target.view, view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
+    target.order.ties =
+        frame::TieRuleOf(frame::DrawnBy(spec, frame_.target->dataset->picture_revision.back_end));
+    ISOSCOPE_ASSIGN_OR_RETURN(target.view,
+                              view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
     std::vector<FramePart> parts = *frame_.parts;
     drawn_spec_ = spec;
     drawn_order_ = target.order;

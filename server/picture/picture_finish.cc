@@ -45,13 +45,13 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
   if (picture::NeedsDeferredShading(spec)) {
     shader.emplace(spec, *setup.drawn_view, setup.order);
   }
-  finished.contents = picture::FindContents({.spec = &spec,
-                                             .order = setup.order,
-                                             .image = drawn,
-                                             .layers = setup.layers,
-                                             .shader = shader ? &*shader : nullptr},
-                                            PictureRectOf(spec, window),
-                                            setup.finds_shown_surfaces);
+  finished.contents =
+      picture::FindContents({.spec = &spec,
+                             .order = setup.order,
+                             .image = drawn,
+                             .layers = setup.layers,
+                             .shader = shader ? &*shader : nullptr},
+                            PictureRectOf(spec, window), setup.finds_shown_surfaces);
   if (shader.has_value()) {
     shader->ShadeImage(drawn);
     for (image::FrameImage* level : setup.layers->MutableLevels()) {

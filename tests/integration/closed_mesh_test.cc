@@ -30,12 +30,12 @@
 namespace isoscope {
 namespace {
 
+using nlohmann::json;
+using testing::CommandResult;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
-using nlohmann::json;
-using testing::CommandResult;
 
 std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
   a.insert(a.end(), b.begin(), b.end());
@@ -65,8 +65,8 @@ struct ObjMesh {
     double sum = 0;
     const math::Vec3d from = positions.empty() ? math::Vec3d() : positions[0];
     for (const auto& [a, b, c] : triangles) {
-      sum += math::Dot(positions[a] - from,
-                       math::Cross(positions[b] - from, positions[c] - from)) / 6;
+      sum +=
+          math::Dot(positions[a] - from, math::Cross(positions[b] - from, positions[c] - from)) / 6;
     }
     return sum;
   }
@@ -127,8 +127,9 @@ TEST_F(ClosedMeshTest, ClosedSurfacesAndTheirMeasuresAreTheSameForAnyNumberOfSha
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume, Path("three"), 3, 8));
   for (const char* const isovalue : {"128", "200.5"}) {
     const std::vector<std::string> flags = {
-        "--isovalue", isovalue, "--close",        "--clip-plane", "1,0.2,0,12", "--clip-box",
-        "0,33.5,0,99,3.25,30",  "--stats", Path("stats.json")};
+        "--isovalue",          isovalue,     "--close",
+        "--clip-plane",        "1,0.2,0,12", "--clip-box",
+        "0,33.5,0,99,3.25,30", "--stats",    Path("stats.json")};
     const std::string one = MustExport("m.obj", Join({Path("one")}, flags));
     const std::string stats = io::ReadWholeFile(Path("stats.json"), base::kMiB).value();
     const ObjMesh mesh = ReadObj(one);
@@ -167,12 +168,13 @@ TEST_F(ClosedMeshTest, MeasuresAreToldByExportInfoAndRender) {
   const double radius = 0.6 * 24.5 * 0.5;
   const CommandResult info = MustRun(Join({"info", "--json", "--isovalue", "128"}, input));
   const json measured = json::parse(info.out).at("measures").at("surfaces").at(0);
-  EXPECT_NEAR(measured.at("area").get<double>() / (4 * std::numbers::pi * radius * radius), 1, 0.02);
+  EXPECT_NEAR(measured.at("area").get<double>() / (4 * std::numbers::pi * radius * radius), 1,
+              0.02);
   EXPECT_NEAR(
       measured.at("volume").get<double>() / (4 * std::numbers::pi / 3 * radius * radius * radius),
       1, 0.02);
-  const CommandResult exported = MustRun(Join(
-      {"export", "--isovalue", "128", "--stats", "-", "--output", Path("m.stl")}, input));
+  const CommandResult exported = MustRun(
+      Join({"export", "--isovalue", "128", "--stats", "-", "--output", Path("m.stl")}, input));
   const json stats = json::parse(exported.out);
   EXPECT_EQ(stats.at("surfaces").at(0), measured);
   EXPECT_EQ(stats.at("files").at(0).at("path"), Path("m.stl"));
@@ -191,8 +193,8 @@ TEST_F(ClosedMeshTest, MeasuresAreToldByExportInfoAndRender) {
   const CommandResult cut =
       MustRun(Join({"info", "--isovalue", "128", "--clip-plane", "0,0,1,12"}, input));
   EXPECT_THAT(cut.out, HasSubstr("open at "));
-  const CommandResult closed = MustRun(
-      Join({"info", "--json", "--isovalue", "128", "--clip-plane", "0,0,1,12.25", "--close"}, input));
+  const CommandResult closed = MustRun(Join(
+      {"info", "--json", "--isovalue", "128", "--clip-plane", "0,0,1,12.25", "--close"}, input));
   EXPECT_NEAR(
       json::parse(closed.out).at("measures").at("surfaces").at(0).at("volume").get<double>(),
       measured.at("volume").get<double>() / 2, 0.05 * measured.at("volume").get<double>());
@@ -207,9 +209,9 @@ TEST_F(ClosedMeshTest, MeasuresOfAnExportAreThoseBehindItsFilters) {
   volume.samples[2 + 40 * (2 + 40 * 2)] = static_cast<char>(255);
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume, Path("one"), 1, 16));
   const auto measures = [&](const std::vector<std::string>& flags) {
-    const CommandResult result = MustRun(Join({"export", Path("one"), "--isovalue", "127.5",
-                                               "--stats", "-", "--output", Path("m.ply")},
-                                              flags));
+    const CommandResult result = MustRun(Join(
+        {"export", Path("one"), "--isovalue", "127.5", "--stats", "-", "--output", Path("m.ply")},
+        flags));
     return json::parse(result.out).at("surfaces").at(0);
   };
   const json all = measures({});
@@ -229,7 +231,8 @@ testing::TestVolume ManyLabels() {
     const int y = 1 + 4 * ((label - 1) / 10 % 10);
     const int z = 1 + 4 * ((label - 1) / 100);
     for (int i = 0; i < 8; ++i) {
-      volume.samples[static_cast<std::size_t>(x + i % 2 + 41 * (y + i / 2 % 2 + 41 * (z + i / 4)))] =
+      volume
+          .samples[static_cast<std::size_t>(x + i % 2 + 41 * (y + i / 2 % 2 + 41 * (z + i / 4)))] =
           static_cast<char>(label);
     }
   }
@@ -241,10 +244,10 @@ TEST_F(ClosedMeshTest, AnExportHasAnyNumberOfLabelsInOneFileOrInAFileEach) {
   const ObjMesh all = ReadObj(MustExport("all.obj", {Path("many"), "--labels", "all"}));
   EXPECT_TRUE(all.is_closed());
   EXPECT_EQ(all.positions.size(), 200U * 24);
-  EXPECT_THAT(testing::RunIsoscope({"render", Path("many"), "--labels", "all", "--output",
-                                    Path("m.png")})
-                  .err,
-              HasSubstr("there are 200 labels"));
+  EXPECT_THAT(
+      testing::RunIsoscope({"render", Path("many"), "--labels", "all", "--output", Path("m.png")})
+          .err,
+      HasSubstr("there are 200 labels"));
   MustRun({"export", Path("many"), "--labels", "all", "--output", Path("label-%l.obj")});
   EXPECT_FALSE(io::PathExists(Path("label-0.obj")));
   double volume = 0;

@@ -170,8 +170,7 @@ absl::StatusOr<Picture> PictureOf(server::FrameResult result, const frame::Frame
   Picture picture;
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                             view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
-  const image::FragmentOrder order{.block_count =
-                                       static_cast<std::uint32_t>(layout.block_count())};
+  const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count())};
   std::optional<picture::DeferredShader> shader;
   if (spec.sends_normals) {
     shader.emplace(spec, view, order);

@@ -12,8 +12,8 @@
 
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
-#include "core/picture/picture_contents.h"
 #include "core/math/box.h"
+#include "core/picture/picture_contents.h"
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
 #include "server/frame/frame_coordinator.h"

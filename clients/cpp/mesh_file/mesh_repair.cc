@@ -189,9 +189,7 @@ class Separator {
     const auto a = std::find_if(sides.begin(), sides.end(),
                                 [&](SideIndex side) { return is_free(side, true); });
     auto b = a == sides.end() ? a : std::find(sides.begin(), sides.end(), PartnerOf(*a));
-    const auto apex_of = [&](SideIndex side) {
-      return mesh_.triangles().data()[SideBefore(side)];
-    };
+    const auto apex_of = [&](SideIndex side) { return mesh_.triangles().data()[SideBefore(side)]; };
     // Two triangles of one apex would have a crowded edge again.
     if (b == sides.end() || !is_free(*b, false)) {
       b = std::find_if(sides.begin(), sides.end(), [&](SideIndex side) {

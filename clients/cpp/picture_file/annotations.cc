@@ -155,11 +155,10 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
   }
   if (scene.caps_coloring.has_value()) {
     const CapsColoring& caps = *scene.caps_coloring;
-    items.push_back({{.quantity = frame::ColorBy::Quantity::kField,
-                      .map = caps.map,
-                      .range = caps.range},
-                     caps.title,
-                     caps.nan_color});
+    items.push_back(
+        {{.quantity = frame::ColorBy::Quantity::kField, .map = caps.map, .range = caps.range},
+         caps.title,
+         caps.nan_color});
   }
   return items;
 }

@@ -64,8 +64,8 @@ struct AnnotationScene {
   std::array<std::string, 3> opposite_names{};
   std::vector<SurfaceColoring> colorings;  // ascending surfaces
   std::optional<CapsColoring> caps_coloring = std::nullopt;
-  std::string length_unit = {};            // of world space; empty: not known
-  std::string time = {};                   // with its unit; empty: none
+  std::string length_unit = {};  // of world space; empty: not known
+  std::string time = {};         // with its unit; empty: none
 };
 
 // Names the axes by the sides of a patient.

@@ -134,7 +134,8 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
       const math::Box3d bounds = dataset_.geometry().Bounds();
       task_.spec.clip.half_spaces = {
           {{1, 0, 0}, bounds.min.x + 0.6 * (bounds.max.x - bounds.min.x)}};
-      task_.spec.caps = frame::ClipCaps{.map = frame::ColorMap::kViridis, .range = frame::ColorRange{0, 255}};
+      task_.spec.caps =
+          frame::ClipCaps{.map = frame::ColorMap::kViridis, .range = frame::ColorRange{0, 255}};
     }
     if (case_.culling != frame::Culling::kNone) {
       MakePlan();

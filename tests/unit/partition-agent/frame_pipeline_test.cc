@@ -485,17 +485,15 @@ TEST_F(FramePipelineTest, BadRequestIsRefused) {
 // Planes show the same surfaces without colours: their frames name no samples of other fields.
 TEST_F(FramePipelineTest, AFieldIsReadIfPixelsCarryStepsAndOnlyThen) {
   Open(2);
-  task_.spec.surfaces[0].color_by =
-      frame::ColorBy{.quantity = frame::ColorBy::Quantity::kField,
-                     .range = frame::ColorRange{SmallDataset::kIsovalue - 10.5,
-                                                SmallDataset::kIsovalue + 245.5}};
+  task_.spec.surfaces[0].color_by = frame::ColorBy{
+      .quantity = frame::ColorBy::Quantity::kField,
+      .range = frame::ColorRange{SmallDataset::kIsovalue - 10.5, SmallDataset::kIsovalue + 245.5}};
   task_.spec.sends_normals = true;
   ISOSCOPE_EXPECT_OK(Make(shards_, task_));
   task_.spec.sends_map_steps = true;
   EXPECT_THAT(Make(shards_, task_), StatusIs(absl::StatusCode::kInvalidArgument,
                                              HasSubstr("surface 0 shows another field")));
-  EXPECT_THAT(Make(shards_, task_, nullptr, {{}}),
-              StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(Make(shards_, task_, nullptr, {{}}), StatusIs(absl::StatusCode::kInvalidArgument));
   // The field that is drawn has the isovalue at every vertex.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards_, task_, nullptr, {shards_}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, pipeline->RenderAll());

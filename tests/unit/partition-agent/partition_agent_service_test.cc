@@ -805,8 +805,8 @@ std::map<std::int64_t, std::string> ExpectedSurface(const SmallDataset& dataset,
   std::map<std::int64_t, std::string> blocks;
   for (std::int64_t i = 0; i < layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
-    const std::string samples = isoscope::testing::CutBlock(layout, volume::ScalarType::kUint8,
-                                                            dataset.samples(), id);
+    const std::string samples =
+        isoscope::testing::CutBlock(layout, volume::ScalarType::kUint8, dataset.samples(), id);
     mesh::BlockMesh mesh;
     extractor.Extract({id, volume::ScalarType::kUint8, samples.data()},
                       volume::InsideRule::OfIsovalue(SmallDataset::kIsovalue), &mesh, sums);
@@ -845,13 +845,14 @@ TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
                 .open_side_count = of_shard.open_edge_count()});
       request.set_without_blocks(true);
       v1::SurfaceSums alone;
-      EXPECT_EQ(ReadSurface(request, [](const v1::BlockSurface&) { ADD_FAILURE(); }, &alone), "OK");
+      EXPECT_EQ(ReadSurface(
+                    request, [](const v1::BlockSurface&) { ADD_FAILURE(); }, &alone),
+                "OK");
       EXPECT_EQ(alone.SerializeAsString(), of_shard.SerializeAsString());
     }
     solid::SurfaceSums expected_sums;
-    const std::map<std::int64_t, std::string> expected =
-        ExpectedSurface(dataset_, {.clip = is_cut ? clip : view::ClipRegion(), .closes = closes},
-                        &expected_sums);
+    const std::map<std::int64_t, std::string> expected = ExpectedSurface(
+        dataset_, {.clip = is_cut ? clip : view::ClipRegion(), .closes = closes}, &expected_sums);
     EXPECT_TRUE(blocks == expected) << blocks.size() << " and " << expected.size() << " blocks";
     EXPECT_EQ(sums.area.Value(), expected_sums.area.Value());
     EXPECT_EQ(sums.volume.Value(), expected_sums.volume.Value());

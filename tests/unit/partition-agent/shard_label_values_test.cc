@@ -55,9 +55,9 @@ absl::StatusOr<volume::LabelValues> ValuesOf(const std::vector<T>& samples, int 
   EXPECT_THAT(partition::Partition(*source, options, base::Cancellation()).status(), IsOk());
   Shards shards;
   for (int i = 0; i < shard_count; ++i) {
-    shards.push_back(OpenShard(options.output_directory + "/" +
-                               store::ShardDirectoryName(i, shard_count))
-                         .value());
+    shards.push_back(
+        OpenShard(options.output_directory + "/" + store::ShardDirectoryName(i, shard_count))
+            .value());
   }
   return LabelValuesOfShards(shards, max_count, base::Cancellation());
 }

@@ -45,8 +45,8 @@ TEST(MeshFilesTest, OneFileHasAllSurfaces) {
 // Each counts its own vertices from 1; a surface without pieces is an empty mesh.
 TEST(MeshFilesTest, EachSurfaceHasItsFile) {
   const TempDir folder;
-  MeshFiles files({Obj(folder, "0.obj"), Obj(folder, "1.obj"), Obj(folder, "2.obj"),
-                   Obj(folder, "3.obj")});
+  MeshFiles files(
+      {Obj(folder, "0.obj"), Obj(folder, "1.obj"), Obj(folder, "2.obj"), Obj(folder, "3.obj")});
   EXPECT_TRUE(files.has_file_for_each());
   ISOSCOPE_ASSERT_OK(files.Add(Triangle(0, 0)));
   EXPECT_EQ(files.VertexCountBefore(2), 0);
@@ -59,7 +59,8 @@ TEST(MeshFilesTest, EachSurfaceHasItsFile) {
     const MeshFileReport& report = files.reports()[i];
     EXPECT_EQ(report.path, folder.Sub(std::to_string(i) + ".obj"));
     EXPECT_EQ(report.triangle_count, i % 2 == 0 ? 1 : 0);
-    EXPECT_EQ(report.size_bytes, static_cast<std::int64_t>(std::filesystem::file_size(report.path)));
+    EXPECT_EQ(report.size_bytes,
+              static_cast<std::int64_t>(std::filesystem::file_size(report.path)));
   }
   const std::string third = io::ReadWholeFile(folder.Sub("2.obj"), 10'000).value();
   EXPECT_THAT(third, HasSubstr("v 0 1 2\n"));

@@ -65,8 +65,8 @@ TEST(SurfaceNameTest, ANameHasNoPartThatIsAPath) {
 }
 
 TEST(SurfaceNameTest, OtherPercentSignsBesideALabelAreErrors) {
-  for (const char* const pattern : {"%l-%d.stl", "%l%", "%l%5%", "%3n-%l", "%0999999999999l%l",
-                                    "%10l-%l"}) {
+  for (const char* const pattern :
+       {"%l-%d.stl", "%l%", "%l%5%", "%3n-%l", "%0999999999999l%l", "%10l-%l"}) {
     EXPECT_TRUE(IsUsageError(CheckSurfaceName(pattern))) << pattern;
   }
   EXPECT_THAT(CheckSurfaceName("%l-%d.stl"),

@@ -61,8 +61,8 @@ TEST(FrameSpecTest, OwnersThatDoNotFitIn32BitsAreRefused) {
 
 TEST(FrameSpecTest, MissingValuesAreGreyOrPurpleBesideAMapThatHasThisGrey) {
   FrameSpec spec;
-  for (const ColorMap map : {ColorMap::kViridis, ColorMap::kMagma, ColorMap::kTurbo,
-                             ColorMap::kCoolWarm}) {
+  for (const ColorMap map :
+       {ColorMap::kViridis, ColorMap::kMagma, ColorMap::kTurbo, ColorMap::kCoolWarm}) {
     EXPECT_EQ(NanColorOf(spec, map), (image::Rgba8{128, 128, 128, 255}));
   }
   for (const ColorMap map : {ColorMap::kGrey, ColorMap::kCividis}) {

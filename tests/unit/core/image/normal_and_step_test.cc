@@ -74,7 +74,8 @@ TEST(NormalAndStepTest, NoVectorWithAStepLooksLikeOneWithout) {
       const Rgba8 normal{static_cast<std::uint8_t>(x >> 8), static_cast<std::uint8_t>(x),
                          static_cast<std::uint8_t>(y >> 8), static_cast<std::uint8_t>(y)};
       for (const int step : {0, 128, 255}) {
-        ASSERT_TRUE(HasStep(EncodeNormalAndStep(normal, static_cast<std::uint8_t>(step)))) << x << ", " << y;
+        ASSERT_TRUE(HasStep(EncodeNormalAndStep(normal, static_cast<std::uint8_t>(step))))
+            << x << ", " << y;
       }
     }
   }

@@ -79,8 +79,8 @@ TEST(MeshWelderTest, MinusZeroIsZero) {
   EXPECT_THAT(part.triangles, ElementsAre(0, 1, 3));
 }
 
-// Only the plane x = 2 lies between blocks: the ends of the volume do not, though they are multiples
-// of 2 as well.
+// Only the plane x = 2 lies between blocks: the ends of the volume do not, though they are
+// multiples of 2 as well.
 TEST(MeshWelderTest, OnlyVerticesBetweenBlocksAreLookedUp) {
   const std::vector<math::Vec3f> alone = {{1, 0.5F, 1}, {0, 2, 0}, {4, 2, 2}, {1.5F, 1, 1}};
   for (const math::Vec3f& position : alone) {

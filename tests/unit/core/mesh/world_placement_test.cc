@@ -64,8 +64,7 @@ TEST(WorldPlacementTest, NeighboursStayApartWhereverTheVolumeLies) {
   ExpectDistinct(GeometryOf({9, 9, 9}, {0.01, 0.02, 0.01}, {-500000, -4600000, 1e7}));
   ExpectDistinct(GeometryOf({9, 9, 9}, {1e-6, 1e-6, 1e-6}, {1e3, 1e3, 1e3}));
   ExpectDistinct(GeometryOf({9, 9, 9}, {1e-9, 1e-9, 1e-9}, {0, 0, 1}));
-  volume::GridGeometry rotated =
-      GeometryOf({9, 9, 9}, {0.01, 0.01, 0.01}, {500000, 4600000, 0});
+  volume::GridGeometry rotated = GeometryOf({9, 9, 9}, {0.01, 0.01, 0.01}, {500000, 4600000, 0});
   rotated.direction = {{math::Vec3d{0.6, 0.8, 0}, {-0.8, 0.6, 0}, {0, 0, -1}}};
   ExpectDistinct(rotated);
 }

@@ -272,9 +272,9 @@ TEST_F(PartitionerTest, TheRangeOfFiniteSamplesIsToldWhereOthersAreInfinite) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest infinite, Run(v, options));
   EXPECT_EQ(infinite.value_range, (volume::ScalarSpan{-5, kInfinity}));
   EXPECT_EQ(infinite.finite_range, (volume::ScalarSpan{-5, 31}));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto shard,
-                                store::ShardReader::Open(dir_.Sub("infinite") + "/" +
-                                                         store::ShardDirectoryName(0, 1)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto shard,
+      store::ShardReader::Open(dir_.Sub("infinite") + "/" + store::ShardDirectoryName(0, 1)));
   EXPECT_EQ(shard->manifest().finite_range, infinite.finite_range);
   ISOSCOPE_EXPECT_OK(shard->ReadHistogram().status());
   for (std::size_t i = 0; i < v.samples.size() / 4; ++i) {

@@ -399,8 +399,8 @@ NormalFragment ValueFragment(int x, const std::optional<std::uint8_t>& step,
 
 frame::FrameSpec SpecOfField(frame::ColorMap map) {
   frame::FrameSpec spec = SpecOf({});
-  spec.surfaces[0].color_by = ColorBy{
-      .quantity = ColorBy::Quantity::kField, .map = map, .range = frame::ColorRange{0, 1}};
+  spec.surfaces[0].color_by =
+      ColorBy{.quantity = ColorBy::Quantity::kField, .map = map, .range = frame::ColorRange{0, 1}};
   spec.surfaces[0].appearance = {.ambient = 1, .diffuse = 0.0F, .specular = 0};
   return spec;
 }

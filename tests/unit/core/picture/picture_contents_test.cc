@@ -43,9 +43,7 @@ class PictureContentsTest : public ::testing::Test {
   static Rgba8 Step(std::uint8_t step) {
     return image::EncodeNormalAndStep(image::EncodeNormal({0, 0, 1}), step);
   }
-  static Rgba8 Missing() {
-    return image::EncodeNormalWithoutStep(image::EncodeNormal({0, 0, 1}));
-  }
+  static Rgba8 Missing() { return image::EncodeNormalWithoutStep(image::EncodeNormal({0, 0, 1})); }
 
   PictureContents Find(bool with_shown, const view::PixelRect& window = kAll) {
     const DeferredShader shader(spec_, *view_, kOrder);
@@ -137,8 +135,8 @@ TEST_F(PictureContentsTest, OnlyTheWindowCounts) {
   layers_.Insert(11, 20, Key(0.5F, 1), Missing());
   EXPECT_EQ(Find(true, {10, 20, 11, 21}).without_values.to_ulong(), 0b001U);
   EXPECT_EQ(Find(false, {11, 20, 12, 21}).without_values.to_ulong(), 0b010U);
-  for (const view::PixelRect& beside : {view::PixelRect{0, 0, 10, 48}, {12, 0, 64, 48},
-                                        {0, 0, 64, 20}, {0, 21, 64, 48}}) {
+  for (const view::PixelRect& beside :
+       {view::PixelRect{0, 0, 10, 48}, {12, 0, 64, 48}, {0, 0, 64, 20}, {0, 21, 64, 48}}) {
     EXPECT_EQ(Find(true, beside), PictureContents());
     EXPECT_EQ(Find(false, beside), PictureContents());
   }

@@ -33,7 +33,8 @@ TEST(MapLevelTest, ATriangleWithAMissingCornerHasNoValueAndOneWithAnInfiniteCorn
   };
   // Finite levels stay, those far beyond the ends too.
   const std::array<float, 3> finite = mixed(12, -5, 1e20);
-  EXPECT_EQ(finite, (std::array<float, 3>{scale.LevelOf(12), scale.LevelOf(-5), scale.LevelOf(1e20)}));
+  EXPECT_EQ(finite,
+            (std::array<float, 3>{scale.LevelOf(12), scale.LevelOf(-5), scale.LevelOf(1e20)}));
   for (int corner = 0; corner < 3; ++corner) {
     std::array<double, 3> values{12, 13, 14};
     const auto at = static_cast<std::size_t>(corner);
@@ -71,12 +72,11 @@ TEST(MapLevelTest, LevelsOfNumbersAreFiniteForAnyRange) {
   constexpr float kMost = std::numeric_limits<float>::max();
   for (const frame::ColorRange range :
        {frame::ColorRange{0, 5e-324}, {-1e-300, 0}, {0, 1.7e308}, {-8e307, 8e307}}) {
-    for (const double value : {0.0, 1e-45, 1.0, static_cast<double>(kMost), -1e308, 1e308,
-                               kInfinity, -kInfinity}) {
+    for (const double value :
+         {0.0, 1e-45, 1.0, static_cast<double>(kMost), -1e308, 1e308, kInfinity, -kInfinity}) {
       EXPECT_TRUE(std::isfinite(MapScale(range).LevelOf(value))) << range.max << ", " << value;
     }
-    EXPECT_TRUE(
-        std::isnan(MapScale(range).LevelOf(std::numeric_limits<double>::quiet_NaN())));
+    EXPECT_TRUE(std::isnan(MapScale(range).LevelOf(std::numeric_limits<double>::quiet_NaN())));
   }
 }
 

@@ -392,7 +392,8 @@ TEST(BlockSurfaceTest, LabelsThatTouchAreClosedEach) {
 // sample that is inside.
 TEST(BlockSurfaceTest, NoTriangleOfAMaskAtItsOwnValueIsFlat) {
   const math::Index3 dims{16, 16, 16};
-  Scene scene = FieldScene([](const math::Vec3d& p) { return math::Length(p) < 0.6 ? 1 : 0; }, dims);
+  Scene scene =
+      FieldScene([](const math::Vec3d& p) { return math::Length(p) < 0.6 ? 1 : 0; }, dims);
   scene.rule = volume::InsideRule::OfIsovalue(1);
   const Surface surface = Extract(scene, 8);
   const Faults faults = FaultsOf(surface.mesh, scene.geometry);

@@ -12,7 +12,8 @@ namespace {
 using ::testing::ElementsAre;
 
 std::vector<int> PointsOf(const FacePolygon& polygon) {
-  return {polygon.points.begin(), polygon.points.begin() + static_cast<std::ptrdiff_t>(polygon.size)};
+  return {polygon.points.begin(),
+          polygon.points.begin() + static_cast<std::ptrdiff_t>(polygon.size)};
 }
 
 // Each inside corner and each crossed edge is a corner of one polygon.
@@ -48,10 +49,10 @@ TEST(FacePolygonsTest, OppositeCornersAreJoinedOnlyByLabelsAndOnlyAwayFromTheLow
 
 TEST(FacePolygonsTest, FaceCornersAreThoseOfTheCell) {
   // Corner 5 of the cell is (1, 0, 1).
-  EXPECT_EQ(InsideOfFace(1U << 5, 0), 0U);        // x = 0
-  EXPECT_EQ(InsideOfFace(1U << 5, 1), 1U << 3);   // x = 1: +z
-  EXPECT_EQ(InsideOfFace(1U << 5, 2), 1U << 2);   // y = 0: +z +x
-  EXPECT_EQ(InsideOfFace(1U << 5, 5), 1U << 1);   // z = 1: +x
+  EXPECT_EQ(InsideOfFace(1U << 5, 0), 0U);       // x = 0
+  EXPECT_EQ(InsideOfFace(1U << 5, 1), 1U << 3);  // x = 1: +z
+  EXPECT_EQ(InsideOfFace(1U << 5, 2), 1U << 2);  // y = 0: +z +x
+  EXPECT_EQ(InsideOfFace(1U << 5, 5), 1U << 1);  // z = 1: +x
   for (std::size_t face = 0; face < kFaceCount; ++face) {
     EXPECT_EQ(InsideOfFace(0xff, face), 0xfU);
   }

@@ -13,8 +13,7 @@ using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
 TEST(PolygonCutterTest, SidesAreLinkedToPolygonsThatRunAgainstThem) {
-  const std::vector<Points> polygons =
-      LinkSides({{1, 2}, {7, 8}, {3, 1}, {2, 3}, {8, 9}, {9, 7}});
+  const std::vector<Points> polygons = LinkSides({{1, 2}, {7, 8}, {3, 1}, {2, 3}, {8, 9}, {9, 7}});
   ASSERT_EQ(polygons.size(), 2U);
   EXPECT_THAT(polygons[0], ElementsAre(2, 1, 3));
   EXPECT_THAT(polygons[1], ElementsAre(8, 7, 9));

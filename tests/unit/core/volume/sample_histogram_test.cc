@@ -141,8 +141,8 @@ TEST(GroupBinsTest, SumsOfGroupsAddUpToAllBinsOfTheRange) {
 TEST(HistogramPartTest, PartsAddUpAndOneWithoutSamplesLeavesTheSumWithout) {
   const HistogramBins bins{.exponent = 0, .first = 0, .count = 2};
   const BinGroups groups{bins, 0, 1, 2};
-  HistogramPart a{
-      groups, {1, 2}, {10, 20}, {100, 200}, SampleHistogram{bins, {5, 6}, 1, 2, 3}, {0, 1}};
+  HistogramPart a{groups, {1, 2}, {10, 20}, {100, 200}, SampleHistogram{bins, {5, 6}, 1, 2, 3},
+                  {0, 1}};
   const HistogramPart b{
       groups, {3, 4}, {30, 40}, {300, 400}, SampleHistogram{bins, {7, 8}, 10, 20, 30}, {0, 1}};
   ISOSCOPE_ASSERT_OK(AddPart(b, &a));

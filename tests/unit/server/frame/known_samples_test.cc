@@ -67,7 +67,8 @@ TEST(KnownSamplesTest, AnIsovalueBeyondTheSamplesIsNamedWithTheirRange) {
                 HasSubstr("has no surface: the values of the volume are in [-1, 255], and it must "
                           "be above the smallest and at most the largest"));
   }
-  EXPECT_THAT(known.NoteOf(InsideRule::OfIsovalue(255.125))->second, HasSubstr("isovalue 255.125 "));
+  EXPECT_THAT(known.NoteOf(InsideRule::OfIsovalue(255.125))->second,
+              HasSubstr("isovalue 255.125 "));
   EXPECT_TRUE(Known(ScalarType::kUint8, {{3, 9}}).NoteOf(InsideRule::OfIsovalue(3)).has_value())
       << "a constant volume";
   EXPECT_THAT(Known(ScalarType::kUint8, {{3, 9}}, {}, " at step 7")
@@ -155,7 +156,8 @@ TEST(KnownSamplesTest, LongListsAreCut) {
   }
   const KnownSamples known = Known(ScalarType::kUint8, counts);
   const std::string text = known.NoteOf(InsideRule::OfLabels(absent))->second;
-  EXPECT_THAT(text, HasSubstr("labels 1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, 34 and 28 more have"));
+  EXPECT_THAT(text,
+              HasSubstr("labels 1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, 34 and 28 more have"));
   EXPECT_THAT(text, HasSubstr("the samples are 0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33 and 28 "
                               "more"));
 }

@@ -128,12 +128,11 @@ TEST_F(MeshExportTest, PiecesComeInOrderAndProgressSaysWhatThereWas) {
   request.add_surfaces()->set_isovalue(2);
   Counter counter;
   std::vector<std::pair<std::int64_t, std::int64_t>> seen;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const std::vector<SurfaceMeasures> measures,
-      ReceiveMesh(request, absl::Seconds(60), client_.get(), &counter,
-                  [&](std::int64_t vertices, std::int64_t triangles) {
-                    seen.emplace_back(vertices, triangles);
-                  }));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<SurfaceMeasures> measures,
+                                ReceiveMesh(request, absl::Seconds(60), client_.get(), &counter,
+                                            [&](std::int64_t vertices, std::int64_t triangles) {
+                                              seen.emplace_back(vertices, triangles);
+                                            }));
   EXPECT_THAT(measures, IsEmpty());
   EXPECT_FALSE(counter.origin.has_value());
   EXPECT_THAT(counter.surfaces, ElementsAre(0, 1));
@@ -187,8 +186,7 @@ TEST_F(MeshExportTest, AnOriginIsAskedForWhereTheServerKnowsIt) {
   v1::ExportIsosurfaceRequest request;
   request.set_with_origin(true);
   Counter counter;
-  ISOSCOPE_ASSERT_OK(
-      ReceiveMesh(request, absl::Seconds(60), client_.get(), &counter).status());
+  ISOSCOPE_ASSERT_OK(ReceiveMesh(request, absl::Seconds(60), client_.get(), &counter).status());
   EXPECT_EQ(counter.origin, (math::Vec3d{500000, 0, 0}));
   ISOSCOPE_ASSERT_OK(
       WriteMeshFile({}, folder_.Sub("a.ply"), absl::Seconds(60), client_.get()).status());

@@ -68,9 +68,8 @@ TEST(MeshRepairTest, AMeshWithoutCrowdedEdgesStays) {
 
 // Two and three tetrahedra around the edge of vertices 0 and 1.
 TEST(MeshRepairTest, SolidsThatShareAnEdgeGetVerticesOfTheirOwn) {
-  for (const MeshPiece& mesh :
-       {Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}}),
-        Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}, {0, 1, 3, 6}})}) {
+  for (const MeshPiece& mesh : {Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}}),
+                                Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}, {0, 1, 3, 6}})}) {
     const Repaired repaired = Repair(mesh);
     EXPECT_GT(repaired.crowded_edge_count, 0);
     EXPECT_FALSE(IsClosed(mesh.triangles));

@@ -334,14 +334,13 @@ TEST(MeshWriterTest, MeshesFarFromTheOriginKeepAllDigits) {
   }
   EXPECT_EQ(of_obj, world);
   const std::string stl = write(MeshFormat::kStl);
-  EXPECT_EQ(stl.substr(0, 80), "isoscope, binary STL, origin 500000 4600000 -12.5" +
-                                   std::string(31, ' '));
+  EXPECT_EQ(stl.substr(0, 80),
+            "isoscope, binary STL, origin 500000 4600000 -12.5" + std::string(31, ' '));
   EXPECT_TRUE(IsClosed(ReadStl(stl).triangles));
   EXPECT_EQ(ReadStl(stl).positions.size(), sphere.positions.size());
   const std::string glb = write(MeshFormat::kGlb);
   EXPECT_EQ(ReadGlb(glb).positions, sphere.positions);
-  const nlohmann::json json =
-      nlohmann::json::parse(glb.substr(20, Load<std::uint32_t>(glb, 12)));
+  const nlohmann::json json = nlohmann::json::parse(glb.substr(20, Load<std::uint32_t>(glb, 12)));
   EXPECT_EQ(json.at("nodes").at(0).at("translation"),
             nlohmann::json::array({500000.0, 4600000.0, -12.5}));
   for (const MeshFormat format : kParsed) {

@@ -107,10 +107,8 @@ TEST(PlyWriterTest, PositionsFarFromTheOriginAreDoubles) {
   const std::string path = folder.Sub("mesh.ply");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, CreatePly({.path = path}));
   const math::Vec3d origin{500000, 4600000, -0.5};
-  ISOSCOPE_ASSERT_OK(writer->Add({.positions = {0.015625F, 0, 0},
-                                  .normals = {0, 0, 1},
-                                  .triangles = {},
-                                  .origin = origin}));
+  ISOSCOPE_ASSERT_OK(writer->Add(
+      {.positions = {0.015625F, 0, 0}, .normals = {0, 0, 1}, .triangles = {}, .origin = origin}));
   ISOSCOPE_ASSERT_OK(writer->Add({.positions = {0, 0.25F, 1},
                                   .normals = {0, 0, 1},
                                   .triangles = {0, 1, 0},
@@ -139,8 +137,7 @@ TEST(PlyWriterTest, ASurfaceIndexOfMoreThanAByteIsAnInt) {
     const std::string path = folder.Sub("mesh.ply");
     const bool is_wide = count > 256;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const auto writer,
-        CreatePly({.path = path, .surfaces = std::vector<MeshSurface>(count)}));
+        const auto writer, CreatePly({.path = path, .surfaces = std::vector<MeshSurface>(count)}));
     const int last = static_cast<int>(count) - 1;
     ISOSCOPE_ASSERT_OK(writer->Add(
         {.positions = {0, 0, 0}, .normals = {0, 0, 1}, .triangles = {}, .surface_index = last}));

@@ -380,11 +380,12 @@ TEST(AnnotationsTest, BarsThatDoNotFitInOneRowGetSeveral) {
   AnnotationScene scene = Orthographic(500, 400);
   scene.isovalues.assign(9, 1);
   for (std::size_t i = 0; i < 9; ++i) {
-    scene.colorings.push_back({.surface_index = i,
-                               .color_by = {.quantity = frame::ColorBy::Quantity::kField,
-                                            .map = frame::ColorMap::kTurbo,
-                                            .range = frame::ColorRange{0, 1.0 + static_cast<double>(i)}},
-                               .field_title = "a field with a long title"});
+    scene.colorings.push_back(
+        {.surface_index = i,
+         .color_by = {.quantity = frame::ColorBy::Quantity::kField,
+                      .map = frame::ColorMap::kTurbo,
+                      .range = frame::ColorRange{0, 1.0 + static_cast<double>(i)}},
+         .field_title = "a field with a long title"});
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated,
                                 Annotate({.has_legend = true}, scene, Plain(640, 480)));

@@ -138,7 +138,8 @@ TEST(LookFlagsTest, OneColorByIsForAllSurfacesOrThereIsOneForEach) {
   ISOSCOPE_EXPECT_OK(CheckUsage(flags, 2, /*has_sample_caps=*/false));
   flags.lights.resize(5);
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 2, /*has_sample_caps=*/false)));
-  EXPECT_TRUE(cli::IsUsageError(CheckUsage(LookFlags{.light_space = Light::Space::kWorld}, 1, /*has_sample_caps=*/false)));
+  EXPECT_TRUE(cli::IsUsageError(
+      CheckUsage(LookFlags{.light_space = Light::Space::kWorld}, 1, /*has_sample_caps=*/false)));
 }
 
 TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
