@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -33,6 +32,7 @@
 #include "clients/cpp/mesh_file/mesh_piece.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/json_text.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
@@ -52,9 +52,6 @@
 
 namespace isoscope::cli {
 namespace {
-
-// Any number of surfaces fits into files: a frame has a limit, an export has none.
-constexpr std::size_t kAnyNumber = std::numeric_limits<int>::max();
 
 struct ExportFlags {
   bool is_quiet = false;
@@ -107,8 +104,8 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
 
 absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  ISOSCOPE_RETURN_IF_ERROR(
-      client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color, flags.label, kAnyNumber));
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color,
+                                                 flags.label, client::kAnyNumberOfSurfaces));
   for (const client::LabelValue& value : flags.label.sets) {
     if (value.opacity.value_or(1) != 1.0F) {
       return UsageError(absl::StrCat("--label ", value.set, " has opacity ", *value.opacity,
@@ -273,7 +270,8 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   session->AdaptSelection(&flags.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &flags.selection));
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, flags.selection, session->frame_timeout(),
-                                                 &session->client(), &flags.label, kAnyNumber));
+                                                 &session->client(), &flags.label,
+                                                 client::kAnyNumberOfSurfaces));
   ISOSCOPE_ASSIGN_OR_RETURN(file_options, FileOptions(flags));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const bool knows_closed_meshes,

@@ -1,7 +1,5 @@
 #include "client-cli/commands/info_surfaces.h"
 
-#include <limits>
-
 #include "client-cli/commands/surface_notes.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/mesh_export.h"
@@ -15,12 +13,6 @@
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
-namespace {
-
-// A measurement has no limit of surfaces.
-constexpr std::size_t kAnyNumber = std::numeric_limits<int>::max();
-
-}  // namespace
 
 void AddInfoSurfaceFlags(FlagSet* set, InfoSurfaceFlags* flags) {
   AddRepeatableFlag(set, "--isovalue", "V", &flags->isovalues, client::ParseNumber,
@@ -38,7 +30,7 @@ absl::Status CheckUsage(const InfoSurfaceFlags& flags) {
         "--close, --clip-plane and --clip-box are for the surfaces that --isovalue, --label or "
         "--labels measures");
   }
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.label, kAnyNumber));
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.label, client::kAnyNumberOfSurfaces));
   return client::CheckUsage(flags.clip);
 }
 
@@ -50,7 +42,8 @@ absl::StatusOr<std::vector<MeasuredSurface>> MeasureInfoSurfaces(
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &selection));
   client::LabelFlags label = flags.label;
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, selection, session->frame_timeout(),
-                                                 &session->client(), &label, kAnyNumber));
+                                                 &session->client(), &label,
+                                                 client::kAnyNumberOfSurfaces));
   isoscope::v1::ExportIsosurfaceRequest request;
   request.set_dataset(dataset.name());
   for (const double isovalue : flags.isovalues) {

@@ -24,6 +24,7 @@
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/camera_file.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/view_flags.h"
 #include "core/base/printable.h"

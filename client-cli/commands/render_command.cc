@@ -35,6 +35,7 @@
 #include "clients/cpp/picture_file/picture_scaling.h"
 #include "clients/cpp/picture_file/poster.h"
 #include "clients/cpp/request/camera_file.h"
+#include "clients/cpp/request/dataset_fields.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"

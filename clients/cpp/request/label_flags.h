@@ -8,6 +8,7 @@
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_LABEL_FLAGS_H_
 
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -64,6 +65,9 @@ struct LabelFlags {
 
 // `flags` must outlive the parsing. Without `has_opacity` the help leaves the opacity out.
 void AddLabelFlags(cli::FlagSet* set, LabelFlags* flags, bool has_opacity = true);
+
+// For files and measures: a frame has a limit of surfaces, an export has none.
+inline constexpr std::size_t kAnyNumberOfSurfaces = std::numeric_limits<int>::max();
 
 // UsageError if there are more surfaces than `max_surfaces`, or both flags.
 absl::Status CheckUsage(const LabelFlags& flags, std::size_t max_surfaces = frame::kMaxSurfaces);
