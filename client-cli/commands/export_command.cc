@@ -312,7 +312,7 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
 
 Action RegisterExportFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
-  AddSessionFlags(set, &flags->session, "--input-format");
+  AddSessionFlags(set, &flags->session, {.format = "--input-format"});
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level, in field units");
   AddRepeatableFlag(

@@ -218,14 +218,14 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Want
   return PrepareSource(flags, wanted, request, files, context);
 }
 
-void AddInputFlags(FlagSet* set, SessionFlags* flags, const std::string& format_flag) {
+void AddInputFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names) {
   AddFlag(
       set, "input", "INPUT|DIR", &flags->input, ParseText,
       "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
   AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "cut a volume into P shards, one agent each (default: 1)");
   AddCacheLimitFlag(set, &flags->cache_limit_bytes);
-  AddSourceFlags(set, &flags->source, format_flag);
+  AddSourceFlags(set, &flags->source, names);
 }
 
 void AddServerFlags(FlagSet* set, SessionFlags* flags) {
@@ -239,8 +239,8 @@ void AddServerFlags(FlagSet* set, SessionFlags* flags) {
           "frame without --server 5 minutes)");
 }
 
-void AddSessionFlags(FlagSet* set, SessionFlags* flags, const std::string& format_flag) {
-  AddInputFlags(set, flags, format_flag);
+void AddSessionFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names) {
+  AddInputFlags(set, flags, names);
   AddServerFlags(set, flags);
   AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");

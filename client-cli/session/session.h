@@ -57,11 +57,10 @@ struct SessionFlags {
 
 // Register the flags of an input, of a server, or of both and of drawing here. `flags` must outlive
 // the parsing.
-void AddInputFlags(FlagSet* set, SessionFlags* flags, const std::string& format_flag = "--format");
+void AddInputFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names = {});
 void AddServerFlags(FlagSet* set, SessionFlags* flags);
-// `format_flag` as AddSourceFlags has it.
-void AddSessionFlags(FlagSet* set, SessionFlags* flags,
-                     const std::string& format_flag = "--format");
+// `names` as AddSourceFlags has it.
+void AddSessionFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names = {});
 // Registers --cache-limit.
 void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes);
 // Registers --renderer, which only `render` has.

@@ -156,7 +156,7 @@ const char* SourceFlags::FirstOfRaw() const {
                          : nullptr;
 }
 
-void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_flag) {
+void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& names) {
   const auto add = [](Flag flag) { flag.Group("Raw files"); };
   add(AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,
               "samples on each axis, x fastest"));
@@ -190,12 +190,12 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_
   of_any(AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
                  "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
                  "them)"));
-  of_any(AddFlag(set, "--axes", "AXES", &flags->axes, ParseAxes,
+  of_any(AddFlag(set, names.axes, "AXES", &flags->axes, ParseAxes,
                  "the axes of an HDF5 dataset or a netCDF variable, slowest first, of the letters "
                  "T (time), C (component), Z, Y, X, and - for one of 1 element; for the pages of a "
                  "TIFF stack T, C and Z with counts, as TC3Z20 (default: as the file says)"));
   of_any(
-      AddFlag(set, format_flag, "NAME", &flags->format, ParseFormatName,
+      AddFlag(set, names.format, "NAME", &flags->format, ParseFormatName,
               "read the file as this format ('isoscope info --list-formats' lists them; default: "
               "as the name says, else the content)"));
   of_any(AddFlag(set, "--label-names", "FILE", &flags->label_names, ParseText,

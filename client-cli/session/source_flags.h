@@ -47,9 +47,14 @@ struct SourceFlags {
   [[nodiscard]] const char* FirstOfRaw() const;
 };
 
+// Other names are for a command that has another flag of that name.
+struct SourceFlagNames {
+  std::string format = "--format";
+  std::string axes = "--axes";
+};
+
 // `flags` must outlive the parsing.
-// `format_flag` is --format, unless the command has another flag of that name.
-void AddSourceFlags(FlagSet* set, SourceFlags* flags, const std::string& format_flag = "--format");
+void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& names = {});
 
 // Returns true if the suffix is that of a format with its own dimensions and type.
 bool HasSelfDescribingName(const std::string& path);
