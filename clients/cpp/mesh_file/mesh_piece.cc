@@ -27,8 +27,8 @@ std::vector<float> Floats(absl::string_view bytes) {
 }  // namespace
 
 std::string TextOfOrigin(const math::Vec3d& origin) {
-  return absl::StrCat(cli::FormatShortest(origin.x), " ", cli::FormatShortest(origin.y), " ",
-                      cli::FormatShortest(origin.z));
+  return absl::StrCat(cli::FormatValue(origin.x), " ", cli::FormatValue(origin.y), " ",
+                      cli::FormatValue(origin.z));
 }
 
 absl::StatusOr<MeshPiece> DecodeMeshPiece(absl::string_view positions, absl::string_view normals,
