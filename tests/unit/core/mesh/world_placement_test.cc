@@ -15,7 +15,7 @@ namespace {
 
 volume::GridGeometry GeometryOf(const math::Index3& dims, const math::Vec3d& spacing,
                                 const math::Vec3d& origin) {
-  return {.sample_dims = dims, .spacing = spacing, .origin = origin};
+  return {.sample_dims = dims, .spacing = spacing, .origin = origin, .direction = {}};
 }
 
 // Points half a sample apart on a diagonal, and the number of places that they have in a file.
