@@ -480,7 +480,8 @@ TEST(BlockSurfaceTest, OnlyBlocksWithSomethingInsideMayHaveASurface) {
   const math::Index3 dims{25, 9, 9};
   const volume::BlockLayout layout = volume::BlockLayout::Make(dims, {8, 4, 4}).value();
   const volume::BlockLayout thick = volume::BlockLayout::Make({33, 33, 33}, {8, 8, 8}).value();
-  const volume::GridGeometry geometry{.sample_dims = dims};
+  const volume::GridGeometry geometry{
+      .sample_dims = dims, .spacing = {1, 1, 1}, .origin = {}, .direction = {}};
   const view::Clipper all({}, geometry);
   const auto may = [&](const volume::BlockLayout& of, std::int64_t block,
                        const volume::ScalarSpan& span, volume::ScalarType type,

@@ -65,7 +65,8 @@ TEST(DatasetsOfTest, MissingShardsAndUnreachableAgentsAreNamed) {
 
 isoscope::internal::v1::DescribeShardsResponse OpeningAnswer(const std::string& dataset) {
   isoscope::internal::v1::DescribeShardsResponse answer;
-  *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision{.number = 1, .driver = ""});
+  *answer.mutable_picture_revision() =
+      rpc::ToProto(frame::PictureRevision{.number = 1, .driver = ""});
   answer.mutable_opening()->set_shard_count(8);
   answer.mutable_opening()->set_open_shard_count(3);
   answer.mutable_opening()->set_table_bytes(4 << 20);
