@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <set>
@@ -32,17 +31,12 @@ UnfinishedPaths& Unfinished() {
 }
 
 struct OrderlyEnds {
-  std::atomic<int> count{0};
-  std::atomic<std::int64_t> end_ns{0};  // of Clock: when the last of them must be over
+  Mutex mutex;
+  std::multiset<Clock::time_point> ends ABSL_GUARDED_BY(mutex);  // when each must be over
 };
 OrderlyEnds& Ends() {
   static auto* const ends = new OrderlyEnds();
   return *ends;
-}
-
-std::int64_t NowNs() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
-      .count();
 }
 
 }  // namespace
@@ -94,16 +88,22 @@ void RemoveUnfinishedPaths(absl::Duration patience) {
   }
 }
 
-OrderlyEnd::OrderlyEnd(absl::Duration at_most) {
-  const std::int64_t end_ns = NowNs() + absl::ToInt64Nanoseconds(at_most);
-  std::int64_t known = Ends().end_ns.load();
-  while (known < end_ns && !Ends().end_ns.compare_exchange_weak(known, end_ns)) {
-  }
-  Ends().count.fetch_add(1);
+OrderlyEnd::OrderlyEnd(absl::Duration at_most)
+    : end_(Clock::now() + absl::ToChronoNanoseconds(at_most)) {
+  const MutexLock lock(&Ends().mutex);
+  Ends().ends.insert(end_);
 }
 
-OrderlyEnd::~OrderlyEnd() { Ends().count.fetch_sub(1); }
+OrderlyEnd::~OrderlyEnd() {
+  const MutexLock lock(&Ends().mutex);
+  std::multiset<Clock::time_point>& ends = Ends().ends;
+  ends.erase(ends.find(end_));
+}
 
-bool OrderlyEnd::IsUnderWay() { return Ends().count.load() > 0 && NowNs() < Ends().end_ns.load(); }
+bool OrderlyEnd::IsUnderWay() {
+  const MutexLock lock(&Ends().mutex);
+  const std::multiset<Clock::time_point>& ends = Ends().ends;
+  return !ends.empty() && Clock::now() < *ends.rbegin();
+}
 
 }  // namespace isoscope::base

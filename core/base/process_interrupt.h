@@ -8,6 +8,7 @@
 #ifndef ISOSCOPE_CORE_BASE_PROCESS_INTERRUPT_H_
 #define ISOSCOPE_CORE_BASE_PROCESS_INTERRUPT_H_
 
+#include <chrono>
 #include <string>
 
 #include "absl/status/status.h"
@@ -52,6 +53,9 @@ class OrderlyEnd {
 
   // True while one lives whose time is not over.
   static bool IsUnderWay();
+
+ private:
+  const std::chrono::steady_clock::time_point end_;
 };
 
 }  // namespace isoscope::base

@@ -24,6 +24,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/source/hdf5_attributes.h"
 #include "core/source/hdf5_handle.h"
@@ -229,8 +230,8 @@ absl::StatusOr<std::vector<CfAxis>> Hdf5AxesOf(const NamedHdf5Dataset& named) {
   return axes;
 }
 
-absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes,
-                                        const std::string& letters) {
+absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const std::string& letters,
+                                        const std::string& name) {
   std::vector<std::int64_t> dims;
   for (const CfAxis& axis : axes) {
     dims.push_back(axis.size);
@@ -251,9 +252,11 @@ absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes,
   return absl::InvalidArgumentError(
       choices.empty()
           ? absl::StrFormat("%d axes (%s elements); expected 3 to 5", dims.size(), shape)
-          : absl::StrFormat("%d axes (%s elements), and no attribute says what they mean: say it, "
-                            "slowest first (T time, C components), with --axes %s",
-                            dims.size(), shape, choices));
+          : absl::StrFormat("%d axes (%s elements), and no attribute says what they mean: %s; say "
+                            "it, slowest first (T time, C components), as in `isoscope partition "
+                            "%s --axes %s --output DIR`",
+                            dims.size(), shape, choices, base::ShellWord(name),
+                            choices.substr(0, choices.find_first_of(", "))));
 }
 
 absl::StatusOr<Hdf5Grid> Hdf5GridOf(const NamedHdf5Dataset& named, const std::vector<CfAxis>& axes,

@@ -30,10 +30,10 @@ struct Hdf5Layout {
 };
 // `letters`, one for each axis, decide (axis_order.h). If there are none: names, if they say it of
 // all axes of more than one element; else, of three such axes or of three axes, the slowest is z.
-// INVALID_ARGUMENT: letters that do not fit; nothing says it (lists the choices). The message is to
-// follow a name and a colon.
-absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes,
-                                        const std::string& letters);
+// INVALID_ARGUMENT: letters that do not fit; nothing says it (lists the choices, and a command for
+// the path `name`). The message is to follow a name and a colon.
+absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const std::string& letters,
+                                        const std::string& name);
 
 // The grid of the samples. An axis without coordinates has the spacing of the attribute
 // "element_size_um", else 1. INVALID_ARGUMENT: an axis that is not even, unless `takes_uneven`;

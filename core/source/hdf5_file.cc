@@ -45,7 +45,7 @@ absl::Status Hdf5OpenError(const std::string& path, const std::string& said) {
                                             ": it is cut; copy or download it again"));
   }
   if (const auto content = DescribeContent(path); content.has_value()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": no HDF5 file, but ", *content));
+    return absl::InvalidArgumentError(absl::StrCat(path, ": ", *content));
   }
   return absl::InvalidArgumentError(
       absl::StrCat(path, ": can't be opened as HDF5: ", said, ": no HDF5 file, or it is damaged"));

@@ -27,6 +27,12 @@ constexpr int kMaxDepth = 64;
 
 class Hdf5Walk {
  public:
+  explicit Hdf5Walk(hid_t start) {
+    H5O_info_t info{};
+    if (H5Oget_info2(start, &info, H5O_INFO_BASIC) >= 0) {
+      visited_.insert({info.fileno, info.addr});
+    }
+  }
   // `path` ends with '/'.
   void Visit(hid_t group, const std::string& path, int depth) {
     if (depth > kMaxDepth) {
@@ -106,7 +112,7 @@ std::string Shape(const Hdf5Entry& entry) {
 }  // namespace
 
 std::vector<Hdf5Entry> ListHdf5Entries(hid_t file) {
-  Hdf5Walk walk;
+  Hdf5Walk walk(file);
   walk.Visit(file, "/", 0);
   return walk.TakeEntries();
 }

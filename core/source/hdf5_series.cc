@@ -32,7 +32,6 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/check.h"
-#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/source/axis_order.h"
 #include "core/source/hdf5_attributes.h"
@@ -75,7 +74,7 @@ absl::StatusOr<FoundDataset> FindDataset(const std::string& path, const std::str
   auto axes = Hdf5AxesOf(found.named);
   ISOSCOPE_RETURN_IF_ERROR(Named(name, axes.status()));
   found.axes = *std::move(axes);
-  auto layout = Hdf5LayoutOf(found.axes, letters);
+  auto layout = Hdf5LayoutOf(found.axes, letters, name);
   ISOSCOPE_RETURN_IF_ERROR(Named(name, layout.status()));
   found.layout = *std::move(layout);
   return found;

@@ -24,6 +24,7 @@
 #include "core/io/file.h"
 #include "core/source/file_start.h"
 #include "core/source/hdf5_path.h"
+#include "core/source/image_slices.h"
 #include "core/source/named_files.h"
 #include "core/source/part_path.h"
 #include "core/source/sample_location.h"
@@ -380,7 +381,10 @@ absl::Status ExplainByContent(const std::string& path, absl::Status status) {
     file = path.substr(0, colon);
   }
   const auto content = DescribeContent(file);
-  return content.has_value() && !absl::StrContains(status.message(), *content)
+  // A picture with the name of a slice is read: what is wrong is its stack.
+  const bool is_slice =
+      content.has_value() && IsImageSliceName(file) && absl::StrContains(*content, kStack);
+  return content.has_value() && !is_slice && !absl::StrContains(status.message(), *content)
              ? absl::InvalidArgumentError(absl::StrCat(file, ": ", *content))
              : std::move(status);
 }

@@ -46,8 +46,9 @@ absl::StatusOr<volume::LabelValues> ValuesOf(const std::vector<T>& samples, int 
   const testing::TempDir temp;
   const std::string bytes(reinterpret_cast<const char*>(samples.data()),
                           samples.size() * sizeof(T));
-  const auto source = testing::MakeMemorySource({.sample_dims = {kSide, kSide, kSide}}, kTypeOf<T>,
-                                                bytes, "labels");
+  const auto source = testing::MakeMemorySource(
+      {.sample_dims = {kSide, kSide, kSide}, .spacing = {1, 1, 1}, .origin = {}, .direction = {}},
+      kTypeOf<T>, bytes, "labels");
   partition::PartitionOptions options;
   options.output_directory = temp.Sub("labels");
   options.shard_count = shard_count;

@@ -41,7 +41,7 @@ class SessionTest : public ::testing::Test {
   }
 
   absl::StatusOr<std::unique_ptr<Session>> Open() {
-    return Session::Open(flags_, std::nullopt, context_);
+    return Session::Open(flags_, nullptr, std::nullopt, context_);
   }
 
   testing::TempDir directory_;

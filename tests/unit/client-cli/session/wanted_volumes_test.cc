@@ -22,6 +22,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Pair;
+using testing::StatusIs;
 using ::testing::UnorderedElementsAre;
 
 // Fields p, u (x, y, z) and one with colons in its name; steps 0 to 3 at 0, 1, 2 and 4 s.
@@ -37,19 +38,19 @@ WantedVolumes WithField(const std::string& name) {
 
 std::set<std::pair<int, int>> VolumesOf(const WantedVolumes& wanted) {
   const absl::StatusOr<ChosenVolumes> chosen = ChooseVolumes(wanted, Flow());
-  EXPECT_OK(chosen);
+  ISOSCOPE_EXPECT_OK(chosen);
   return chosen.ok() ? chosen->volumes : std::set<std::pair<int, int>>();
 }
 
 std::string NoteOf(const WantedVolumes& wanted) {
   const absl::StatusOr<ChosenVolumes> chosen = ChooseVolumes(wanted, Flow());
-  EXPECT_OK(chosen);
+  ISOSCOPE_EXPECT_OK(chosen);
   return chosen.ok() ? chosen->note : "";
 }
 
 TEST(WantedVolumesTest, WithoutAChoiceItIsTheFirstFieldAtTheLastStep) {
   const absl::StatusOr<ChosenVolumes> chosen = ChooseVolumes({}, Flow());
-  ASSERT_OK(chosen);
+  ISOSCOPE_ASSERT_OK(chosen);
   EXPECT_THAT(chosen->volumes, ElementsAre(Pair(0, 3)));
   EXPECT_THAT(chosen->fields, ElementsAre("p"));
   EXPECT_EQ(chosen->text, "");
@@ -160,7 +161,7 @@ TEST(WantedVolumesTest, EachChoiceHasATextOfItsOwn) {
         WantedVolumes{.selection = {.step = 0}}, WantedVolumes{.selection = {.step = 1}},
         WantedVolumes{.needs_all_steps = true}, WantedVolumes{.needs_all_fields = true}}) {
     const absl::StatusOr<ChosenVolumes> chosen = ChooseVolumes(wanted, Flow());
-    ASSERT_OK(chosen);
+    ISOSCOPE_ASSERT_OK(chosen);
     texts.insert(chosen->text);
     ++count;
   }
@@ -174,7 +175,7 @@ TEST(WantedVolumesTest, WaysToOneChoiceShareItsText) {
        {client::SelectionFlags{.step = 3}, client::SelectionFlags{.step = -1},
         client::SelectionFlags{.time = 4}, client::SelectionFlags{.field = {{.name = "p"}}}}) {
     const absl::StatusOr<ChosenVolumes> chosen = ChooseVolumes({.selection = selection}, Flow());
-    ASSERT_OK(chosen);
+    ISOSCOPE_ASSERT_OK(chosen);
     EXPECT_EQ(chosen->text, "");
   }
   EXPECT_EQ(ChooseVolumes(WithField("u:x"), Flow())->text,

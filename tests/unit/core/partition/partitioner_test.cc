@@ -27,6 +27,7 @@
 #include "core/base/coding.h"
 #include "core/index/interval_tree.h"
 #include "core/io/file.h"
+#include "core/source/placed_source.h"
 #include "core/store/block_codec.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
@@ -58,10 +59,10 @@ TEST_F(PartitionerTest, EveryBlockOfEveryTypeComesBackFromARawFile) {
     const Volume v{dims, type, Noise(dims, type)};
     testing::WriteFile(dir_.Sub("noise.raw"), v.samples);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const auto source,
-        source::OpenRawFile(
-            dir_.Sub("noise.raw"),
-            {.dims = dims, .type = type, .spacing = {0.5, 1, 2}, .origin = {-1, -2, -3}}));
+        auto raw, source::OpenRawFile(dir_.Sub("noise.raw"), {.dims = dims, .type = type}));
+    const auto source = source::MoveSource(
+        std::move(raw),
+        {.sample_dims = dims, .spacing = {0.5, 1, 2}, .origin = {-1, -2, -3}, .direction = {}});
     PartitionOptions options = Options(name);
     options.shard_count = 3;
     options.block_cells = {8, 8, 8};
@@ -263,13 +264,15 @@ TEST_F(PartitionerTest, TheRangeOfFiniteSamplesIsToldWhereOthersAreInfinite) {
   }
   PartitionOptions options = Options("finite");
   options.block_cells = {4, 4, 4};
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest finite, Run(v, options));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest finite,
+                                Partition(*SourceOf(v), options, never_));
   EXPECT_EQ(finite.value_range, (volume::ScalarSpan{-5, 31}));
   EXPECT_FALSE(finite.finite_range.has_value());
   set(100, kInfinity);
   set(101, std::numeric_limits<float>::quiet_NaN());
   options.output_directory = dir_.Sub("infinite");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest infinite, Run(v, options));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest infinite,
+                                Partition(*SourceOf(v), options, never_));
   EXPECT_EQ(infinite.value_range, (volume::ScalarSpan{-5, kInfinity}));
   EXPECT_EQ(infinite.finite_range, (volume::ScalarSpan{-5, 31}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
@@ -281,7 +284,8 @@ TEST_F(PartitionerTest, TheRangeOfFiniteSamplesIsToldWhereOthersAreInfinite) {
     set(i, -kInfinity);
   }
   options.output_directory = dir_.Sub("all-infinite");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest none, Run(v, options));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest none,
+                                Partition(*SourceOf(v), options, never_));
   EXPECT_EQ(none.value_range, (volume::ScalarSpan{-kInfinity, -kInfinity}));
   EXPECT_EQ(none.finite_range, volume::ScalarSpan());
 }

@@ -186,9 +186,9 @@ TEST(ExportSpecFromProtoTest, HostileValuesAreNamed) {
          r->set_isovalue(3);
          r->add_surfaces();
        }},
-      {"surfaces has 129 elements",
+      {"surfaces has 65537 elements",
        [](Request* r) {
-         for (int i = 0; i < 129; ++i) {
+         for (int i = 0; i < 65537; ++i) {
            r->add_surfaces();
          }
        }},

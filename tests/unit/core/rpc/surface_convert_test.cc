@@ -16,6 +16,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/status_macros.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera.h"

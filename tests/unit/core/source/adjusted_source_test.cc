@@ -11,6 +11,7 @@
 #include "gtest/gtest.h"
 
 #include "core/source/affine_grid.h"
+#include "core/source/placed_source.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -48,10 +49,9 @@ class AdjustedSourceTest : public ::testing::Test {
       }
     }
     testing::WriteFile(dir_.Sub("a.raw"), BytesOf(values));
-    return OpenRawFile(
-               dir_.Sub("a.raw"),
-               {.dims = kDims, .type = type, .spacing = {0.5, 1, 2}, .origin = {10, 20, 30}})
-        .value();
+    return MoveSource(
+        OpenRawFile(dir_.Sub("a.raw"), {.dims = kDims, .type = type}).value(),
+        {.sample_dims = kDims, .spacing = {0.5, 1, 2}, .origin = {10, 20, 30}, .direction = {}});
   }
   testing::TempDir dir_;
 };

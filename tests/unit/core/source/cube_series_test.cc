@@ -92,7 +92,7 @@ TEST_F(CubeSeriesTest, RefusesInASentence) {
     std::string sentence;
   };
   for (const Case& c :
-       {Case{"", "no Gaussian cube file"}, Case{"a\nb\nLUT_3D_SIZE 32\n", "no Gaussian cube file"},
+       {Case{"", "an empty file"}, Case{"a\nb\nLUT_3D_SIZE 32\n", "no Gaussian cube file"},
         Case{"a\nb\n1 0 0 0\n4 0 0 0\n", "4 voxels, 0 apart"},
         Case{"a\nb\n1 0 0 0\n0 1 0 0\n", "0 voxels"},
         Case{"a\nb\n99999999 0 0 0\n", "99999999 atoms"},

@@ -362,7 +362,7 @@ TEST_F(DicomSourceTest, CutFileOfAnotherSeriesStopsOnlyThatOne) {
 
 TEST_F(DicomSourceTest, NoSeriesAndCutSlicesAreErrors) {
   EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("DICOM")));
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("DICOM")));
   WriteFile(dir_.Sub("a.dcm"), "no DICOM");
   EXPECT_FALSE(OpenVolumeFile(dir_.Sub("a.dcm")).ok());
   WriteSeries();

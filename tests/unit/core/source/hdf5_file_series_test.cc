@@ -90,6 +90,7 @@ class Hdf5FileSeriesTest : public ::testing::Test {
     writer->Texts(path, "dataOrder", {"C"});
     writer->Texts(path, "axisLabels", {"z", "y", "x"});
     writer->Numbers(path, "gridSpacing", {4, 2, 0.5});
+    writer->Numbers(path, "gridUnitSI", {1});
     writer->Numbers(path, "gridGlobalOffset", {30, 20, difference.offset});
   }
   // Iterations 0, 90, 100 and 1000 at 0, 45, 50 and 500 s.

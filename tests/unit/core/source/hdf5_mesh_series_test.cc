@@ -351,8 +351,8 @@ TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("theta.h5")),
               StatusIs(kInvalid, HasSubstr("rho has the geometry \"thetaMode\"")));
   testing::WriteFile(dir_.Sub("d.h5"), "text");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, OpenHdf5MeshSeries(dir_.Sub("d.h5"), ""));
-  EXPECT_EQ(none, nullptr);
+  EXPECT_THAT(OpenHdf5MeshSeries(dir_.Sub("d.h5"), ""),
+              StatusIs(kInvalid, HasSubstr("no HDF5 file")));
 }
 
 // An Imaris file of 3 x 2 x 2 samples, in datasets of 4 x 4 x 2, by step and channel.

@@ -184,10 +184,10 @@ TEST(ImageSlicesTest, SlicesOfAVolumeAreOfOneKindAndPreviewsAreLeftOut) {
   EXPECT_THAT(ImageSlicesNamed(dir.path()), ElementsAre(dir.Sub("a.jpg"), dir.Sub("preview.jpg")));
   WriteImage<itk::JPEG2000ImageIO>(dir.Sub("b.jp2"), {8, 8}, Counted<std::uint8_t>(64));
   EXPECT_THAT(ImageSlicesNamed(dir.path()), ElementsAre(dir.Sub("b.jp2")));
-  for (const char* name : {"c.png", "d.png"}) {
+  for (const char* name : {"c1.png", "c2.png"}) {
     WriteImage<itk::PNGImageIO>(dir.Sub(name), {8, 8}, Counted<std::uint8_t>(64));
   }
-  EXPECT_THAT(ImageSlicesNamed(dir.path()), ElementsAre(dir.Sub("c.png"), dir.Sub("d.png")));
+  EXPECT_THAT(ImageSlicesNamed(dir.path()), ElementsAre(dir.Sub("c1.png"), dir.Sub("c2.png")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
   EXPECT_EQ(source->geometry().sample_dims, (math::Index3{8, 8, 2}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(dir.Sub("*.jpg")));

@@ -11,6 +11,8 @@
 #include "gtest/gtest.h"
 
 #include "core/source/adjusted_source.h"
+#include "core/source/placed_source.h"
+#include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
@@ -36,10 +38,9 @@ class ResampledSourceTest : public ::testing::Test {
   template <typename T>
   std::unique_ptr<VolumeSource> Open(const std::vector<T>& values, volume::ScalarType type) {
     testing::WriteFile(dir_.Sub("a.raw"), BytesOf(values));
-    return OpenRawFile(
-               dir_.Sub("a.raw"),
-               {.dims = kDims, .type = type, .spacing = {0.5, 1, 2}, .origin = {10, 20, 30}})
-        .value();
+    return MoveSource(
+        OpenRawFile(dir_.Sub("a.raw"), {.dims = kDims, .type = type}).value(),
+        {.sample_dims = kDims, .spacing = {0.5, 1, 2}, .origin = {10, 20, 30}, .direction = {}});
   }
   // Linear in the places of the samples, so that linear interpolation is exact.
   template <typename T>

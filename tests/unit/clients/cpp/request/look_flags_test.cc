@@ -9,6 +9,7 @@
 
 #include "core/cli/usage.h"
 #include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::client {

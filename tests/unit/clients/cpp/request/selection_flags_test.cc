@@ -7,6 +7,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "clients/cpp/request/dataset_fields.h"
+#include "clients/cpp/request/look_flags.h"
 #include "core/cli/usage.h"
 #include "tests/support/status_matchers.h"
 
