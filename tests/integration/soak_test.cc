@@ -22,6 +22,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <random>
 #include <string>
 #include <thread>
 #include <type_traits>
@@ -591,8 +592,7 @@ T EnvironmentNumber(const char* name, T otherwise) {
 // The seed of the first round. Long runs have new seeds each time.
 std::uint64_t FirstSeed(bool is_long) {
   return EnvironmentNumber<std::uint64_t>(
-      "ISOSCOPE_SOAK_SEED",
-      is_long ? static_cast<std::uint64_t>(absl::ToUnixSeconds(base::MonotonicNow())) << 16 : 1);
+      "ISOSCOPE_SOAK_SEED", is_long ? std::uint64_t{std::random_device()()} << 16 : 1);
 }
 
 class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
