@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <random>
 #include <system_error>
@@ -16,7 +17,6 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "absl/strings/strip.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <sys/file.h>
@@ -40,9 +40,12 @@ constexpr absl::Duration kMakingTime = absl::Minutes(10);
 // Earlier programs wrote no record. Nobody makes a dataset for a day without writing to it.
 constexpr absl::Duration kUnrecordedTime = absl::Hours(24);
 
+// Not ReadWholeFile: the kernel says that its own files have no bytes.
 std::string FirstLineOf(const char* path) {
-  const absl::StatusOr<std::string> text = ReadWholeFile(path, kMaxRecordBytes);
-  return std::string(absl::StripAsciiWhitespace(text.value_or("")));
+  std::ifstream file(path);
+  std::string line;
+  std::getline(file, line);
+  return line;
 }
 
 std::string TextOf(const MachineRecord& record) {

@@ -153,5 +153,13 @@ TEST(WorkFolderTest, TheRecordNamesTheMachine) {
   EXPECT_FALSE(machine.host.empty());
 }
 
+// Symptom: the kernel's file has no size, and the boot was unknown: nothing was ever removed.
+TEST(WorkFolderTest, TheMachineKnowsItsBoot) {
+  if (!std::filesystem::exists("/proc/sys/kernel/random/boot_id")) {
+    GTEST_SKIP() << "this kernel does not tell";
+  }
+  EXPECT_EQ(ThisMachine().boot.size(), 36U) << "a UUID";
+}
+
 }  // namespace
 }  // namespace isoscope::io
