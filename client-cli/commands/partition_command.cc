@@ -61,6 +61,12 @@ struct PartitionFlags {
   }
 };
 
+absl::Status GreedySeriesError() {
+  return UsageError(
+      "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
+      "or time steps, has its blocks in the same shard in every volume: --distribution random");
+}
+
 absl::Status CheckUsage(const PartitionFlags& flags) {
   if (!flags.input) {
     return UsageError("INPUT is missing: the volume to partition");
@@ -77,6 +83,9 @@ absl::Status CheckUsage(const PartitionFlags& flags) {
     }
   } else if (!flags.output) {
     return UsageError("--output DIR is missing: the dataset folder to make");
+  }
+  if (flags.series.time && flags.distribution == store::Distribution::kGreedy) {
+    return GreedySeriesError();
   }
   return CheckUsage(flags.source, *flags.input);
 }
@@ -162,9 +171,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     return absl::OkStatus();
   }
   if (options.distribution == store::Distribution::kGreedy) {
-    return UsageError(
-        "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
-        "or time steps, has its blocks in the same shard in every volume: --distribution random");
+    return GreedySeriesError();
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       const store::SeriesManifest series,

@@ -160,6 +160,7 @@ class StartWatch {
   StartWatch() : thread_([this] { Run(); }) {}
   ~StartWatch() {
     has_started_.store(true);
+    pthread_kill(thread_.native_handle(), kWake);
     thread_.join();
   }
   StartWatch(const StartWatch&) = delete;
@@ -169,18 +170,26 @@ class StartWatch {
   void Run() {
     sigset_t signals;
     sigemptyset(&signals);
+    sigaddset(&signals, kWake);
+    pthread_sigmask(SIG_BLOCK, &signals, nullptr);
     sigaddset(&signals, SIGTERM);
     sigaddset(&signals, SIGINT);
     const timespec interval = absl::ToTimespec(kStep);
     while (!has_started_.load()) {
       const int number = sigtimedwait(&signals, nullptr, &interval);
-      if (number > 0) {
+      if (number > 0 && number != kWake) {
+        if (has_started_.load()) {
+          kill(getpid(), number);  // for the server, which may have work by now
+          return;
+        }
         base::LogInfo("shutdown", {{"signal", number == SIGINT ? "SIGINT" : "SIGTERM"},
                                    {"note", "while it started"}});
         _exit(kSignalled + number);
       }
     }
   }
+
+  static constexpr int kWake = SIGURG;  // nothing else here uses it
 
   std::atomic<bool> has_started_{false};
   std::thread thread_;

@@ -62,7 +62,7 @@ std::string LabelOf(FrameStage stage) {
 // Returns true if the failure is counted from 0 on. A series that begins with its first failure
 // would hide that failure from `increase` and `rate`.
 bool IsExpected(FrameStage stage, absl::StatusCode code) {
-  return stage < FrameStage::kDone &&
+  return stage != FrameStage::kDone && stage != FrameStage::kEnded &&
          (code == absl::StatusCode::kUnavailable || code == absl::StatusCode::kDeadlineExceeded ||
           code == absl::StatusCode::kDataLoss || code == absl::StatusCode::kInternal);
 }
@@ -261,7 +261,7 @@ std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& g
                         "Parts of frames by agent and outcome.", agents_.Samples()));
   AppendFiles(gauges, &families);
   std::vector<MetricSample> failures;
-  for (std::size_t stage = 0; stage < kStageCount; ++stage) {
+  for (std::size_t stage = 0; stage < kFrameStageCount; ++stage) {
     for (std::size_t code = 0; code < kCodeCount; ++code) {
       const std::int64_t count = agent_failures_[stage][code].value();
       if (count > 0 ||

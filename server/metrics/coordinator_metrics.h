@@ -136,7 +136,6 @@ struct CoordinatorMetrics {
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const CoordinatorGauges& gauges) const;
 
  private:
-  static constexpr std::size_t kStageCount = 5;
   static constexpr std::size_t kCodeCount = 17;
 
   enum CallerOutcome : std::size_t { kDone, kFailed, kCancelled, kRefused };
@@ -146,7 +145,7 @@ struct CoordinatorMetrics {
   std::array<base::Counter, kCutReasonCount> cuts_;
   base::CountersByName callers_;
   base::CountersByName agents_;
-  std::array<std::array<base::Counter, kCodeCount>, kStageCount> agent_failures_;
+  std::array<std::array<base::Counter, kCodeCount>, kFrameStageCount> agent_failures_;
 };
 
 }  // namespace isoscope::server

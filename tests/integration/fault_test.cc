@@ -153,10 +153,12 @@ TEST_F(HeldFrameTest, ClientThatGoesAwayStopsTheFrameOnEveryAgent) {
       testing::StartIsoscope({"render", "--server", coordinator_.address, "--isovalue", "128",
                               "--output", directory_->Sub("never.png")}));
   ASSERT_NO_FATAL_FAILURE(WaitUntilHeld());
+  agent_.process->Signal(SIGUSR1);  // agents log cancelled frames as debug lines
+  ISOSCOPE_ASSERT_OK(agent_.process->WaitForErrLine("log_level"));
   client->Kill();
   ISOSCOPE_EXPECT_OK(holding_.process->WaitForErrLine("cancelled"));
-  ISOSCOPE_EXPECT_OK(agent_.process->WaitForErrLine("frame_failed"));
-  ISOSCOPE_EXPECT_OK(coordinator_.process->WaitForErrLine("frame_failed"));
+  ISOSCOPE_EXPECT_OK(agent_.process->WaitForErrLine("frame_cancelled"));
+  ISOSCOPE_EXPECT_OK(coordinator_.process->WaitForErrLine("frame_cancelled"));
   EXPECT_THAT(coordinator_.process->err(), HasSubstr("CANCELLED"));
   holding_.process->Signal(SIGUSR1);
   ExpectRight(Render(coordinator_.address, SmallRequest()));

@@ -86,7 +86,7 @@ class Hdf5KindsTest(unittest.TestCase):
     if missing:
       skips.skip('hdf5-filters', f'not installed: {missing}')
 
-  @unittest.skipUnless(shutil.which('cc'), 'no compiler')
+  @skips.skip_unless(shutil.which('cc') is not None, 'compiler', 'no C compiler')
   def test_plugins_are_loaded_from_no_folder_but_those_named_for_isoscope(self):
     self.write_with_missing_filter('f.h5')
     mark = self.path('loaded')

@@ -290,7 +290,7 @@ TEST_F(ApiTest, OnlyWhatTheDatasetIdNamesIsImmutable) {
 TEST_F(ApiTest, HistogramsAreOfAFieldAndAStep) {
   datasets_.step_count = 3;
   EXPECT_EQ(Get("/v1/datasets/head/histogram?bins=8&field=velocity:x&step=1").body,
-            R"({"selection":{"field":"velocity","component":"x","timeStep":1}})");
+            R"({"selection":{"field":"velocity:x","timeStep":1}})");
   EXPECT_EQ(Get("/v1/datasets/head/histogram").body, "{}");
   EXPECT_EQ(Get("/v1/datasets/head/histogram?step=x").status, 400);
   EXPECT_EQ(Get("/v1/datasets/head/histogram?isovalue=1").status, 400);

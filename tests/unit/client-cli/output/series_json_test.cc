@@ -115,8 +115,8 @@ TEST_F(SeriesJsonTest, TextSaysTheSame) {
         "steps         3\n", "times         0.0, 0.5, 2.0 s\n",
         "missing       u y at steps 0, 1, 2 in shards 0, 2\n",
         "missing       p at step 2 in shards 2\n", "shards        3, missing: 1\n",
-        "p (pressure)             Pa    float32  -2 to 3           3\n",
-        "u             x                int16    0 to 5            0\n",
+        "p (pressure)             Pa    float32  -2 to 3                  3\n",
+        "u             x                int16    0 to 5                   0\n",
         "              y                int16    none that is finite\n",
         "distribution  random, seed 7\n"}) {
     EXPECT_THAT(text, HasSubstr(line));

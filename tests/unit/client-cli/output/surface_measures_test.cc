@@ -31,7 +31,7 @@ TEST(SurfaceMeasuresTest, ALineTellsAreaAndVolumeOrHowOpenItIs) {
   MeasuredSurface named = Open();
   named.name = "left\nlung";
   named.measures.open_edge_count = 1;
-  EXPECT_EQ(DescribeMeasures(named, "m\n"), "left?lung: area 0.1 m?^2, open at 1 edge");
+  EXPECT_EQ(DescribeMeasures(named, "m\n"), "left lung: area 0.1 m ^2, open at 1 edge");
   named.name.clear();
   named.surface.mutable_labels()->Truncate(1);
   EXPECT_THAT(DescribeMeasures(named, ""), HasSubstr("label 3: "));

@@ -28,6 +28,7 @@
 #include "core/base/units.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
+#include "core/io/work_folder.h"
 #include "core/source/open_request.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -242,7 +243,7 @@ TEST(DatasetCacheTest, WhatACrashLeftIsRemovedAndWhatIsInWorkIsNot) {
   const TempDir cache;
   for (const char* name : {".making-dead", ".making-alive"}) {
     fs::create_directory(cache.Sub(name));
-    WriteText(cache.Sub(name) + "/lock", "");
+    WriteText(cache.Sub(name) + "/lock", "boot " + io::ThisMachine().boot + "\n");
   }
   const int lock = open((cache.Sub(".making-alive") + "/lock").c_str(), O_RDWR | O_CLOEXEC);
   ASSERT_GE(lock, 0);

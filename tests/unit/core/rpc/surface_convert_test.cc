@@ -248,6 +248,7 @@ TEST(ColorRangeOfTest, InfiniteSamplesDoNotCount) {
 
 TEST(ResolveColorRangesTest, TheMapOfCapsHasTheRangeOfTheDatasetsFiniteSamples) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_clip()->mutable_box()->mutable_min();
   request.mutable_clip()->mutable_box()->mutable_max()->set_x(1);
   request.mutable_caps()->set_color_map(isoscope::v1::COLOR_MAP_TURBO);
   isoscope::v1::Dataset dataset;

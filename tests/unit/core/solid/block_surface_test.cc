@@ -264,7 +264,7 @@ TEST(BlockSurfaceTest, AClosedSurfaceHasTheMeasuresOfItsSolid) {
   EXPECT_NEAR(sphere.sums.area.Value(), 4 * kPi * 0.49, 0.01);
   const Surface torus = Extract(FieldScene(testing::TorusField(0.6, 0.25), {81, 81, 41}), 16);
   EXPECT_EQ(torus.sums.open_side_count, 0);
-  EXPECT_NEAR(torus.sums.volume.Value(), 2 * kPi * kPi * 0.6 * 0.0625, 0.002);
+  EXPECT_NEAR(torus.sums.volume.Value(), 2 * kPi * kPi * 0.6 * 0.0625, 0.004) << "chords of 0.05";
   EXPECT_NEAR(torus.sums.area.Value(), 4 * kPi * kPi * 0.6 * 0.25, 0.02);
 }
 
@@ -273,7 +273,7 @@ TEST(BlockSurfaceTest, AHollowHasANegativeVolumeUntilItsSolidIsClosed) {
   const testing::Field sphere = testing::SphereField(0.7);
   Scene scene = FieldScene([&](const math::Vec3d& p) { return -sphere(p); }, {41, 41, 41});
   const double hollow = Extract(scene, 16).sums.volume.Value();
-  EXPECT_NEAR(hollow, -4 * kPi / 3 * 0.343, 0.004);
+  EXPECT_NEAR(hollow, -4 * kPi / 3 * 0.343, 0.005) << "chords of 0.05";
   scene.options.closes = true;
   const Surface closed = Extract(scene, 16);
   EXPECT_NEAR(closed.sums.volume.Value(), 8 + hollow, 1e-5);
@@ -362,7 +362,8 @@ TEST(BlockSurfaceTest, ASolidEndsAtCellsThatTouchNan) {
   EXPECT_EQ(FaultsOf(surface.mesh, scene.geometry).open, 0);
 }
 
-// Two labels that touch: each has a closed surface, and together they have that of both.
+// Two labels that touch: each has a closed surface. Together they lack a wedge along the circle
+// where they meet what is around them, of less than a quarter of a cell.
 TEST(BlockSurfaceTest, LabelsThatTouchAreClosedEach) {
   Scene scene;
   scene.geometry.sample_dims = {24, 24, 24};
@@ -385,7 +386,9 @@ TEST(BlockSurfaceTest, LabelsThatTouchAreClosedEach) {
   };
   const double both = volume_of({3, 7});
   EXPECT_GT(both, 1500);
-  EXPECT_NEAR(volume_of({3}) + volume_of({7}), both, 1);
+  const double apart = volume_of({3}) + volume_of({7});
+  EXPECT_LT(apart, both);
+  EXPECT_GT(apart, both - 2 * kPi * 8 / 4);
 }
 
 // A ball of samples that are 1, at isovalue 1: triangles of marching cubes have no area around each
@@ -447,8 +450,9 @@ TEST(BlockSurfaceTest, AnOrdinarySurfaceIsThatOfPictures) {
   }
 }
 
-// Two cubes of samples that share one corner, or one edge: each has vertices of its own there.
-TEST(BlockSurfaceTest, WhereASurfaceTouchesItselfEachPartHasItsOwnVertices) {
+// Two cubes of samples that share one sample, or two. In the cells beside these the surface joins
+// them: three prisms or six pyramids, whose volumes add up to 1.
+TEST(BlockSurfaceTest, CubesThatShareSamplesAreOneSolid) {
   const auto scene_of = [](const math::Index3& second) {
     Scene scene = NoiseScene(0, {8, 8, 8}, 0);
     auto* const values = reinterpret_cast<float*>(scene.samples.data());
@@ -471,8 +475,8 @@ TEST(BlockSurfaceTest, WhereASurfaceTouchesItselfEachPartHasItsOwnVertices) {
     const Surface two = Extract(scene, 4);
     const Faults faults = FaultsOf(two.mesh, scene.geometry);
     EXPECT_EQ(faults.open + faults.doubled + faults.split_vertices, 0);
-    EXPECT_EQ(two.sums.volume.Value(), 2);
-    EXPECT_EQ(two.sums.area.Value(), 12);
+    EXPECT_EQ(two.sums.volume.Value(), 3);
+    EXPECT_GT(two.sums.area.Value(), 12);
   }
 }
 

@@ -96,7 +96,7 @@ TEST_F(Hdf5FileTest, CutFileIsNoFileOfAnotherKind) {
   WriteFile(path_, std::string("\x0e\x03\x13\x01", 4) + "rest");
   EXPECT_THAT(OpenHdf5File(path_).status(),
               StatusIs(absl::StatusCode::kInvalidArgument,
-                       AllOf(HasSubstr("no HDF5 file, but HDF4"), HasSubstr("h4toh5"))));
+                       AllOf(HasSubstr("a.h5: HDF4"), HasSubstr("h4toh5"))));
   WriteFile(path_, "whatever");
   EXPECT_THAT(OpenHdf5File(path_).status(), StatusIs(absl::StatusCode::kInvalidArgument,
                                                      HasSubstr("no HDF5 file, or it is damaged")));

@@ -58,7 +58,7 @@ TEST(TiffStackTest, OneFileASliceIsInTheOrderGiven) {
   const TempDir dir;
   std::vector<std::string> files;
   for (int i = 0; i < 3; ++i) {
-    files.push_back(dir.Sub(absl::StrCat("s", 2 - i, ".tif")));
+    files.push_back(dir.Sub(absl::StrCat("s", i, ".tif")));
     ASSERT_TRUE(WriteTiffStack(files.back(), {.pages = 1, .first = i}));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const TiffStack stack, FindTiffStack(files, "s", ""));

@@ -113,7 +113,7 @@ TEST_F(VolumeSeriesTest, ErrorsAreThoseOfTheFormat) {
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.pvd")));
   EXPECT_THAT(OpenVolumeSeries(Write("a.txt", "text")),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("unknown kind of file")));
-  EXPECT_THAT(OpenVolumeSeries(Write("a.nrrd", ""), {.axes = "TZYX"}),
+  EXPECT_THAT(OpenVolumeSeries(Write("a.nrrd", "NRRD0004\n"), {.axes = "TZYX"}),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--axes TZYX")));
 }
 
