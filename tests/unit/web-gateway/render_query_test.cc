@@ -248,7 +248,7 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
       MeshQueryFromQuery({{"isovalue", "1"}, {"field", "velocity:z"}, {"step", "2"}}, MakeSeries());
   ASSERT_THAT(of_a_step, IsOk());
   EXPECT_EQ(of_a_step->request.selection().ShortDebugString(),
-            "field: \"velocity\" component: \"z\" time_step: 2");
+            "field: \"velocity:z\" time_step: 2");
   for (const QueryParameters& wrong :
        {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"time", "2"}, {"step", "2"}},
         QueryParameters{{"isovalue", "1"}, {"surface", "2"}},

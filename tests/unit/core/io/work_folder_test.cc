@@ -155,10 +155,8 @@ TEST(WorkFolderTest, TheRecordNamesTheMachine) {
 
 // Symptom: the kernel's file has no size, and the boot was unknown: nothing was ever removed.
 TEST(WorkFolderTest, TheMachineKnowsItsBoot) {
-  if (!std::filesystem::exists("/proc/sys/kernel/random/boot_id")) {
-    GTEST_SKIP() << "this kernel does not tell";
-  }
-  EXPECT_EQ(ThisMachine().boot.size(), 36U) << "a UUID";
+  const bool is_told = std::filesystem::exists("/proc/sys/kernel/random/boot_id");
+  EXPECT_EQ(ThisMachine().boot.size(), is_told ? 36U : 0U) << "a UUID";
 }
 
 }  // namespace
