@@ -3,11 +3,9 @@
 
 /** @param {number} value @param {number} [digits] */
 export const format = (value, digits = 5) => Number(value.toPrecision(digits)).toLocaleString('en', { maximumSignificantDigits: digits });
-/**
- * Significant digits that tell places of a volume of this size apart, to a ten-thousandth of it: far from the origin
- * more than near it.
- * @param {number} value @param {number} size
- */
+// Significant digits that tell places of a volume of this size apart, to a ten-thousandth of it: far from the origin
+// more than near it.
+/** @param {number} value @param {number} size */
 export const digitsAt = (value, size) => Math.max(5, Math.min(15, Math.ceil(Math.log10(Math.max(1, Math.abs(value) / size))) + 5));
 /** A coordinate. @param {number} value @param {number} size of the volume, > 0 */
 export const formatAt = (value, size) => format(value, digitsAt(value, size));

@@ -83,6 +83,7 @@ const SERIES_STATES = {
   'colours by a component': { selection: { field: 'temperature', timeStep: 0 }, surfaces: [{ ...WARM, colorBy: { quantity: 'QUANTITY_FIELD',
     field: 'velocity', component: 'magnitude', colorMap: 'COLOR_MAP_MAGMA', range: { min: -1e-7, max: 0.25 }, opacity: { atMin: 0.5, atMax: 1 } } }] },
 };
+SERIES_STATES['missing values'] = { ...SERIES_STATES['colours by a field'], nanColor: { red: 1, green: 0.5, blue: 0, alpha: 1 } };
 const ALL_STATES = { ...STATES, ...SERIES_STATES };
 
 test('no command has a flag that isoscope render does not have, and each flag is among those tried', () => {
