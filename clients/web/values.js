@@ -7,7 +7,8 @@ export const format = (value, digits = 5) => Number(value.toPrecision(digits)).t
 // more than near it.
 /** @param {number} value @param {number} size */
 export const digitsAt = (value, size) => Math.max(5, Math.min(15, Math.ceil(Math.log10(Math.max(1, Math.abs(value) / size))) + 5));
-/** A coordinate. @param {number} value @param {number} size of the volume, > 0 */
+// A coordinate; `size` is that of the volume, above 0.
+/** @param {number} value @param {number} size */
 export const formatAt = (value, size) => format(value, digitsAt(value, size));
 /** @param {number} bytes */
 export function formatBytes(bytes) {
