@@ -22,9 +22,11 @@ bool SaysNothingOfTheFile(const absl::Status& status) {
          absl::IsUnavailable(status) || absl::IsResourceExhausted(status);
 }
 
-// Returns the path that begins at `begin`: it ends before a blank or a colon.
-std::string PathAt(absl::string_view message, std::size_t begin) {
-  return std::string(message.substr(begin, message.find_first_of(" :,;", begin) - begin));
+// Returns the path that begins at `begin` with a folder: behind that it ends before a blank or
+// colon.
+std::string PathAt(absl::string_view message, std::size_t begin, std::size_t folder_size) {
+  const std::size_t end = message.find_first_of(" :,;", begin + folder_size);
+  return std::string(message.substr(begin, end - begin));
 }
 
 }  // namespace
@@ -54,7 +56,7 @@ absl::Status ShardDamages::ForCaller(absl::Status status) {
       if (begin == absl::string_view::npos) {
         continue;
       }
-      path = PathAt(status.message(), begin);
+      path = PathAt(status.message(), begin, directory.size());
       told =
           absl::StrReplaceAll(status.message(), {{folder, ""}, {directory, "the shard's folder"}});
       if (!SaysNothingOfTheFile(status) && entry.messages.size() < kMaxFiles) {

@@ -69,6 +69,7 @@ struct Question {
   std::vector<AgentAssignment> agents;     // each of them can answer it; best first
   std::deque<Attempt<Response>> attempts;  // on the first of these agents, in their order
   std::optional<std::size_t> winner;       // the attempt that has the answer
+  bool may_hedge = true;                   // false: the answer takes long on every agent
 
   [[nodiscard]] const Response& answer() const { return attempts[*winner].response; }
 };
@@ -180,8 +181,8 @@ class Inquiry {
 
   // The time to hedge: to ask another agent besides the late one; never if there is none.
   [[nodiscard]] base::MonotonicTime HedgeTimeOf(const Question<Request, Response>& question) const {
-    const bool may = error_.ok() && !question.winner.has_value() && HasSpare(question) &&
-                     LiveCount(question) == 1;
+    const bool may = error_.ok() && question.may_hedge && !question.winner.has_value() &&
+                     HasSpare(question) && LiveCount(question) == 1;
     return may ? question.attempts.back().begin + hedge_delay_
                : base::MonotonicTime::InfiniteFuture();
   }
@@ -368,21 +369,30 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
     question.request.set_max_bin_count(static_cast<std::int32_t>(query.max_bin_count));
     question.request.set_max_label_value_count(
         static_cast<std::int32_t>(query.max_label_value_count));
+    question.may_hedge = query.max_label_value_count == 0;
     if (query.value_range.has_value()) {
       question.request.mutable_value_range()->set_min(query.value_range->min);
       question.request.mutable_value_range()->set_max(query.value_range->max);
     }
   }
-  return Ask(identity, cancellation, &Async::GetShardHistogram, std::move(questions),
-             volume::HistogramPart(),
-             [](std::size_t i, const Response& answer, volume::HistogramPart* whole) {
-               absl::StatusOr<volume::HistogramPart> part = rpc::HistogramPartFromProto(answer);
-               if (!part.ok() || i > 0) {
-                 return part.ok() ? volume::AddPart(*part, whole) : part.status();
-               }
-               *whole = *std::move(part);
-               return absl::OkStatus();
-             });
+  QueryOutcome<volume::HistogramPart> outcome =
+      Ask(identity, cancellation, &Async::GetShardHistogram, std::move(questions),
+          volume::HistogramPart(),
+          [](std::size_t i, const Response& answer, volume::HistogramPart* whole) {
+            absl::StatusOr<volume::HistogramPart> part = rpc::HistogramPartFromProto(answer);
+            if (!part.ok() || i > 0) {
+              return part.ok() ? volume::AddPart(*part, whole) : part.status();
+            }
+            *whole = *std::move(part);
+            return absl::OkStatus();
+          });
+  if (outcome.result.ok() && outcome.result->label_values.has_value()) {
+    // Each shard has no more than this; together they may have.
+    volume::LabelValues bounded(static_cast<std::size_t>(query.max_label_value_count));
+    bounded.Add(*outcome.result->label_values);
+    outcome.result->label_values = std::move(bounded);
+  }
+  return outcome;
 }
 
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,

@@ -174,10 +174,15 @@ class NoteSearch {
     return most == 0 || (least == 0 && spec_.surfaces.size() == 1);
   }
 
-  // Returns those of `surfaces` that show in a drawing without the surfaces that hide them.
+  // Returns those of `surfaces` that show in a drawing without the surfaces that hide them, and
+  // those that many others hide: each drawing takes as long as the picture.
   absl::StatusOr<SurfaceSet> Peel(const SurfaceSet& surfaces, const Drawing& how) {
+    constexpr int kMaxDrawings = 4;
     SurfaceSet seen;
-    while ((surfaces & ~seen).any()) {
+    for (int drawing = 0; (surfaces & ~seen).any(); ++drawing) {
+      if (drawing == kMaxDrawings) {
+        return surfaces;
+      }
       ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result, Draw(surfaces & ~seen, how));
       const SurfaceSet now = ShownIn(surfaces & ~seen, result);
       if (now.none()) {
@@ -240,9 +245,9 @@ class NoteSearch {
         surface->mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
       }
     }
-    spec.viewport = how.sees_all               ? view::Viewport{kMaxSidePx, kMaxSidePx}
-                    : spec_.region.has_value() ? spec_.viewport
-                                               : Smaller(spec_.viewport);
+    // No drawing has more pixels than the picture, for which memory is reserved.
+    spec.viewport = !how.sees_all && spec_.region.has_value() ? spec_.viewport
+                                                              : Smaller(frame::ImageSizeOf(spec_));
     if (!how.sees_all && spec_.region.has_value()) {
       spec.region = spec_.region;
       *request.mutable_region() = rpc::ToProto(*spec.region);

@@ -12,6 +12,7 @@ import pathlib
 import queue
 import random
 import sys
+import time
 import typing
 
 # Before gRPC is imported: the harness starts processes, and forks none that use gRPC.
@@ -277,8 +278,16 @@ class Client:
 def make_references(client, pool, timeout=60):
     """{request: digest} of a quiet cluster. The pool must not contradict itself."""
     references = {}
+    end = time.monotonic() + timeout
     for request in pool:
-        digest, _ = client.ask(request, timeout)
+        while True:
+            try:
+                digest, _ = client.ask(request, timeout)
+                break
+            except grpc.RpcError as error:  # agents answer while they open their shards
+                if error.code() != grpc.StatusCode.UNAVAILABLE or "opening" not in error.details() or time.monotonic() > end:
+                    raise
+                time.sleep(0.1)
         if references.setdefault(request.reference, digest) != digest:
             raise AssertionError(f"{request.name} and {request.reference} have different bytes in a quiet cluster")
         references[request.name] = digest

@@ -113,11 +113,14 @@ def test_wrong_names_and_steps_are_the_servers_sentences(flow):
         assert caught.value.code in ("INVALID_ARGUMENT", "NOT_FOUND"), caught.value
 
 
-def test_a_dataset_of_one_field_refuses_a_selection(dataset):
-    for what in ({"field": "pressure"}, {"step": 0}, {"time": 1}, {"color_by": "pressure"}):
+def test_a_dataset_of_one_volume_has_step_0_alone(dataset):
+    for what in ({"field": "pressure"}, {"time": 1}, {"color_by": "pressure"}):
         with pytest.raises(isoscope.InvalidArgumentError):
             dataset.render(127.5, size=16, **what)
+    with pytest.raises(isoscope.NotFoundError, match="step 0 alone"):
+        dataset.render(127.5, size=16, step=1)
     frame = dataset.render(127.5, size=16)
+    assert dataset.render(127.5, size=16, step=0).png == frame.png
     assert (frame.field, frame.step, frame.time) == (None, None, None)
 
 

@@ -136,7 +136,7 @@ def test_an_array_is_served_in_its_order(programs):
         assert client["mask"].range == (0, 1)
 
 
-def test_a_files_positions_can_be_given(programs, tmp_path):
+def test_a_files_positions_can_be_given(run, tmp_path):
     volume = tmp_path / "shells.nrrd"
     run("generate", "shells", "--dims", "12,12,12", "--type", "uint8", "--output", volume)
     turned = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]

@@ -38,7 +38,7 @@ def cut(caps):
 
 
 def test_missing_values_have_a_colour_of_their_own(dataset):
-    look = {"field": "p", "color_by": ColorBy("holes", "viridis")}
+    look = {"field": "p", "color_by": ColorBy("field", "viridis", field="holes")}
     default = dataset.render(0.25, **look, **SIZE)
     (coloring,) = default.colorings
     assert (coloring.nan_color, coloring.shows_nan) == ("#808080", True)
@@ -50,7 +50,7 @@ def test_missing_values_have_a_colour_of_their_own(dataset):
 
 
 def test_the_answer_tells_whether_the_colour_shows(dataset):
-    look = {"field": "p", "color_by": ColorBy("holes", "viridis"), **SIZE}
+    look = {"field": "p", "color_by": ColorBy("field", "viridis", field="holes"), **SIZE}
     half = isoscope.Clip(planes=[(-1, 0, 0, -8)])
     assert not dataset.render(0.25, clip=half, **look).colorings[0].shows_nan
     other = isoscope.Clip(planes=[(1, 0, 0, 10)])
@@ -98,7 +98,7 @@ def test_a_picture_of_nothing_is_right_and_warns(dataset, look, reason, words):
     # More planes of the same frame are not another picture.
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert frame.depth.shape == (72, 96)
+        assert frame.depth.shape == (frame.height, frame.width)
     assert pickle.loads(pickle.dumps(frame)).notes == frame.notes
 
 

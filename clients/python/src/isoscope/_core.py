@@ -395,7 +395,8 @@ def measure(
 
 
 def _exported(self: DatasetOfClient, *what: Any) -> Any:
-    return _expecting(self, _request.export(self, *what, self._client._capabilities))
+    request: Callable[..., Any] = _request.export
+    return _expecting(self, request(self, *what, self._client._capabilities))
 
 
 def histogram(

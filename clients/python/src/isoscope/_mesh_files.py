@@ -122,6 +122,9 @@ def _glb(mesh: Mesh) -> bytes:
         "POSITION": add(points, _FLOAT, "VEC3", _VERTEX_BUFFER, **ends),
         "NORMAL": add(normals, _FLOAT, "VEC3", _VERTEX_BUFFER),
     }
+    node: dict[str, Any] = {"mesh": 0}
+    if mesh.origin is not None:
+        node["translation"] = list(mesh.origin)
     primitives = []
     for surface in np.unique(mesh.triangle_surface).tolist():
         indices = _as_uint32(mesh)[mesh.triangle_surface == surface].ravel()
@@ -136,7 +139,7 @@ def _glb(mesh: Mesh) -> bytes:
         "asset": {"version": "2.0", "generator": "isoscope"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0} if mesh.origin is None else {"mesh": 0, "translation": list(mesh.origin)}],
+        "nodes": [node],
         "meshes": [{"primitives": primitives}],
         "buffers": [{"byteLength": len(binary)}],
         "bufferViews": views,

@@ -10,6 +10,7 @@ A client belongs to the event loop that it was made in, and to its process.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Generator, Sequence
 from typing import Any, TypeVar, overload
 
@@ -20,7 +21,7 @@ from isoscope import _core
 from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_aio_channel
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion, SurfaceMeasures
-from isoscope.errors import InvalidArgumentError
+from isoscope.errors import InvalidArgumentError, IsoscopeError
 from isoscope.frame import Frame
 from isoscope.labels import Label
 
@@ -154,7 +155,8 @@ class Dataset(_core.DatasetOfClient):
         mesh = await self._client._do(call)
         notes = _core.notes_on_mesh(call, mesh, self._client._capabilities)
         if notes is not None:
-            await self._client._do(notes)
+            with contextlib.suppress(IsoscopeError):  # the mesh is right without them
+                await self._client._do(notes)
         return mesh
 
     @_core.shaped_like(_core.measure)

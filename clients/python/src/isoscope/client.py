@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +15,7 @@ from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_channel
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion, SurfaceMeasures
-from isoscope.errors import InvalidArgumentError
+from isoscope.errors import InvalidArgumentError, IsoscopeError
 from isoscope.frame import Frame
 from isoscope.labels import Label
 from isoscope.look import ClipLike, SurfaceLike
@@ -162,7 +163,8 @@ class Dataset(_core.DatasetOfClient):
         mesh = self._client._do(call)
         notes = _core.notes_on_mesh(call, mesh, self._client._capabilities)
         if notes is not None:
-            self._client._do(notes)
+            with contextlib.suppress(IsoscopeError):  # the mesh is right without them
+                self._client._do(notes)
         return mesh
 
     @_core.shaped_like(_core.measure)

@@ -131,7 +131,7 @@ class Frame:
         y = (request.viewport.height_px / 2 - np.arange(self.height) - request.region.y - 0.5) * pixel
         offsets = x[None, :, None] * right + y[:, None, None] * up
         with np.errstate(invalid="ignore"):  # the depth of the background is infinite
-            points = forward * depth[:, :, None]
+            points: npt.NDArray[np.float64] = forward * depth[:, :, None]
             points += offsets if self.camera.is_orthographic else offsets * depth[:, :, None]
         points += eye
         points[~np.isfinite(depth)] = np.nan
