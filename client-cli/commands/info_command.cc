@@ -121,8 +121,8 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
 }
 
 // The input, with the flags that its volumes need, as one types them.
-std::string InputAsTyped(const InfoFlags& flags) {
-  return absl::StrCat(base::ShellWord(*flags.input), AsTyped(flags.source));
+std::string InputAsTyped(const InfoFlags& flags, const SourceFlagNames& names = {}) {
+  return absl::StrCat(base::ShellWord(*flags.input), AsTyped(flags.source, names));
 }
 
 // The series of a folder, if it has several and none is chosen; else an empty object.
@@ -224,14 +224,15 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
         ranges,
         ReadRanges(*series, StepsToRead(*series, *source, bytes, flags.reads_values), context));
   }
-  AddSource(*series, *source, ranges, InputAsTyped(flags), &volume);
+  AddSource(*series, *source, ranges, InputAsTyped(flags), InputAsTyped(flags, kRenderFlagNames),
+            &volume);
   volume["is_single"] = is_single;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
                             LabelsOfSource(request, context.err));
   AddLabels(labels, &volume);
   if (is_single && !labels.empty()) {
     volume["commands"].push_back(
-        absl::StrCat("isoscope render ", InputAsTyped(flags), " --labels all"));
+        absl::StrCat("isoscope render ", InputAsTyped(flags, kRenderFlagNames), " --labels all"));
   }
   Json json;
   json["volume"] = std::move(volume);

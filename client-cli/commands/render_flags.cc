@@ -137,7 +137,7 @@ ShowMode RenderFlags::show_mode() const {
 }
 
 void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
-  AddSessionFlags(set, &flags->session, {.axes = "--input-axes"});  // --axes draws axes
+  AddSessionFlags(set, &flags->session, kRenderFlagNames);
   AddRendererFlag(set, &flags->session);
   AddFlag(set, "-o,--output", "FILE.png", &flags->output, ParseText,
           "the picture: a PNG, or a JPEG if it ends in .jpg; with %d or %03d in its name one for "

@@ -145,7 +145,8 @@ PartitionNeeds EstimatePartition(const math::Index3& dims, volume::ScalarType ty
 }
 
 void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
-               const SourceRanges& ranges, const std::string& input, Json* volume) {
+               const SourceRanges& ranges, const std::string& input, const std::string& drawn_input,
+               Json* volume) {
   (*volume)["fields"] = Json::array();
   std::int64_t volumes = 0;
   for (std::size_t i = 0; i < series.fields().size(); ++i) {
@@ -184,7 +185,7 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
                                      ? ""
                                      : source::MiddleIsovalue({range->at(0), range->at(1)});
     if (!isovalue.empty()) {
-      commands.push_back(absl::StrCat("isoscope render ", input, " --isovalue ", isovalue));
+      commands.push_back(absl::StrCat("isoscope render ", drawn_input, " --isovalue ", isovalue));
     }
   } else {
     const DrawnField drawn = DrawnFieldOf(series, ranges);

@@ -40,9 +40,11 @@ struct SourceRanges {
 // "partition": {"disk_bytes", "memory_bytes", "seconds"} and "commands". Of several volumes, also
 // "value_range_steps"; without any step there are no value_ranges. Commands have DIR for a folder,
 // and VALUE for an isovalue if no values were read; there are none if no isovalue has a surface.
-// `input` is the path with the flags that it needs, as one types them.
+// `input` is the path with the flags that it needs, as one types them; `drawn_input` that of
+// `isoscope render`.
 void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
-               const SourceRanges& ranges, const std::string& input, Json* volume);
+               const SourceRanges& ranges, const std::string& input, const std::string& drawn_input,
+               Json* volume);
 // Lines for these members.
 std::string DescribeSource(const Json& volume);
 

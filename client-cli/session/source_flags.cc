@@ -133,9 +133,9 @@ std::string Typed(const source::SampleBox& box) {
 const char* SourceFlags::FirstGiven() const {
   const char* const raw = FirstOfRaw();
   return raw != nullptr  ? raw
-         : format        ? "--format"
+         : format        ? names.format.c_str()
          : dicom_series  ? "--series"
-         : axes          ? "--axes"
+         : axes          ? names.axes.c_str()
          : spacing       ? "--spacing"
          : origin        ? "--origin"
          : direction     ? "--direction"
@@ -157,6 +157,7 @@ const char* SourceFlags::FirstOfRaw() const {
 }
 
 void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& names) {
+  flags->names = names;
   const auto add = [](Flag flag) { flag.Group("Raw files"); };
   add(AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,
               "samples on each axis, x fastest"));
@@ -230,9 +231,9 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   }
   if (flags.format || flags.dicom_series || flags.axes) {
     return UsageError(absl::StrCat(given, " is for raw files only; it can't be used with ",
-                                   flags.format         ? "--format"
+                                   flags.format         ? flags.names.format
                                    : flags.dicom_series ? "--series"
-                                                        : "--axes"));
+                                                        : flags.names.axes));
   }
   if (HasSelfDescribingName(path)) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
@@ -280,7 +281,7 @@ source::OpenRequest RequestOf(const SourceFlags& flags, const std::string& path)
   return request;
 }
 
-std::string AsTyped(const SourceFlags& flags) {
+std::string AsTyped(const SourceFlags& flags, const SourceFlagNames& names) {
   std::string text;
   const auto add = [&text](absl::string_view flag, const std::string& value) {
     absl::StrAppend(&text, " ", flag, value.empty() ? "" : " ", value);
@@ -298,13 +299,13 @@ std::string AsTyped(const SourceFlags& flags) {
     add("--header-bytes", absl::StrCat(*flags.header_bytes));
   }
   if (flags.format) {
-    add("--format", *flags.format);
+    add(names.format, *flags.format);
   }
   if (flags.dicom_series) {
     add("--series", base::ShellWord(*flags.dicom_series));
   }
   if (flags.axes) {
-    add("--axes", *flags.axes);
+    add(names.axes, *flags.axes);
   }
   if (flags.spacing) {
     add("--spacing", Typed(*flags.spacing));
@@ -360,7 +361,10 @@ absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const source::OpenRequ
   if (request.raw.has_value()) {
     return std::vector<volume::Label>();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, source::PathOf(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::string file, source::PathOf(request));
+  if (!request.dicom_series.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(file, source::FindDicomSeriesFile(file, request.dicom_series));
+  }
   absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
   if (labels.ok()) {
     return labels;

@@ -22,6 +22,13 @@
 
 namespace isoscope::cli {
 
+// Other names are for a command that has another flag of that name.
+struct SourceFlagNames {
+  std::string format = "--format";
+  std::string axes = "--axes";
+};
+inline const SourceFlagNames kRenderFlagNames{.axes = "--input-axes"};  // --axes draws axes
+
 // Raw files need dims and type; other files must not have any of the flags of raw files.
 struct SourceFlags {
   std::optional<math::Index3> dims;
@@ -42,15 +49,11 @@ struct SourceFlags {
   bool ignores_shear = false;
   bool resamples = false;
 
+  SourceFlagNames names = {};  // of the command
+
   // The first flag given, "--dims" for instance, or null; of all, and of those of raw files.
   [[nodiscard]] const char* FirstGiven() const;
   [[nodiscard]] const char* FirstOfRaw() const;
-};
-
-// Other names are for a command that has another flag of that name.
-struct SourceFlagNames {
-  std::string format = "--format";
-  std::string axes = "--axes";
 };
 
 // `flags` must outlive the parsing.
@@ -70,7 +73,7 @@ source::OpenRequest RequestOf(const SourceFlags& flags, const std::string& path)
 
 // The flags as one types them behind the path, each with a space before it: for commands that are
 // suggested.
-std::string AsTyped(const SourceFlags& flags);
+std::string AsTyped(const SourceFlags& flags, const SourceFlagNames& names = {});
 
 // Returns the files of the source. Errors as source::FilesOf; NOT_FOUND if it is a folder that
 // holds no volume.

@@ -22,8 +22,6 @@ struct GridRules {
   bool has_spacing = false;
   // The number or UID of the DICOM series among those that a path names; empty: the only one.
   std::string dicom_series{};
-
-  [[nodiscard]] bool is_default() const { return !ignores_shear && !resamples && !has_spacing; }
 };
 
 }  // namespace isoscope::source

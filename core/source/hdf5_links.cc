@@ -181,7 +181,7 @@ class LinkWalk {
   bool FollowInto(const std::vector<std::string>& paths, const std::string& object, int links) {
     bool is_open = false;
     for (const std::string& path : paths) {
-      if (!io::PathExists(path) || io::IsDirectory(path)) {
+      if (!io::PathExists(path) || !io::CheckIsRegularFile(path).ok()) {
         continue;
       }
       Add(path);

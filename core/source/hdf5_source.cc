@@ -40,6 +40,7 @@
 #include "core/source/hdf5_links.h"
 #include "core/source/hdf5_series.h"
 #include "core/source/hdf5_storage.h"
+#include "core/source/nexus_data.h"
 #include "core/source/series_format.h"
 #include "core/source/walled_source.h"
 #include "hdf5.h"
@@ -176,6 +177,17 @@ absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
   for (const std::string& file : of_samples) {
     if (std::find(files.begin(), files.end(), file) == files.end()) {
       files.push_back(file);
+    }
+  }
+  // A plot of NeXus has its coordinates beside it.
+  const std::string folder =
+      named.parts.dataset.substr(0, std::max<std::size_t>(named.parts.dataset.rfind('/'), 1));
+  const Hdf5Handle group(H5Gopen2(named.file.get(), folder.c_str(), H5P_DEFAULT), H5Gclose);
+  if (group.is_valid() && !FindNexusSignal(group.get()).empty()) {
+    for (const std::string& file : FindHdf5LinkedFiles(named.parts.file, folder)) {
+      if (std::find(files.begin(), files.end(), file) == files.end()) {
+        files.push_back(file);
+      }
     }
   }
   return files;

@@ -134,7 +134,9 @@ absl::Status NoNetcdfVolume(const NetcdfVariable& array, const std::string& path
                       : absl::StrCat(": if the file does not say it, you can, slowest first (T "
                                      "time, C components, - an axis of 1 element), as in "
                                      "`isoscope partition ",
-                                     base::ShellWord(absl::StrCat(path, ":", array.name)),
+                                     base::ShellWord(FindSeriesFileByName(path).has_value()
+                                                         ? absl::StrCat(path, ":", array.name)
+                                                         : path),
                                      " --axes ", letters, " --output DIR`")));
 }
 

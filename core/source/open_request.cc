@@ -110,12 +110,20 @@ GridRules RulesOf(const OpenRequest& request) {
 }
 
 // Whether the format has names for fields.
-bool HasFieldNames(const std::string& path) {
+bool HasFieldNames(const OpenRequest& request) {
+  const std::string& path = request.path;
   Hdf5Path hdf5;
   PartPath vti;
   const std::string file = path.substr(0, path.find(':'));
   const std::optional<SeriesFile> known = FindSeriesFileByName(path);
-  return (known.has_value() && known->format->has_field_names) || SplitHdf5Path(path, &hdf5) ||
+  const SeriesFormat* own = request.format.empty() ? nullptr : FindSeriesFormat(request.format);
+  if (own == nullptr && !known.has_value() && !SampleFormatOf(path).has_value() &&
+      io::PathExists(path) && !io::IsDirectory(path)) {
+    const std::optional<SeriesFile> found = FindSeriesFileByContent(path);
+    own = found.has_value() ? found->format : nullptr;
+  }
+  return (own != nullptr && own->has_field_names) ||
+         (known.has_value() && known->format->has_field_names) || SplitHdf5Path(path, &hdf5) ||
          SplitVtkImagePath(path, &vti) || absl::EndsWithIgnoreCase(file, ".pvd") ||
          absl::EndsWithIgnoreCase(file, ".h5") || absl::EndsWithIgnoreCase(file, ".hdf5");
 }
@@ -230,7 +238,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request) {
                                             .ignores_shear = request.ignores_shear});
   return SelectFrom(std::move(series),
                     {.fields = request.fields,
-                     .names_field = request.raw.has_value() || !HasFieldNames(request.path),
+                     .names_field = request.raw.has_value() || !HasFieldNames(request),
                      .steps = request.steps,
                      .time = request.time});
 }
@@ -250,7 +258,8 @@ absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request) {
     files = {request.path};
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request));
-    ISOSCOPE_ASSIGN_OR_RETURN(files, FilesOfVolume(path, request.format, RulesOf(request)));
+    ISOSCOPE_ASSIGN_OR_RETURN(files,
+                              FilesOfVolume(path, request.format, RulesOf(request), request.axes));
     if (std::optional<std::string> labels = FileOfSourceLabels(path);
         labels.has_value() && std::find(files.begin(), files.end(), *labels) == files.end()) {
       files.push_back(*std::move(labels));

@@ -155,17 +155,17 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> PlaceSource(std::unique_ptr<Volume
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry placed,
                             PlacedGrid(of_file, grid, source->name()));
   std::string note;
-  if (grid.spacing.has_value()) {
+  if (grid.spacing.has_value() && placed.spacing != of_file.spacing) {
     AddChange("spacing", placed.spacing, of_file.spacing, &note);
   }
-  if (grid.origin.has_value()) {
+  if (grid.origin.has_value() && placed.origin != of_file.origin) {
     AddChange("origin", placed.origin, of_file.origin, &note);
   }
-  if (grid.direction.has_value()) {
+  if (grid.direction.has_value() && !(placed.direction == of_file.direction)) {
     AddChange("direction", placed.direction, of_file.direction, &note);
   }
   if (const std::string before = source->note(); !before.empty()) {
-    note = absl::StrCat(before, "; ", note);
+    note = note.empty() ? before : absl::StrCat(before, "; ", note);
   }
   return std::make_unique<PlacedSource>(std::move(source), placed, std::move(note));
 }

@@ -31,7 +31,8 @@ namespace isoscope::source {
 namespace {
 
 constexpr char kAsNeighbours[] =
-    "--axes Z takes the files as neighbours, in the order of their names";
+    "--axes Z (of render: --input-axes Z) takes the files as neighbours, in the order of their "
+    "names";
 
 struct SplitName {
   std::string text;                   // "#" for each number

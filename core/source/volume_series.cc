@@ -143,13 +143,20 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenByNameOrContent(const std::str
         {.path = path, .field = FieldNameOf(path), .volume = std::move(volume), .open = open});
   }
   if (!options.axes.empty()) {
+    const bool is_file = io::PathExists(path) && !io::IsDirectory(path);
+    if (is_file && !IsDicomFile(path) && !SampleFormatOf(path).has_value()) {
+      file = FindSeriesFileByContent(path);
+      if (file.has_value() && file->format->open_as != nullptr) {
+        return OpenSeriesFile(*file, FieldNameOf(path), options.rules, options.axes);
+      }
+    }
     return absl::InvalidArgumentError(absl::StrCat(
         path, ": --axes ", options.axes,
         ": the axes of this kind of file have their meaning; --axes is for datasets of HDF5 files, "
         "for netCDF, for TIFF, and as --axes Z for slices in any order of numbers"));
   }
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
-    return OpenPvdSeries(path);
+    return OpenPvdSeries(path, options.rules);
   }
   PartPath vtk;
   if (SplitVtkImagePath(path, &vtk)) {

@@ -242,8 +242,10 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
 // The files of a dataset, or of all meshes: those of a pattern, and all that they link to.
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5(const std::string& path,
                                                      const std::vector<std::string>& found,
-                                                     const GridRules& rules) {
-  if (found.size() == 1) {
+                                                     const GridRules& rules,
+                                                     const std::string& axes) {
+  // With axes any dataset of so many may be the one.
+  if (found.size() == 1 && axes.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes,
                               OpenMeshesOf(path, rules));
     if (meshes == nullptr) {
@@ -304,14 +306,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenFound(const std::string& path,
 
 absl::StatusOr<std::vector<std::string>> FilesOfFound(const std::string& path,
                                                       const std::string& format,
-                                                      const GridRules& rules) {
+                                                      const GridRules& rules,
+                                                      const std::string& axes) {
   if (absl::EndsWithIgnoreCase(path, ".pvd")) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
     return FilesOfPvd(path);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, format, rules));
   if (found.kind == SourceKind::kHdf5) {
-    return FilesOfHdf5(path, found.files, rules);
+    return FilesOfHdf5(path, found.files, rules, axes);
   }
   // The only one may have a companion that is no TIFF file.
   if (found.kind == SourceKind::kTiff && found.files.size() == 1) {
@@ -337,8 +340,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
                                                        const std::string& format,
-                                                       const GridRules& rules) {
-  auto files = FilesOfFound(path, format, rules);
+                                                       const GridRules& rules,
+                                                       const std::string& axes) {
+  auto files = FilesOfFound(path, format, rules, axes);
   return files.ok() ? std::move(files) : ExplainByContent(path, files.status());
 }
 

@@ -93,9 +93,11 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 //   OME-TIFF     the files of the set, and the companion with the XML
 //   two files    header and samples of NIfTI, Analyze, NRRD, MetaImage, AFNI, PAR/REC, ParaVision,
 //                Stimulate, the samples in any number of files
+// `axes`: as SeriesOptions::axes, which may choose another dataset.
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
                                                        const std::string& format = "",
-                                                       const GridRules& rules = {});
+                                                       const GridRules& rules = {},
+                                                       const std::string& axes = "");
 // The files of a TIFF stack of many files: a folder of them, or a pattern, which may name none. Not
 // set if the path is neither.
 std::optional<std::vector<std::string>> FilesOfTiffStack(const std::string& path);

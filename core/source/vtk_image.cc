@@ -110,9 +110,10 @@ bool SplitVtkImagePath(const std::string& path, PartPath* parts) {
 }
 
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenVtkImage(const std::string& path,
-                                                       const std::string& part) {
+                                                       const std::string& part,
+                                                       const GridRules& rules) {
   if (absl::EndsWithIgnoreCase(path, ".vtr")) {
-    return OpenVtrImage(path, part, {});
+    return OpenVtrImage(path, part, rules);
   }
   return absl::EndsWithIgnoreCase(path, ".pvti") ? OpenPvtiImage(path, part)
                                                  : VtiImage::Open(path, part);

@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/part_path.h"
 #include "core/source/volume_series.h"
 #include "core/source/vti_header.h"
@@ -71,7 +72,8 @@ bool SplitVtkImagePath(const std::string& path, PartPath* parts);
 // arrays of one name; a piece that has not the extent, the grid or an array that it should have;
 // part of the extent that no piece has.
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenVtkImage(const std::string& path,
-                                                       const std::string& part = "");
+                                                       const std::string& part = "",
+                                                       const GridRules& rules = {});
 
 // Returns an array as a field.
 SourceField FieldOfVtiArray(const VtiArray& array);

@@ -81,9 +81,10 @@ class ImageSeries final : public VtkSeries {
 
 class PvdSeries final : public VtkSeries {
  public:
-  PvdSeries(const std::string& path, std::vector<PvdStep> steps, std::vector<double> times,
-            const VtkImage& first)
+  PvdSeries(const std::string& path, GridRules rules, std::vector<PvdStep> steps,
+            std::vector<double> times, const VtkImage& first)
       : VtkSeries(path, first, std::move(times)),
+        rules_(std::move(rules)),
         steps_(std::move(steps)),
         arrays_(first.arrays()),
         geometry_(first.geometry()) {}
@@ -93,7 +94,7 @@ class PvdSeries final : public VtkSeries {
     if (image_ == nullptr || open_step_ != step) {
       const std::string& file = steps_[static_cast<std::size_t>(step)].file;
       image_ = nullptr;
-      ISOSCOPE_ASSIGN_OR_RETURN(image_, OpenVtkImage(file));
+      ISOSCOPE_ASSIGN_OR_RETURN(image_, OpenVtkImage(file, "", rules_));
       open_step_ = step;
     }
     const auto wanted = static_cast<std::size_t>(field);
@@ -132,6 +133,7 @@ class PvdSeries final : public VtkSeries {
     return static_cast<std::size_t>(found - arrays.begin());
   }
 
+  const GridRules rules_;
   const std::vector<PvdStep> steps_;
   const std::vector<VtiArray> arrays_;  // of the first step
   const volume::GridGeometry geometry_;
@@ -217,16 +219,17 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvdStep(const PvdStep& step) {
   return std::vector<std::string>{step.file};
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path,
+                                                            const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<PvdStep> steps, ReadPvdSteps(path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtkImage> first,
-                            OpenVtkImage(steps.front().file));
+                            OpenVtkImage(steps.front().file, "", rules));
   std::vector<double> times;
   times.reserve(steps.size());
   for (const PvdStep& step : steps) {
     times.push_back(step.time);
   }
-  return std::make_unique<PvdSeries>(path, std::move(steps), std::move(times), *first);
+  return std::make_unique<PvdSeries>(path, rules, std::move(steps), std::move(times), *first);
 }
 
 }  // namespace isoscope::source

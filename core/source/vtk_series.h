@@ -40,7 +40,8 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvdStep(const PvdStep& step);
 // Opens a collection, of .vtr files those whose axes are even. Its fields are those of the first
 // step; each step is looked at as it is opened: INVALID_ARGUMENT if it has not the grid or not an
 // array of that type and as many components, with the file, the step and what differs.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path);
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path,
+                                                            const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

@@ -23,13 +23,14 @@ constexpr std::int64_t kMaxPictureBytes = 2 * base::kGiB;
 // Flags that do not affect a pixel. All other flags do: a new flag is refused with --like until it
 // is added here.
 constexpr auto kFlagsBesideLike = std::to_array<absl::string_view>(
-    {"input",       "server",  "dataset",         "dims",       "type",     "spacing",
-     "origin",      "endian",  "header-bytes",    "shards",     "threads",  "memory-limit",
-     "cache-limit", "timeout", "verbose",         "renderer",   "output",   "stats",
-     "culling",     "like",    "no-metadata",     "help",       "trace",    "axes",
-     "scale-bar",   "caption", "legend",          "show",       "insecure", "tls-ca",
-     "tls-cert",    "tls-key", "tls-server-name", "token-file", "quiet",    "label-names",
-     "no-measures"});
+    {"input",       "server",    "dataset",         "dims",       "type",     "spacing",
+     "origin",      "endian",    "header-bytes",    "shards",     "threads",  "memory-limit",
+     "cache-limit", "timeout",   "verbose",         "renderer",   "output",   "stats",
+     "culling",     "like",      "no-metadata",     "help",       "trace",    "axes",
+     "scale-bar",   "caption",   "legend",          "show",       "insecure", "tls-ca",
+     "tls-cert",    "tls-key",   "tls-server-name", "token-file", "quiet",    "label-names",
+     "no-measures", "direction", "input-axes",      "series",     "format",   "crop",
+     "stride",      "fill",      "ignore-shear",    "resample"});
 
 absl::Status WithPath(const std::string& path, const absl::Status& status) {
   return {status.code(), absl::StrCat("--like '", path, "': ", status.message())};

@@ -30,7 +30,7 @@ class SourceJsonTest : public ::testing::Test {
     const auto first = series->Open(0, 0, 0).value();
     Json volume = VolumeToJson(*first, source::ValueRange{{-1, 4}, 0});
     AddSource(*series, *first, {.steps = 1, .ranges = {{{{-1, 4}, 0}}}}, base::ShellWord(path),
-              &volume);
+              base::ShellWord(path), &volume);
     return volume;
   }
   testing::TempDir dir_;
@@ -75,7 +75,7 @@ TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {
   const auto first = series->Open(0, 0, 0).value();
   const auto describe = [&](const SourceRanges& ranges) {
     Json volume = VolumeToJson(*first, std::nullopt);
-    AddSource(*series, *first, ranges, base::ShellWord(path), &volume);
+    AddSource(*series, *first, ranges, base::ShellWord(path), base::ShellWord(path), &volume);
     return volume;
   };
   const Json volume = describe({.steps = 1, .ranges = {{{{-1, 4}, 0}, {{}, 3}}}});
@@ -101,7 +101,7 @@ TEST_F(SourceJsonTest, InfiniteSamplesAreNoPartOfRangeAndIsovalue) {
   const auto first = series->Open(0, 0, 0).value();
   const auto describe = [&](const source::ValueRange& range) {
     Json volume = VolumeToJson(*first, range);
-    AddSource(*series, *first, {}, "a.nii", &volume);
+    AddSource(*series, *first, {}, "a.nii", "a.nii", &volume);
     return volume;
   };
   const Json some = describe({{-1, 4}, 1'200});
