@@ -286,7 +286,9 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<client::MeshFileOptions> file_list,
                             FilesOf(flags, file_options));
   MeshFiles files(std::move(file_list));
-  SurfaceExporter exporter(flags.filters, request, session.get(), &files, context);
+  // Standard output may be that of the statistics.
+  const Context report = flags.stats == "-" ? QuietContext(context) : context;
+  SurfaceExporter exporter(flags.filters, request, session.get(), &files, report);
   ISOSCOPE_RETURN_IF_ERROR(exporter.Run(ParentFolder(*flags.output)));
   if (files.origin().has_value() && !client::HasDoubles(file_options.format)) {
     *context.err << "isoscope: positions in the file are from the origin "
@@ -300,8 +302,7 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   }
   const std::vector<MeasuredSurface> surfaces =
       MeasuredSurfaces(request, names, exporter.measures());
-  Report(files, surfaces, dataset.length_unit(), base::MonotonicNow() - start,
-         flags.stats == "-" ? QuietContext(context) : context);
+  Report(files, surfaces, dataset.length_unit(), base::MonotonicNow() - start, report);
   if (flags.stats) {
     ISOSCOPE_RETURN_IF_ERROR(WriteStats(flags, files, surfaces, dataset.length_unit(), context));
   }

@@ -189,11 +189,11 @@ class MissingValuesTest(unittest.TestCase):
         self.assertGreater(self.swatch_of(*colored, 'holes'), 60)
         self.assertGreater(self.swatch_of(*colored, 'holes', '--nan-color', '#00ff00', color=(0, 255, 0)), 60)
         self.assertGreater(self.swatch_of(*colored, 'holes:grey', color=(128, 0, 128)), 60)
-        # From the right no missing value is seen; cut away it is none.
-        self.assertEqual(self.swatch_of(*colored, 'holes', '--azimuth', '90'), 0)
-        self.assertEqual(self.swatch_of(*colored, 'holes', '--clip-plane', '1,0,0,9.5'), 0)
-        self.assertEqual(self.swatch_of(*colored, 'ends'), 0)
-        self.assertEqual(self.swatch_of(*colored, 'z'), 0)
+        # From the right no missing value is seen; cut away it is none. Edges of letters are grey, too.
+        self.assertLess(self.swatch_of(*colored, 'holes', '--azimuth', '90'), 30)
+        self.assertLess(self.swatch_of(*colored, 'holes', '--clip-plane', '1,0,0,9.5'), 30)
+        self.assertLess(self.swatch_of(*colored, 'ends'), 30)
+        self.assertLess(self.swatch_of(*colored, 'z'), 30)
 
     def test_caps_that_show_samples_have_a_legend(self):
         cut = [self.run_, '--field', 'p', '--step', '0', '--isovalue', '0.25', '--clip-plane', '0,0,-1,-8.25']

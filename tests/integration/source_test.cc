@@ -151,6 +151,7 @@ void WriteOpenPmd(const std::string& folder, const Samples& samples) {
     writer.Texts(rho, "dataOrder", {"C"});
     writer.Texts(rho, "axisLabels", {"z", "y", "x"});
     writer.Numbers(rho, "gridSpacing", {3, 2, 1.5});
+    writer.Numbers(rho, "gridUnitSI", {1});
     writer.Numbers(rho, "gridGlobalOffset", {30, 20, 10});
     writer.Numbers(rho, "unitSI", {1});
   }
