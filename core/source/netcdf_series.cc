@@ -26,6 +26,7 @@
 #include "core/source/located_series.h"
 #include "core/source/netcdf_file.h"
 #include "core/source/netcdf_source.h"
+#include "core/source/series_format.h"
 #include "core/source/walled_series.h"
 #include "core/source/walled_source.h"
 
