@@ -20,6 +20,7 @@
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
+#include "core/source/dicom_folder.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/label_names.h"
 #include "core/source/refused_formats.h"
