@@ -101,9 +101,9 @@ OrderlyEnd::~OrderlyEnd() {
 }
 
 bool OrderlyEnd::IsUnderWay() {
-  const MutexLock lock(&Ends().mutex);
-  const std::multiset<Clock::time_point>& ends = Ends().ends;
-  return !ends.empty() && Clock::now() < *ends.rbegin();
+  OrderlyEnds& all = Ends();
+  const MutexLock lock(&all.mutex);
+  return !all.ends.empty() && Clock::now() < *all.ends.rbegin();
 }
 
 }  // namespace isoscope::base

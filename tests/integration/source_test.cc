@@ -485,7 +485,7 @@ TEST(DecoderModuleTest, AProgramWithoutOneReadsOtherFilesAndSaysWhatIsMissing) {
 }
 
 TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
-  // GDCM ends its process by an assertion: bytes behind the pixels are no element.
+  // Bytes behind the pixels, by which GDCM would end its process, do no harm; missing ones do.
   const testing::TempDir directory;
   fs::create_directory(directory.Sub("series"));
   const auto path = [&](int z) { return directory.Sub(absl::StrCat("series/im", z)); };
@@ -498,7 +498,7 @@ TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
   }
   const std::vector<std::string> command{"partition", directory.Sub("series"), "--output",
                                          directory.Sub("dataset")};
-  WriteFile(path(1), bytes(1) + "aaaaaa");
+  WriteFile(path(1), bytes(1).substr(0, bytes(1).size() - 20));
   const CommandResult refused = testing::RunIsoscope(command);
   EXPECT_EQ(refused.exit_code, 1);
   EXPECT_TRUE(absl::StrContains(refused.err, path(1) + ": ")) << refused.err;
@@ -506,7 +506,7 @@ TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
   EXPECT_EQ(std::count(refused.err.begin(), refused.err.end(), '\n'), 1) << refused.err;
   EXPECT_EQ(std::distance(fs::directory_iterator(directory.path()), fs::directory_iterator()), 1)
       << "the series alone";
-  WriteFile(path(1), bytes(1));
+  WriteFile(path(1), bytes(1) + "aaaaaa");
   EXPECT_EQ(testing::RunIsoscope(command).exit_code, 0);
 }
 

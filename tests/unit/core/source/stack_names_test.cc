@@ -53,10 +53,13 @@ INSTANTIATE_TEST_SUITE_P(
                       std::vector<std::string>{"1_101500.tif", "2_101507.tif", "3_101509.tif"}));
 
 TEST_F(StackNamesTest, MissingSlicesAreNamed) {
-  EXPECT_THAT(Check({"a1.png", "a2.png", "a4.png", "a8.png", "a9.png"}),
-              StatusIs(kInvalid, AllOf(HasSubstr("d: slices are missing between a2.png and a4.png: "
-                                                 "3, 5 to 7;"),
-                                       HasSubstr("--axes Z takes the files as neighbours"))));
+  EXPECT_THAT(
+      Check({"a1.png", "a2.png", "a4.png", "a8.png", "a9.png"}),
+      StatusIs(
+          kInvalid,
+          AllOf(HasSubstr("d: slices are missing between a2.png and a4.png: "
+                          "3, 5 to 7;"),
+                HasSubstr("--axes Z (of render: --input-axes Z) takes the files as neighbours"))));
 }
 
 TEST_F(StackNamesTest, MissingSlicesOfWiderSteps) {
