@@ -1,10 +1,12 @@
 // Each row of tiles is looked at by itself, and the rows' contents are united, so that the order of
 // rows can't show. A missing value has a code that nothing else in its surface has
 // (core/image/normal_and_step.h). So without `with_shown` only pixels with such bits are worth a
-// closer look. Bits of other surfaces may look alike; the closer look tells them apart.
+// closer look. Bits of other surfaces may look alike; the closer look tells them apart. Where no
+// values are shown, the search ends once all surfaces are found.
 
 #include "core/picture/picture_contents.h"
 
+#include <atomic>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -46,22 +48,34 @@ class Search {
         spec_(*drawn.spec),
         window_(window),
         with_shown_(with_shown),
+        shows_values_(frame::ShowsValues(spec_) || frame::HasSampleCaps(spec_)),
         levels_(drawn.layers->Levels()) {
     ISOSCOPE_CHECK_LE(spec_.surfaces.size(), frame::kMaxSurfaces);
   }
 
   [[nodiscard]] PictureContents OfRow(int row) const {
     PictureContents found;
+    if (is_done_.load(std::memory_order_relaxed)) {
+      return found;
+    }
+    bool is_done = false;
     const auto look = [&](int x, int y, std::size_t pixel) {
+      if (is_done) {
+        return;
+      }
       if (x >= window_.begin_x && x < window_.end_x && y >= window_.begin_y && y < window_.end_y &&
           (with_shown_ || MayLackValueAt(pixel))) {
         LookAt(x, y, pixel, &found);
+        is_done = !shows_values_ && found.shown.count() == spec_.surfaces.size();
       }
     };
     ForEachCoveredInRow(*drawn_.image, row, look);
     if (!levels_.empty()) {
       // Pixels with both are looked at twice, which changes nothing.
       ForEachCoveredInRow(*levels_.front(), row, look);
+    }
+    if (is_done) {
+      is_done_.store(true, std::memory_order_relaxed);
     }
     return found;
   }
@@ -134,6 +148,8 @@ class Search {
   const frame::FrameSpec& spec_;
   const view::PixelRect window_;
   const bool with_shown_;
+  const bool shows_values_;
+  mutable std::atomic<bool> is_done_{false};  // a row has all that there is to find
   const std::vector<const image::FrameImage*> levels_;
 };
 
