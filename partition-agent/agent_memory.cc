@@ -77,7 +77,10 @@ AgentMemory::AgentMemory(std::size_t limit_bytes, int step_count)
 std::size_t AgentMemory::read_bytes() const { return ReadBytesOf(limit_bytes_, step_count_); }
 
 absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
-  base::ReturnFreedMemory();  // of the opening, and of a partitioning before
+  if (base::ResidentBytes() > limit_bytes_ / 4) {
+    // Of the opening, and of a partitioning before. Where there is room, frames use it again.
+    base::ReturnFreedMemory();
+  }
   const std::size_t in_use = base::ResidentBytes();
   const double rest_share = kRestShare - (has_series_.load() ? 1.0 / kOpenVolumesShare : 0.0);
   const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes() +
