@@ -451,7 +451,7 @@ TEST(BlockSurfaceTest, AnOrdinarySurfaceIsThatOfPictures) {
 }
 
 // Two cubes of samples that share one sample, or two. In the cells beside these the surface joins
-// them: three prisms or six pyramids, whose volumes add up to 1.
+// them, which adds a volume of 1: as two prisms of 1/2 beside an edge. Beside a corner it was seen.
 TEST(BlockSurfaceTest, CubesThatShareSamplesAreOneSolid) {
   const auto scene_of = [](const math::Index3& second) {
     Scene scene = NoiseScene(0, {8, 8, 8}, 0);
