@@ -97,8 +97,10 @@ function labelOf(name, datasets) {
 
 async function loadDatasets() {
   try {
+    // A gateway that does not know its coordinator's abilities still shows pictures.
+    const abilities = client.get('v1/capabilities').catch(() => ({}));
     datasets = (await client.get('v1/datasets')).datasets ?? [];
-    hasNotes = ((await client.get('v1/capabilities')).features ?? []).includes('notes');
+    hasNotes = ((await abilities).features ?? []).includes('notes');
   } catch (error) {
     say(/** @type {Error} */ (error).message, true);
     return;

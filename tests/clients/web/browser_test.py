@@ -127,7 +127,8 @@ class PageTest(unittest.TestCase):
 
     def setUp(self):
         self.browser.get('about:blank')
-        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, steps=6, reset=True)
+        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, steps=6,
+                             features=['notes'], note=None, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')
@@ -1044,6 +1045,21 @@ class FailureTest(PageTest):
         self.gateway.control(fail=None)
         # By itself: without input.
         self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
+
+    def test_why_a_surface_does_not_show_is_said_until_it_shows(self):
+        self.gateway.control(note='isovalue 400 has no surface: the samples are 0 to 100')
+        self.open_and_wait()
+        self.until('document.getElementById("notes").innerText === "isovalue 400 has no surface: the samples are 0 to 100"')
+        self.gateway.control(note=None)
+        self.drag(30, 0)
+        self.until('document.getElementById("notes").hidden')
+
+    def test_an_older_gateway_is_asked_for_no_notes_and_shows_pictures(self):
+        self.gateway.control(features=None, note='not asked for')
+        self.open_and_wait()
+        self.assertNotIn('withNotes', self.gateway.control()['last']['frame'])
+        self.assertTrue(self.js('return document.getElementById("notes").hidden'))
+        self.assertEqual('', self.notice())
 
     def test_an_unknown_dataset_of_a_link_is_a_sentence_on_the_view(self):
         self.gateway.control(fail={'code': 5, 'message': 'dataset "gone": there are: "ball", "patient"'})

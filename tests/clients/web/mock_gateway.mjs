@@ -8,7 +8,8 @@
 // POST /control {...}: `fail`: {code, message} for frames | null; `mute`: whether to answer no state;
 // `answer`: the sequence number of a state that was not answered, to answer now by a quick frame;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
-// `refuse`: whether new streams are refused; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
+// `refuse`: whether new streams are refused; `features`: of /v1/capabilities | null for a gateway without it;
+// `note`: of the first surface, if it is asked for | null; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
 // dataset | null; `steps`: how many the dataset flow has; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
 // states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
@@ -195,7 +196,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6 };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] };
 const streams = new Set();
 
@@ -232,6 +233,7 @@ function answer(stream, state, isExact) {
     header = { ...base, isExact: isExact || undefined,
       frame: { camera: view.cameraToJson(image.camera), extent: { widthPx: image.width, heightPx: image.height },
         ...(selection ? { selection, time: selection.timeStep / 4 } : {}),
+        notes: isExact && state.frame.withNotes && control.note ? [{ message: control.note }] : undefined,
         colorings: colorBy ? [{ colorBy: { range: { max: 100 }, ...colorBy } }] : [],
         statistics: { triangleCount: '1000', activeBlockCount: '20', visibleBlockCount: '12', culledBlockCount: '8',
           durations: { occluderRenderingDuration: '0.004s', encodeDuration: '0.001s' },
@@ -380,6 +382,8 @@ async function respond(request, body, reply) {
     send(seen);
   } else if (url.pathname === '/v1/datasets') {
     send({ datasets });
+  } else if (url.pathname === '/v1/capabilities' && control.features) {
+    send({ features: control.features });
   } else if (url.pathname === '/v1/status') {
     send({ agents: [] });
   } else if (parts[1] === 'datasets') {
