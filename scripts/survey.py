@@ -115,11 +115,17 @@ def survey(path, ending, arguments):
                                                   arguments.timeout)
         result = {"path": str(path), "ending": ending, "step": "info", "outcome": outcome_of(code, errors),
                   "message": errors[:MAX_MESSAGE], "seconds": seconds, "peak_mib": peak}
-        if result["outcome"] == "opened" and arguments.compare:
-            result["compared"] = compare(str(path), json.loads(output)["volume"], folder, arguments)
-        if result["outcome"] != "opened" or arguments.no_render:
+        if result["outcome"] != "opened":
             return result
-        commands = [shlex.split(command) for command in json.loads(output)["volume"]["commands"]]
+        described = json.loads(output)
+        if "volume" not in described:
+            result.update(outcome="crashed", message=f"info --json has no volume but {sorted(described)}")
+            return result
+        if arguments.compare:
+            result["compared"] = compare(str(path), described["volume"], folder, arguments)
+        if arguments.no_render:
+            return result
+        commands = [shlex.split(command) for command in described["volume"]["commands"]]
         dataset = os.path.join(folder, "dataset")
         for command in commands:
             # info writes DIR and VALUE where it leaves the choice to people.

@@ -1,5 +1,5 @@
 """Other programs' readers, for scripts/survey.py --compare: Debian's python3-nibabel, python3-h5py, python3-netcdf4,
-python3-tifffile, python3-mrcfile and python3-vtk9. A reader that is not installed takes no file.
+python3-tifffile, python3-mrcfile, python3-pydicom and python3-vtk9. A reader that is not installed takes no file.
 
 A reader gets the path and what `isoscope info --json` says of the first volume, and returns its samples in the same
 order, [z][y][x], and the world positions of indices, as far as it knows them. It returns None for what it does not
@@ -8,6 +8,7 @@ take.
 
 import contextlib
 import math
+import os
 
 import numpy as np
 
@@ -146,6 +147,46 @@ def read_with_vtk(path, volume):
     return None
 
 
+def read_image_with_vtk(path, volume):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOImage import vtkMetaImageReader, vtkNrrdReader
+    is_meta = path.lower().endswith((".mha", ".mhd"))
+    reader = vtkMetaImageReader() if is_meta else vtkNrrdReader()
+    if not reader.CanReadFile(path):
+        return None
+    reader.SetFileName(path)
+    reader.Update()
+    image = reader.GetOutput()
+    values = vtk_to_numpy(image.GetPointData().GetScalars())
+    # It does not read orientations of either format.
+    return Other((values if values.ndim == 1 else values[:, 0]).reshape(volume["sample_dims"][::-1]))
+
+
+def read_with_pydicom(path, volume):
+    """A folder with one series of slices, each a file."""
+    import pydicom
+    slices = []
+    for folder, _, names in os.walk(path):
+        for name in names:
+            with contextlib.suppress(pydicom.errors.InvalidDicomError):
+                file = pydicom.dcmread(os.path.join(folder, name))
+                if "Rows" in file:
+                    slices.append(file)
+    if len({file.SeriesInstanceUID for file in slices}) != 1 or any(file.get("NumberOfFrames", 1) != 1 for file in slices):
+        return None
+    right, down = (np.array(slices[0].ImageOrientationPatient[i:i + 3], dtype=float) for i in (0, 3))
+    normal = np.cross(right, down)
+    slices.sort(key=lambda file: float(normal @ np.array(file.ImagePositionPatient, dtype=float)))
+    first, last = (np.array(slices[i].ImagePositionPatient, dtype=float) for i in (0, -1))
+    samples = np.stack([file.pixel_array * float(file.get("RescaleSlope", 1)) + float(file.get("RescaleIntercept", 0))
+                        for file in slices])
+    row_spacing, column_spacing = (float(number) for number in slices[0].PixelSpacing)
+    affine = np.eye(4)
+    affine[:3, :3] = np.column_stack([right * column_spacing, down * row_spacing, (last - first) / (len(slices) - 1)])
+    affine[:3, 3] = first
+    return Other(samples, affine)
+
+
 READERS = {
     ".nii": read_with_nibabel, ".nii.gz": read_with_nibabel, ".mgz": read_with_nibabel, ".mgh": read_with_nibabel,
     ".mnc": read_with_nibabel, ".hdr": read_with_nibabel, ".img": read_with_nibabel, ".par": read_with_nibabel,
@@ -156,11 +197,16 @@ READERS = {
     ".mrc": read_with_mrcfile, ".map": read_with_mrcfile, ".ccp4": read_with_mrcfile, ".map.gz": read_with_mrcfile,
     ".mrc.gz": read_with_mrcfile, ".ccp4.gz": read_with_mrcfile,
     ".vti": read_with_vtk, ".vtk": read_with_vtk,
+    ".nrrd": read_image_with_vtk, ".nhdr": read_image_with_vtk, ".mha": read_image_with_vtk, ".mhd": read_image_with_vtk,
 }
 
 
 def read(path, volume):
     """The first volume of a file by another reader, or None."""
+    if os.path.isdir(path):
+        with contextlib.suppress(Exception):
+            return read_with_pydicom(path, volume)
+        return None
     lower = path.lower()
     for ending in sorted(READERS, key=len, reverse=True):
         if lower.endswith(ending):

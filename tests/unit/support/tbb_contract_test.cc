@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -225,7 +226,7 @@ TEST_F(TbbContractTest, EachThreadHasItsElement) {
       in_range += element.size();
     }
   });
-  for (const std::vector<int>& element : elements) {
+  for (const std::vector<int>& element : std::as_const(elements)) {
     EXPECT_EQ(element.front(), 7);
     all.insert(all.end(), element.begin() + 1, element.end());
   }

@@ -28,32 +28,35 @@ class enumerable_thread_specific {
   };
 
  public:
-  class iterator {
+  template <typename Element>  // T or const T
+  class BasicIterator {
    public:
     using iterator_category = std::forward_iterator_tag;
     using value_type = T;
     using difference_type = std::ptrdiff_t;
-    using pointer = T*;
-    using reference = T&;
+    using pointer = Element*;
+    using reference = Element&;
 
-    iterator() = default;
-    explicit iterator(Node* node) : node_(node) {}
-    T& operator*() const { return node_->value; }
-    T* operator->() const { return &node_->value; }
-    iterator& operator++() {
+    BasicIterator() = default;
+    explicit BasicIterator(Node* node) : node_(node) {}
+    Element& operator*() const { return node_->value; }
+    Element* operator->() const { return &node_->value; }
+    BasicIterator& operator++() {
       node_ = node_->next;
       return *this;
     }
-    iterator operator++(int) {
-      iterator before = *this;
+    BasicIterator operator++(int) {
+      BasicIterator before = *this;
       ++*this;
       return before;
     }
-    bool operator==(const iterator& other) const { return node_ == other.node_; }
+    bool operator==(const BasicIterator& other) const { return node_ == other.node_; }
 
    private:
     Node* node_ = nullptr;
   };
+  using iterator = BasicIterator<T>;
+  using const_iterator = BasicIterator<const T>;
 
   // Some of the elements, for parallel_for.
   class range_type {
@@ -131,7 +134,9 @@ class enumerable_thread_specific {
   // REQUIRES: no thread calls local() meanwhile.
   iterator begin() { return iterator(newest_.load(std::memory_order_acquire)); }
   iterator end() { return iterator(); }
-  [[nodiscard]] std::size_t size() {
+  const_iterator begin() const { return const_iterator(newest_.load(std::memory_order_acquire)); }
+  const_iterator end() const { return const_iterator(); }
+  [[nodiscard]] std::size_t size() const {
     return static_cast<std::size_t>(std::distance(begin(), end()));
   }
   range_type range(std::size_t grainsize = 1) {
