@@ -247,10 +247,9 @@ TEST(CapPainterTest, CapsOfASurfaceThatShowsAFieldShowItUnlessTheyHaveAMap) {
     const double y = 35.5 - fragment.y;
     // The samples of the cell have weights that are not 0, so one that is NaN makes the value NaN.
     const bool is_missing = x < 1 && y < 1;
-    EXPECT_EQ(fragment.color,
-              is_missing
-                  ? image::EncodeNormalWithoutStep(up)
-                  : image::EncodeNormalAndStep(up, static_cast<std::uint8_t>((3 * x - y + 32) * 2)))
+    EXPECT_EQ(fragment.color, is_missing ? image::EncodeNormalWithoutStep(up)
+                                         : image::EncodeNormalAndStep(
+                                               up, static_cast<std::uint8_t>((3 * x - y + 32) * 2)))
         << x << ", " << y;
     missing_count += is_missing ? 1 : 0;
   }
