@@ -24,11 +24,15 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
+#include "core/extract/block_extractor.h"
 #include "core/store/shard_reader.h"
 #include "core/view/view.h"
+#include "core/volume/block_samples.h"
+#include "core/volume/inside_rule.h"
 #include "partition-agent/block_cache.h"
+#include "partition-agent/block_reads.h"
 #include "partition-agent/frame_pipeline.h"
-#include "partition-agent/surface_extraction.h"
+#include "partition-agent/surface_blocks.h"
 #include "server/frame/agent_link.h"
 #include "server/frame/frame_coordinator.h"
 
@@ -334,21 +338,31 @@ absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
 
 absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
     double isovalue, const base::Cancellation& cancellation) {
-  agent::BlockCache no_cache(0);
+  const volume::InsideRule rule = volume::InsideRule::OfIsovalue(isovalue);
+  agent::IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::unique_ptr<agent::SurfaceExtraction> extraction,
-      agent::SurfaceExtraction::Make(shards_, volume::InsideRule::OfIsovalue(isovalue), /*clip=*/{},
-                                     {.arena = &arena_, .cache = &no_cache}, &cancellation));
-  std::vector<std::int64_t> counts;
-  while (true) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
-    if (meshes.empty()) {
-      return counts;
-    }
-    for (const mesh::BlockMesh& mesh : meshes) {
-      counts.push_back(mesh.triangle_count());
-    }
+      const agent::SurfaceBlocks active,
+      agent::SurfaceBlocks::Find(shards_, {rule}, /*cache=*/nullptr, cancellation, &cost));
+  std::vector<agent::BlockToRead> blocks;
+  for (const agent::ChosenMesh& chosen : active.ChooseAll()) {
+    blocks.push_back({chosen.shard_index, chosen.ordinal});
   }
+  std::sort(blocks.begin(), blocks.end());
+  // Not the surface of exports, which lacks the triangles without an area.
+  extract::BlockExtractor extractor(manifest().geometry, layout(), shards_.front()->shapes);
+  std::vector<std::int64_t> counts;
+  // The arena has one thread.
+  ISOSCOPE_RETURN_IF_ERROR(agent::BlockReads(shards_, blocks)
+                               .ForEach({.arena = &arena_}, cancellation,
+                                        [&](std::size_t, const volume::BlockSamples& samples) {
+                                          const std::int64_t count =
+                                              extractor.Extract(samples, rule).triangle_count();
+                                          if (count > 0) {
+                                            counts.push_back(count);
+                                          }
+                                          return absl::OkStatus();
+                                        }));
+  return counts;
 }
 
 }  // namespace isoscope::bench

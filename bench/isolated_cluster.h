@@ -91,7 +91,7 @@ class IsolatedCluster {
                                            const std::vector<volume::BlockId>& blocks,
                                            const base::Cancellation& cancellation);
 
-  // Returns the triangles of each block that has any. Those without an area don't count.
+  // Returns the triangles of each block that has any, as frames count them. In no order.
   absl::StatusOr<std::vector<std::int64_t>> TriangleCounts(double isovalue,
                                                            const base::Cancellation& cancellation);
 

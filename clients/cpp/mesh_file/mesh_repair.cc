@@ -1,9 +1,12 @@
 // 1. FindCrowdedEdges sorts the sides of all triangles. A crowded edge has two sides or more in one
 //    direction.
-// 2. Separator looks at the triangles at the ends of such edges. Each side there gets a partner,
+// 2. FinOpener looks for fins: two triangles on the same three vertices, back to back, that hang on
+//    a crowded edge. Parts that are simplified each by itself make them of a vertex of their border
+//    and the edge between its neighbours. The vertex goes back into that edge.
+// 3. Separator looks at the triangles at the ends of such edges. Each side there gets a partner,
 //    which runs against it. Around an end, triangles whose sides are partners are one fan. Each fan
 //    but the first gets a vertex of its own.
-// 3. Edges that are still crowded join the same two fans several times: all but one of these get a
+// 4. Edges that are still crowded join the same two fans several times: all but one of these get a
 //    vertex in the middle, and two triangles of each of theirs.
 //
 // Example: two tetrahedra that share an edge a b have four triangles on it. Partners are those of
@@ -12,6 +15,7 @@
 #include "clients/cpp/mesh_file/mesh_repair.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <span>
 #include <utility>
@@ -22,6 +26,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file_array.h"
+#include "core/math/vec.h"
 
 namespace isoscope::client {
 namespace {
@@ -59,6 +64,117 @@ absl::StatusOr<std::vector<Edge>> FindCrowdedEdges(MeshStore* mesh) {
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   return edges;
 }
+
+// Step 2: of triangles low-high-apex, high-low-apex (the fin), low-high-c and high-low-d it makes
+// low-apex-c, apex-high-c, high-apex-d and apex-low-d. Each takes one fin away and adds none.
+class FinOpener {
+ public:
+  FinOpener(MeshStore* mesh, const std::vector<Edge>& edges) : mesh_(*mesh), edges_(edges) {
+    absl::flat_hash_set<std::uint32_t> ends;
+    for (const auto& [low, high] : edges_) {
+      ends.insert(low);
+      ends.insert(high);
+    }
+    const std::span<const std::uint32_t> triangles = mesh_.triangles().values();
+    absl::flat_hash_set<std::uint32_t> seen = ends;  // and apexes
+    for (std::size_t i = 0; i < triangles.size(); ++i) {
+      if (ends.contains(triangles[i]) && ends.contains(triangles[NextSide(i)])) {
+        seen.insert(ApexOf(i));
+      }
+    }
+    for (std::size_t i = 0; i < triangles.size(); i += 3) {
+      if (seen.contains(triangles[i]) || seen.contains(triangles[i + 1]) ||
+          seen.contains(triangles[i + 2])) {
+        AddSides(i);
+      }
+    }
+  }
+
+  // Returns whether there was a fin. One may hang on another.
+  bool Run() {
+    bool has_opened = false;
+    bool is_done = false;
+    while (!is_done) {
+      is_done = true;
+      for (const Edge& edge : edges_) {
+        if (Open(edge)) {
+          has_opened = true;
+          is_done = false;
+        }
+      }
+    }
+    return has_opened;
+  }
+
+ private:
+  bool Open(const Edge& edge) {
+    const auto [low, high] = edge;
+    const std::vector<SideIndex> along = SidesOf(low, high);
+    const std::vector<SideIndex> against = SidesOf(high, low);
+    if (along.size() != 2 || against.size() != 2) {
+      return false;
+    }
+    for (std::size_t i = 0; i < 2; ++i) {
+      for (std::size_t k = 0; k < 2; ++k) {
+        const std::uint32_t apex = ApexOf(along[i]);
+        const std::uint32_t c = ApexOf(along[1 - i]);
+        const std::uint32_t d = ApexOf(against[1 - k]);
+        if (apex != ApexOf(against[k]) || c == d || c == apex || d == apex || HasEdge(apex, c) ||
+            HasEdge(apex, d) || !IsBetween(apex, edge)) {
+          continue;
+        }
+        Replace(along[1 - i], {low, apex, c});
+        Replace(along[i], {apex, high, c});
+        Replace(against[1 - k], {high, apex, d});
+        Replace(against[k], {apex, low, d});
+        return true;
+      }
+    }
+    return false;
+  }
+
+  // Whether it lies in the ball around the edge's middle that has both ends on it. So the surface
+  // moves by half an edge at most.
+  [[nodiscard]] bool IsBetween(std::uint32_t vertex, const Edge& edge) const {
+    return math::Dot(At(edge.first) - At(vertex), At(edge.second) - At(vertex)) <= 0;
+  }
+  [[nodiscard]] bool HasEdge(std::uint32_t a, std::uint32_t b) const {
+    return !SidesOf(a, b).empty() || !SidesOf(b, a).empty();
+  }
+
+  void Replace(SideIndex side, const std::array<std::uint32_t, 3>& corners) {
+    const std::size_t first = side - side % 3;
+    std::uint32_t* const triangles = mesh_.triangles().data();
+    for (const std::size_t k : {first, first + 1, first + 2}) {
+      std::erase(sides_[DirectedKey(triangles[k], triangles[NextSide(k)])], k);
+    }
+    std::copy(corners.begin(), corners.end(), triangles + first);
+    AddSides(first);
+  }
+
+  void AddSides(std::size_t first) {
+    const std::span<const std::uint32_t> triangles = mesh_.triangles().values();
+    for (const std::size_t side : {first, first + 1, first + 2}) {
+      sides_[DirectedKey(triangles[side], triangles[NextSide(side)])].push_back(side);
+    }
+  }
+
+  [[nodiscard]] std::vector<SideIndex> SidesOf(std::uint32_t from, std::uint32_t to) const {
+    const auto found = sides_.find(DirectedKey(from, to));
+    return found == sides_.end() ? std::vector<SideIndex>() : found->second;
+  }
+  [[nodiscard]] std::uint32_t ApexOf(SideIndex side) const {
+    return mesh_.triangles().data()[SideBefore(side)];
+  }
+  [[nodiscard]] math::Vec3d At(std::uint32_t vertex) const {
+    const float* const p = mesh_.positions().data() + 3 * std::size_t{vertex};
+    return {double{p[0]}, double{p[1]}, double{p[2]}};
+  }
+
+  MeshStore& mesh_;
+  const std::vector<Edge>& edges_;
+  absl::flat_hash_map<std::uint64_t, std::vector<SideIndex>> sides_;  // by direction
+};
 
 // The triangles at the ends of crowded edges.
 class Separator {
@@ -98,7 +214,7 @@ class Separator {
     return found == partners_.end() ? kNoSide : found->second;
   }
 
-  // Step 2.
+  // Step 3.
   absl::Status SplitEnds() {
     absl::flat_hash_set<SideIndex> done;
     absl::flat_hash_set<std::uint32_t> kept;  // vertices whose first fan was seen
@@ -147,7 +263,7 @@ class Separator {
     return fan;
   }
 
-  // Step 3. Triangles are cut once: one that has two crowded edges left comes again.
+  // Step 4. Triangles are cut once: one that has two crowded edges left comes again.
   absl::Status SplitEdges() {
     constexpr int kMaxRounds = 64;
     for (int round = 0; round < kMaxRounds; ++round) {
@@ -225,11 +341,15 @@ class Separator {
 }  // namespace
 
 absl::StatusOr<std::int64_t> SeparateTouchingParts(MeshStore* mesh) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Edge> edges, FindCrowdedEdges(mesh));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Edge> edges, FindCrowdedEdges(mesh));
+  const auto count = static_cast<std::int64_t>(edges.size());
+  if (!edges.empty() && FinOpener(mesh, edges).Run()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(edges, FindCrowdedEdges(mesh));
+  }
   if (!edges.empty()) {
     ISOSCOPE_RETURN_IF_ERROR(Separator(mesh, edges).Run());
   }
-  return static_cast<std::int64_t>(edges.size());
+  return count;
 }
 
 }  // namespace isoscope::client

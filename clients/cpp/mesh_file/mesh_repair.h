@@ -13,9 +13,13 @@ namespace isoscope::client {
 
 // Simplification may bring several parts of a surface to one edge. Each such edge is shared out
 // among pairs of triangles; its ends become several vertices where that tells the pairs apart, else
-// an edge gets a vertex in its middle. Places, area and volume stay. Edges that have fewer
+// an edge gets a vertex in its middle. No vertex moves; area and volume stay. Edges that have fewer
 // triangles on one side than on the other stay open. Takes 24 bytes of disk for each triangle
 // besides.
+//
+// Two triangles back to back that hang on such an edge are opened before that, if their third
+// vertex lies near the edge: it becomes a vertex of the edge. That moves the surface towards the
+// vertex, by its distance from the edge.
 //
 // Returns the number of edges that had more than two triangles.
 absl::StatusOr<std::int64_t> SeparateTouchingParts(MeshStore* mesh);

@@ -239,14 +239,16 @@ absl::Status DrawBarItem(const AnnotationScene& scene, const LegendItem& item,
               Ceil(place.bar_height + 4 * text + swatch), text, scene.is_background_light);
   sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
   const double side = std::round(text);
-  DrawBar(sheet, 0.5 * text, std::round(2.5 * text), side, place.bar_height, text, item.color_by);
+  // On whole pixels, so that each pixel of bar and swatch has the colour itself.
+  const double x = std::round(0.5 * text);
+  DrawBar(sheet, x, std::round(2.5 * text), side, place.bar_height, text, item.color_by);
   if (item.nan_color.has_value()) {
     const double y = std::round(2.5 * text) + place.bar_height + side;
-    sheet.FillRectangles({{0.5 * text, y, side, side}});
-    sheet.Paint({0.5 * text, y, side, side},
+    sheet.FillRectangles({{x, y, side, side}});
+    sheet.Paint({x, y, side, side},
                 {item.nan_color->r / 255.0, item.nan_color->g / 255.0, item.nan_color->b / 255.0},
                 1);
-    sheet.DrawText(0.5 * text + 1.7 * side, y + 0.86 * side, kNoData, sheet.ink());
+    sheet.DrawText(x + 1.7 * side, y + 0.86 * side, kNoData, sheet.ink());
   }
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
 }

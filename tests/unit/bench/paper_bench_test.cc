@@ -164,9 +164,7 @@ TEST(BenchPaperTest, EveryDistributionDealsOutTheWholeSurface) {
   }
   ASSERT_EQ(result.bounds.size(), 2 * 2 * 3);
   for (const BoundRow& row : result.bounds) {
-    // Those without an area count in frames alone.
-    EXPECT_LE(row.total_triangle_count, WholeTriangles(row.isovalue));
-    EXPECT_GT(row.total_triangle_count, 0.95 * static_cast<double>(WholeTriangles(row.isovalue)))
+    EXPECT_EQ(row.total_triangle_count, WholeTriangles(row.isovalue))
         << "the blocks' triangles do not add up to the frame's";
     EXPECT_GE(row.max_over_mean_triangles, 1);
     EXPECT_LE(row.max_over_mean_triangles, row.agent_count);

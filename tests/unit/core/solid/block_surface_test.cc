@@ -257,26 +257,69 @@ view::HalfSpace HalfSpaceOf(const math::Vec3d& normal, double offset) { return {
 
 constexpr double kPi = std::numbers::pi;
 
-TEST(BlockSurfaceTest, AClosedSurfaceHasTheMeasuresOfItsSolid) {
-  const Surface sphere = Extract(FieldScene(testing::SphereField(0.7), {61, 61, 61}), 16);
-  EXPECT_EQ(sphere.sums.open_side_count, 0);
-  EXPECT_NEAR(sphere.sums.volume.Value(), 4 * kPi / 3 * 0.343, 0.002);
-  EXPECT_NEAR(sphere.sums.area.Value(), 4 * kPi * 0.49, 0.01);
-  const Surface torus = Extract(FieldScene(testing::TorusField(0.6, 0.25), {81, 81, 41}), 16);
-  EXPECT_EQ(torus.sums.open_side_count, 0);
-  EXPECT_NEAR(torus.sums.volume.Value(), 2 * kPi * kPi * 0.6 * 0.0625, 0.004) << "chords of 0.05";
-  EXPECT_NEAR(torus.sums.area.Value(), 4 * kPi * kPi * 0.6 * 0.25, 0.02);
+// A field that is linear in each cell: its surface is the octahedron, but for the float32 of t.
+TEST(BlockSurfaceTest, AnOctahedronHasItsExactMeasures) {
+  const auto octahedron = [](const math::Vec3d& p) {
+    return 0.71 - std::abs(p.x) - std::abs(p.y) - std::abs(p.z);
+  };
+  for (const std::int64_t samples : {21, 41}) {
+    const Surface surface = Extract(FieldScene(octahedron, {samples, samples, samples}), 16);
+    EXPECT_EQ(surface.sums.open_side_count, 0);
+    EXPECT_NEAR(surface.sums.volume.Value(), 4.0 / 3 * 0.71 * 0.71 * 0.71, 1e-6);
+    EXPECT_NEAR(surface.sums.area.Value(), 4 * std::sqrt(3.0) * 0.71 * 0.71, 1e-6);
+  }
 }
 
-// The volume of a hollow is negative: its surface encloses what is outside.
+struct Measures {
+  double volume = 0;
+  double area = 0;
+};
+
+Measures MeasuresOf(const testing::Field& field, const math::Index3& dims) {
+  const Surface surface = Extract(FieldScene(field, dims), 16);
+  EXPECT_EQ(surface.sums.open_side_count, 0);
+  return {surface.sums.volume.Value(), surface.sums.area.Value()};
+}
+
+// Chords of length h and linear interpolation along edges lose a share of (h / r)^2, where r is the
+// least radius of curvature. With half of h it is a quarter, so (4 * fine - coarse) / 3 lacks this
+// term. A quarter of the next one, of (h / r)^4, is left.
+TEST(BlockSurfaceTest, AClosedSurfaceHasTheMeasuresOfItsSolid) {
+  struct Case {
+    testing::Field field;
+    math::Index3 cells;
+    double h_over_r = 0;
+    Measures exact;
+  };
+  const Measures ball{.volume = 4 * kPi / 3 * 0.343, .area = 4 * kPi * 0.49};
+  const Measures torus{.volume = 2 * kPi * kPi * 0.6 * 0.0625, .area = 4 * kPi * kPi * 0.6 * 0.25};
+  for (const Case& solid : {Case{testing::SphereField(0.7), {40, 40, 40}, 0.05 / 0.7, ball},
+                            Case{testing::SphereField(0.7), {60, 60, 60}, 2.0 / 60 / 0.7, ball},
+                            Case{testing::TorusField(0.6, 0.25), {80, 80, 40}, 0.1, torus}}) {
+    const math::Index3 one{1, 1, 1};
+    const Measures coarse = MeasuresOf(solid.field, solid.cells + one);
+    const Measures fine = MeasuresOf(solid.field, solid.cells * std::int64_t{2} + one);
+    const double rest = std::pow(solid.h_over_r, 4) / 4;
+    EXPECT_NEAR((4 * fine.volume - coarse.volume) / 3, solid.exact.volume,
+                solid.exact.volume * rest);
+    EXPECT_NEAR((4 * fine.area - coarse.area) / 3, solid.exact.area, solid.exact.area * rest);
+    EXPECT_LT(coarse.volume, fine.volume) << "vertices lie inside";
+    EXPECT_LT(fine.volume, solid.exact.volume);
+  }
+}
+
+// The volume of a hollow is negative: its surface encloses what is outside. The limit is as above.
 TEST(BlockSurfaceTest, AHollowHasANegativeVolumeUntilItsSolidIsClosed) {
   const testing::Field sphere = testing::SphereField(0.7);
-  Scene scene = FieldScene([&](const math::Vec3d& p) { return -sphere(p); }, {41, 41, 41});
+  const auto around = [&](const math::Vec3d& p) { return -sphere(p); };
+  Scene scene = FieldScene(around, {41, 41, 41});
   const double hollow = Extract(scene, 16).sums.volume.Value();
-  EXPECT_NEAR(hollow, -4 * kPi / 3 * 0.343, 0.005) << "chords of 0.05";
+  const double ball = 4 * kPi / 3 * 0.343;
+  EXPECT_NEAR((4 * MeasuresOf(around, {81, 81, 81}).volume - hollow) / 3, -ball,
+              ball * std::pow(0.05 / 0.7, 4) / 4);
   scene.options.closes = true;
   const Surface closed = Extract(scene, 16);
-  EXPECT_NEAR(closed.sums.volume.Value(), 8 + hollow, 1e-5);
+  EXPECT_NEAR(closed.sums.volume.Value(), 8 + hollow, 1e-12);
   EXPECT_EQ(closed.sums.open_side_count, 0);
 }
 
@@ -391,6 +434,33 @@ TEST(BlockSurfaceTest, LabelsThatTouchAreClosedEach) {
   EXPECT_GT(apart, both - 2 * kPi * 8 / 4);
 }
 
+// A box of n x m x k samples of one label reaches half a cell beyond them. Its edges are cut at 45
+// degrees, which takes 1/8 of a cell for each cell of length, and of each of its corners, of
+// (1/2)^3, a tetrahedron of 1/48 is left.
+TEST(BlockSurfaceTest, BoxesOfLabelsHaveTheirExactVolumes) {
+  Scene scene;
+  scene.geometry.sample_dims = {12, 9, 9};
+  scene.type = volume::ScalarType::kUint8;
+  for (int z = 0; z < 9; ++z) {
+    for (int y = 0; y < 9; ++y) {
+      for (int x = 0; x < 12; ++x) {
+        const bool is_box = x >= 2 && x < 10 && y >= 3 && y < 6 && z >= 2 && z < 7;
+        scene.samples.push_back(static_cast<char>(is_box ? (x < 6 ? 3 : 7) : 0));
+      }
+    }
+  }
+  const auto volume_of = [&](const std::vector<double>& labels) {
+    scene.rule = volume::InsideRule::OfLabels(labels);
+    return Extract(scene, 4).sums.volume.Value();
+  };
+  const auto expected = [](int n, int m, int k) {
+    return n * m * k - 4.0 * (n - 1 + m - 1 + k - 1) / 8 - 8 * (1.0 / 8 - 1.0 / 48);
+  };
+  EXPECT_NEAR(volume_of({3}), expected(4, 3, 5), 1e-12);
+  EXPECT_NEAR(volume_of({7}), expected(4, 3, 5), 1e-12);
+  EXPECT_NEAR(volume_of({3, 7}), expected(8, 3, 5), 1e-12);
+}
+
 // A ball of samples that are 1, at isovalue 1: triangles of marching cubes have no area around each
 // sample that is inside.
 TEST(BlockSurfaceTest, NoTriangleOfAMaskAtItsOwnValueIsFlat) {
@@ -450,8 +520,17 @@ TEST(BlockSurfaceTest, AnOrdinarySurfaceIsThatOfPictures) {
   }
 }
 
-// Two cubes of samples that share one sample, or two. In the cells beside these the surface joins
-// them, which adds a volume of 1: as two prisms of 1/2 beside an edge. Beside a corner it was seen.
+// Two cubes of samples that share one sample, or two. All vertices lie on samples that are inside.
+//
+// Two samples: in two cells a prism on half the square of the cell joins the cubes, of volume 1/2.
+// Area: 4 whole sides of each cube, the tops and bottoms of the prisms (4 / 2), and what joins the
+// cubes (2 sqrt 2).
+//
+// One sample: six of the cells around it have the four samples of a side of a cube inside, and one
+// more next to the shared one. The rule of least crease takes the diagonal between the two of the
+// four that lie beside the shared one (edges of like direction). So the cell has the tetrahedron
+// between these, the shared sample and the one more: its volume is 1/6, and its free side has three
+// edges of sqrt 2. Area: 3 whole sides of each cube, half of each of the others, six free sides.
 TEST(BlockSurfaceTest, CubesThatShareSamplesAreOneSolid) {
   const auto scene_of = [](const math::Index3& second) {
     Scene scene = NoiseScene(0, {8, 8, 8}, 0);
@@ -470,13 +549,20 @@ TEST(BlockSurfaceTest, CubesThatShareSamplesAreOneSolid) {
   EXPECT_EQ(one.mesh.triangles.size(), 36U);
   EXPECT_EQ(one.sums.volume.Value(), 1);
   EXPECT_EQ(one.sums.area.Value(), 6);
-  for (const math::Index3& second : {math::Index3{3, 3, 3}, {3, 3, 2}}) {
-    const Scene scene = scene_of(second);
+  struct Case {
+    math::Index3 second;
+    double volume = 0;
+    double area = 0;
+  };
+  for (const Case& shared :
+       {Case{.second = {3, 3, 2}, .volume = 2 + 2.0 / 2, .area = 8 + 2 + 2 * std::sqrt(2.0)},
+        Case{.second = {3, 3, 3}, .volume = 2 + 6.0 / 6, .area = 6 + 3 + 3 * std::sqrt(3.0)}}) {
+    const Scene scene = scene_of(shared.second);
     const Surface two = Extract(scene, 4);
     const Faults faults = FaultsOf(two.mesh, scene.geometry);
     EXPECT_EQ(faults.open + faults.doubled + faults.split_vertices, 0);
-    EXPECT_EQ(two.sums.volume.Value(), 3);
-    EXPECT_GT(two.sums.area.Value(), 12);
+    EXPECT_EQ(two.sums.volume.Value(), shared.volume);
+    EXPECT_NEAR(two.sums.area.Value(), shared.area, 1e-12);
   }
 }
 

@@ -80,6 +80,40 @@ TEST(MeshRepairTest, SolidsThatShareAnEdgeGetVerticesOfTheirOwn) {
   EXPECT_EQ(Repair(Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}})).vertex_count, 8);
 }
 
+// Tetrahedron 0 1 2 3, and triangles back to back on its edge 0 1 (and on their edge 0 7): volumes
+// below are sums of tetrahedra around the edge, whose base is given by x and y alone.
+TEST(MeshRepairTest, FinsNearAnEdgeAreOpenedWithoutANewVertex) {
+  MeshPiece mesh = Tetrahedra({{0, 1, 2, 3}});
+  mesh.positions.insert(mesh.positions.end(), {-0.125F, -0.125F, 0.5F, -0.125F, -0.125F, 0.25F});
+  mesh.normals.resize(mesh.positions.size());
+  mesh.triangles.insert(mesh.triangles.end(), {0, 1, 7, 1, 0, 7});
+  const Repaired one = Repair(mesh);
+  EXPECT_EQ(one.crowded_edge_count, 1);
+  EXPECT_TRUE(IsClosed(one.triangles));
+  EXPECT_EQ(one.triangles.size(), mesh.triangles.size());
+  EXPECT_EQ(one.vertex_count, 5);
+  EXPECT_NEAR(*one.before.volume, 1.0 / 6, 1e-12);
+  EXPECT_NEAR(*one.after.volume, (1 + 0.125 + 0.125) / 6, 1e-12);
+
+  mesh.triangles.insert(mesh.triangles.end(), {0, 7, 8, 7, 0, 8});
+  const Repaired two = Repair(mesh);
+  EXPECT_EQ(two.crowded_edge_count, 2);
+  EXPECT_TRUE(IsClosed(two.triangles));
+  EXPECT_EQ(two.triangles.size(), mesh.triangles.size());
+  EXPECT_EQ(two.vertex_count, 6);
+}
+
+// A fin whose third vertex lies far away stays as it is, with vertices of its own.
+TEST(MeshRepairTest, HighFinsStay) {
+  MeshPiece mesh = Tetrahedra({{0, 1, 2, 3}});
+  mesh.triangles.insert(mesh.triangles.end(), {0, 1, 6, 1, 0, 6});
+  const Repaired repaired = Repair(mesh);
+  EXPECT_TRUE(IsClosed(repaired.triangles));
+  EXPECT_EQ(repaired.vertex_count, 4 + 3);
+  EXPECT_NEAR(repaired.after.area, repaired.before.area, 1e-12);
+  EXPECT_NEAR(*repaired.after.volume, *repaired.before.volume, 1e-12);
+}
+
 // Solids that share a vertex alone have no crowded edge, and keep it.
 TEST(MeshRepairTest, SolidsThatShareAVertexStay) {
   const Repaired repaired = Repair(Tetrahedra({{0, 2, 3, 6}, {0, 1, 4, 5}}));

@@ -75,18 +75,6 @@ inline bool IsClosed(const std::vector<std::uint32_t>& triangles) {
   });
 }
 
-// True if as many triangles lie on one side of each edge as on the other: there is no hole, but
-// parts of the surface may touch along an edge.
-inline bool HasNoHole(const std::vector<std::uint32_t>& triangles) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
-  for (std::size_t i = 0; i < triangles.size(); ++i) {
-    const std::uint32_t a = triangles[i];
-    const std::uint32_t b = triangles[i % 3 == 2 ? i - 2 : i + 1];
-    edges[std::minmax(a, b)] += a < b ? 1 : -1;
-  }
-  return std::all_of(edges.begin(), edges.end(), [](const auto& edge) { return edge.second == 0; });
-}
-
 // The volume inside; positive if triangles turn counter-clockwise from outside.
 inline double VolumeOf(const std::vector<float>& positions,
                        const std::vector<std::uint32_t>& triangles) {

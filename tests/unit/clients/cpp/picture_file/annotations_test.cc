@@ -332,7 +332,7 @@ AnnotationScene ColoredByField() {
 }
 
 TEST(AnnotationsTest, ASwatchBelowTheBarShowsTheColorOfMissingValues) {
-  constexpr image::Rgba8 kMissing{128, 128, 128, 255};
+  constexpr image::Rgba8 kMissing{200, 0, 200, 255};  // no mixture of letters and outlines
   AnnotationScene scene = ColoredByField();
   const Annotations flags{.has_legend = true};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated plain, Annotate(flags, scene, Plain(600, 400)));
@@ -340,11 +340,11 @@ TEST(AnnotationsTest, ASwatchBelowTheBarShowsTheColorOfMissingValues) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated, Annotate(flags, scene, Plain(600, 400)));
   const view::PixelRect swatch = BoxOf(annotated.picture, kMissing);
   ASSERT_FALSE(swatch.empty());
-  EXPECT_GE(swatch.end_x - swatch.begin_x, 9);
-  EXPECT_NEAR(swatch.end_x - swatch.begin_x, swatch.end_y - swatch.begin_y, 1);
+  EXPECT_EQ(swatch.end_x - swatch.begin_x, 11) << "the least height of text";
+  EXPECT_EQ(swatch.end_y - swatch.begin_y, 11);
   const image::Rgba8& least = picture::ColorMapTableOf(frame::ColorMap::kTurbo).front();
   const view::PixelRect bar = BoxOf(annotated.picture, least);
-  EXPECT_NEAR(swatch.begin_x, bar.begin_x, 1) << "their left sides are blended";
+  EXPECT_EQ(swatch.begin_x, bar.begin_x) << "a tick covers the other end of the bar's row";
   EXPECT_GT(swatch.begin_y, bar.end_y);
   // The bar stays where it is, and the words stand beside the swatch.
   EXPECT_EQ(BoxOf(plain.picture, least), bar);
