@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Tells what isoscope makes of every file below a folder: runs `info`, and draws what opens once.
 
-For each file, and once for each folder of DICOM files, it runs `isoscope info FILE --json`, then the
-command that info suggests, at 128 x 128 pixels. A file counts as
+For each file, and for each series of a folder of DICOM files, it runs `isoscope info FILE --json`, then
+the command that info suggests, at 128 x 128 pixels. A file counts as
 
     opened    info and the picture succeed
     refused   exit 1 with a sentence, by info or by the picture
@@ -47,12 +47,15 @@ def run(command, folder, timeout):
     environment = dict(os.environ, XDG_CACHE_HOME=folder, TMPDIR=folder)
     out_path, err_path = pathlib.Path(folder, "out"), pathlib.Path(folder, "err")
     start = time.monotonic()
+    peak = 0
     with open(out_path, "wb") as out, open(err_path, "wb") as err:
         process = subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=environment,
                                    start_new_session=True)
         is_late = False
         while True:
-            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+            # Not of rusage, which counts what this process had when it forked.
+            peak = max(peak, peak_kib(process.pid))
+            pid, status = os.waitpid(process.pid, os.WNOHANG)
             if pid:
                 break
             if time.monotonic() - start > timeout and not is_late:
@@ -62,7 +65,18 @@ def run(command, folder, timeout):
     process.returncode = os.waitstatus_to_exitcode(status)
     code = None if is_late else process.returncode
     text = [path.read_text(errors="replace") for path in (out_path, err_path)]
-    return code, text[0], text[1].strip(), time.monotonic() - start, usage.ru_maxrss / 1024
+    return code, text[0], text[1].strip(), time.monotonic() - start, peak / 1024
+
+
+def peak_kib(pid):
+    """The most memory that a process has had; 0 once it has ended."""
+    try:
+        for line in pathlib.Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1])
+    except OSError:
+        pass
+    return 0
 
 
 def ending_of(path):
@@ -107,31 +121,33 @@ def outcome_of(code, errors):
     return "not read" if any(words in errors for words in NOT_READ) else "refused"
 
 
-def survey(path, ending, arguments):
-    """Returns what info and a picture make of one source."""
+def survey(path, ending, arguments, series=""):
+    """Returns what info and a picture make of one source; of several series, of each."""
     limits = ["--memory-limit", arguments.memory_limit]
+    choice = ["--series", series] if series else []
     with tempfile.TemporaryDirectory(prefix="isoscope-survey-") as folder:
-        code, output, errors, seconds, peak = run([arguments.bin, "info", str(path), "--json"], folder,
+        code, output, errors, seconds, peak = run([arguments.bin, "info", str(path), "--json"] + choice, folder,
                                                   arguments.timeout)
-        result = {"path": str(path), "ending": ending, "step": "info", "outcome": outcome_of(code, errors),
+        result = {"path": str(path), "ending": ending, "series": series, "step": "info", "outcome": outcome_of(code, errors),
                   "message": errors[:MAX_MESSAGE], "seconds": seconds, "peak_mib": peak}
         if result["outcome"] != "opened":
-            return result
+            return [result]
         described = json.loads(output)
-        if "volume" not in described:
-            result.update(outcome="crashed", message=f"info --json has no volume but {sorted(described)}")
-            return result
+        if "series" in described:
+            # One without a UID can't be chosen.
+            return [one for listed in described["series"] if listed["uid"]
+                    for one in survey(path, ending, arguments, listed["uid"])]
         if arguments.compare:
-            result["compared"] = compare(str(path), described["volume"], folder, arguments)
+            result["compared"] = compare(str(path), choice, described["volume"], folder, arguments)
         if arguments.no_render:
-            return result
+            return [result]
         commands = [shlex.split(command) for command in described["volume"]["commands"]]
         dataset = os.path.join(folder, "dataset")
         for command in commands:
             # info writes DIR and VALUE where it leaves the choice to people.
             words = [dataset if word == "DIR" else word for word in command[1:]]
             if "VALUE" in words:
-                words[words.index("VALUE")] = middle_of(words, folder, arguments)
+                words[words.index("VALUE")] = middle_of(words, choice, dataset, folder, arguments)
             words += limits
             if words[0] == "render":
                 words += ["--renderer", "cpu", "--width", "128", "--height", "128", "--output",
@@ -142,7 +158,7 @@ def survey(path, ending, arguments):
                           peak_mib=max(result["peak_mib"], peak))
             if result["outcome"] != "opened":
                 break
-        return result
+        return [result]
 
 
 def places_of(dims):
@@ -152,10 +168,10 @@ def places_of(dims):
     return [[0, 0, 0], last, middle, [last[0], 0, middle[2]], [last[0] // 3, middle[1], last[2] * 2 // 3]]
 
 
-def compare(path, volume, folder, arguments):
+def compare(path, choice, volume, folder, arguments):
     """Returns "equal", "none" (no other reader takes it), or a sentence on the first difference."""
     import survey_readers  # needs numpy
-    other = survey_readers.read(path, volume)
+    other = survey_readers.read(path, volume, choice[-1] if choice else None)
     if other is None:
         return "none"
     dims = volume["sample_dims"]
@@ -173,8 +189,8 @@ def compare(path, volume, folder, arguments):
     # The ranges of several steps are those of all.
     for x, y, z in places_of(dims) if len(volume["time_steps"]) <= 1 else []:
         crop = f"{x}:{x + 2},{y}:{y + 2},{z}:{z + 2}"
-        code, output, errors, _, _ = run([arguments.bin, "info", path, "--json", "--values", "--crop", crop], folder,
-                                         arguments.timeout)
+        code, output, errors, _, _ = run([arguments.bin, "info", path, "--json", "--values", "--crop", crop] + choice,
+                                         folder, arguments.timeout)
         if code != 0:
             return f"--crop {crop}: {errors[:MAX_MESSAGE]}"
         found = first_range(json.loads(output)["volume"])
@@ -192,10 +208,10 @@ def first_range(volume):
     return volume["fields"][0]["value_ranges"][0]
 
 
-def middle_of(words, folder, arguments):
+def middle_of(words, choice, dataset, folder, arguments):
     """Returns the middle of the values that a command draws, as a word; "VALUE" if they are not known."""
     _, output, _, _, _ = run([arguments.bin, "info", words[1], "--json"]
-                             + ([] if os.path.isdir(words[1]) else ["--values"]), folder, arguments.timeout)
+                             + ([] if words[1] == dataset else ["--values"] + choice), folder, arguments.timeout)
     described = json.loads(output or "{}")
     volume = described.get("volume") or described.get("datasets", [{}])[0]
     fields = volume.get("fields", [])
@@ -224,9 +240,9 @@ def main():
 
     results = []
     for path, ending in sources_below(arguments.tree):
-        result = survey(path, ending, arguments)
-        results.append(result)
-        if len(results) % 100 == 0:
+        before = len(results)
+        results += survey(path, ending, arguments)
+        if len(results) // 100 > before // 100:
             print(f"{len(results)} files, now {path}", file=sys.stderr)
     known = {r["ending"] for r in results if UNKNOWN_KIND not in r["message"] and r["outcome"] != "not read"}
     for result in results:

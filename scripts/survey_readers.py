@@ -162,27 +162,31 @@ def read_image_with_vtk(path, volume):
     return Other((values if values.ndim == 1 else values[:, 0]).reshape(volume["sample_dims"][::-1]))
 
 
-def read_with_pydicom(path, volume):
-    """A folder with one series of slices, each a file."""
+def read_with_pydicom(path, series):
+    """A series of slices, each a file; of several steps at equal places, the first."""
     import pydicom
     slices = []
     for folder, _, names in os.walk(path):
         for name in names:
             with contextlib.suppress(pydicom.errors.InvalidDicomError):
                 file = pydicom.dcmread(os.path.join(folder, name))
-                if "Rows" in file:
+                if "Rows" in file and series in (None, file.SeriesInstanceUID):
                     slices.append(file)
     if len({file.SeriesInstanceUID for file in slices}) != 1 or any(file.get("NumberOfFrames", 1) != 1 for file in slices):
         return None
     right, down = (np.array(slices[0].ImageOrientationPatient[i:i + 3], dtype=float) for i in (0, 3))
     normal = np.cross(right, down)
-    slices.sort(key=lambda file: float(normal @ np.array(file.ImagePositionPatient, dtype=float)))
-    first, last = (np.array(slices[i].ImagePositionPatient, dtype=float) for i in (0, -1))
+    at_places = {}
+    for file in slices:
+        at_places.setdefault(round(float(normal @ np.array(file.ImagePositionPatient, dtype=float)), 3), []).append(file)
+    # What orders steps differs between makers; all of them number their images in it.
+    ordered = [min(at_places[place], key=lambda file: int(file.InstanceNumber)) for place in sorted(at_places)]
+    first, last = (np.array(ordered[i].ImagePositionPatient, dtype=float) for i in (0, -1))
+    row_spacing, column_spacing = (float(number) for number in ordered[0].PixelSpacing)
     samples = np.stack([file.pixel_array * float(file.get("RescaleSlope", 1)) + float(file.get("RescaleIntercept", 0))
-                        for file in slices])
-    row_spacing, column_spacing = (float(number) for number in slices[0].PixelSpacing)
+                        for file in ordered])
     affine = np.eye(4)
-    affine[:3, :3] = np.column_stack([right * column_spacing, down * row_spacing, (last - first) / (len(slices) - 1)])
+    affine[:3, :3] = np.column_stack([right * column_spacing, down * row_spacing, (last - first) / (len(ordered) - 1)])
     affine[:3, 3] = first
     return Other(samples, affine)
 
@@ -201,11 +205,11 @@ READERS = {
 }
 
 
-def read(path, volume):
-    """The first volume of a file by another reader, or None."""
+def read(path, volume, series=None):
+    """The first volume of a file, or of one series of a DICOM folder, by another reader, or None."""
     if os.path.isdir(path):
         with contextlib.suppress(Exception):
-            return read_with_pydicom(path, volume)
+            return read_with_pydicom(path, series)
         return None
     lower = path.lower()
     for ending in sorted(READERS, key=len, reverse=True):
