@@ -2,6 +2,11 @@
 
 #include "partition-agent/shard_damage.h"
 
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -86,6 +91,19 @@ TEST_F(ShardDamagesTest, EachDamageIsLoggedOnceWithItsPath) {
   EXPECT_THAT(log, AllOf(HasSubstr("shard_damaged"),
                          HasSubstr("path=/data/flow/shard-00001-of-00002/blocks.bin")));
   EXPECT_EQ(log.find("shard_damaged"), log.rfind("shard_damaged")) << log;
+}
+
+// Paths may come without end, as a disk fails; a log line each would fill another disk.
+TEST_F(ShardDamagesTest, TheErrorsOf64FilesAreKeptAndLogged) {
+  ::testing::internal::CaptureStderr();
+  for (int i = 0; i < 70; ++i) {
+    const absl::Status told =
+        damages_.ForCaller(absl::NotFoundError(absl::StrCat(kFolder, "/step-", i, ": gone")));
+    EXPECT_THAT(told, StatusIs(absl::StatusCode::kDataLoss)) << i;
+  }
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  const std::vector<absl::string_view> parts = absl::StrSplit(log, "shard_damaged");
+  EXPECT_EQ(parts.size() - 1, 64U);
 }
 
 TEST_F(ShardDamagesTest, AFolderThatIsThereAgainIsNotDamaged) {

@@ -139,6 +139,21 @@ TEST(ConnectionsTest, WorkIsNotDroppedAndKnownCallersAreTheLastToMakeRoom) {
                                                      "other", "newcomer", "newcomer"}));
 }
 
+TEST(ConnectionsTest, KnownCallersOfAnAddressDoNotCountAgainstItsStrangers) {
+  Crowd crowd(kSmall);
+  std::vector<Lease> leases;
+  for (int i = 0; i < 3; ++i) {
+    leases.push_back(crowd.Add("known", "a"));
+    ASSERT_EQ(leases.back()->BeginWork(Caller::kKnown, "a"), Placement::kTaken);
+    leases.back()->EndWork();
+  }
+  for (const char* name : {"a1", "b1", "b2", "c1", "d1"}) {
+    leases.push_back(crowd.Add(name, std::string(1, name[0])));
+  }
+  leases.push_back(crowd.Add("e1", "e"));
+  EXPECT_EQ(crowd.dropped, std::vector<std::string>({"b1"}));
+}
+
 TEST(ConnectionsTest, StrangersLeavePlacesToKnownCallersAndToOtherAddresses) {
   Crowd crowd(kSmall);
   std::vector<Lease> leases;

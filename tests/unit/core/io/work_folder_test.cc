@@ -142,6 +142,14 @@ TEST(WorkFolderTest, FoldersOfNobodyStay) {
   EXPECT_TRUE(fs::exists(path));
 }
 
+TEST(WorkFolderTest, ALockTooLongForARecordIsNobodys) {
+  const TempDir dir;
+  const std::string path = Abandon(dir);
+  std::ofstream(path + "/lock", std::ios::app) << std::string(5000, 'x');
+  RemoveLeftovers(dir.path(), kPrefix);
+  EXPECT_TRUE(fs::exists(path));
+}
+
 TEST(WorkFolderTest, TheRecordNamesTheMachine) {
   const TempDir dir;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const WorkFolder folder, WorkFolder::Make(dir.path(), kPrefix));

@@ -115,5 +115,19 @@ TEST(ExactSumTest, BytesThatAreNoSumAreAnError) {
   EXPECT_FALSE(ExactSum::Decode(bytes).ok());
 }
 
+// The last digit has the sign. Beyond 2^62 a further addition might overflow it.
+TEST(ExactSumTest, TheLastDigitIsBoundedOnBothSides) {
+  const std::string zero = ExactSum().Encode();
+  const auto with_last_byte = [&zero](char byte) {
+    std::string bytes = zero;
+    bytes.back() = byte;
+    return ExactSum::Decode(bytes).status();
+  };
+  EXPECT_TRUE(with_last_byte('\x40').ok());
+  EXPECT_FALSE(with_last_byte('\x41').ok());
+  EXPECT_TRUE(with_last_byte('\xc0').ok());
+  EXPECT_FALSE(with_last_byte('\xbf').ok());
+}
+
 }  // namespace
 }  // namespace isoscope::math

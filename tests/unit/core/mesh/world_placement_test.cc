@@ -137,5 +137,15 @@ TEST(WorldPlacementTest, WithoutABoundOfTheBlurPlacesArePositions) {
   EXPECT_EQ(placement.PlaceOf({1.5F, 2, 0.25F}), (math::Vec3d{1.5, 2, 0.25}));
 }
 
+// Of 2^20 samples a float32 index has steps of 1/16, of 2^21 of 1/8: the bound with its slack is
+// above 1/8 there, and the places of two vertices may be one.
+TEST(WorldPlacementTest, ABlurOfAnEighthIsNoBound) {
+  const auto blur_of = [](std::int64_t samples) {
+    return WorldPlacement(GeometryOf({samples, 4, 4}, {1, 1, 1}, {})).blur();
+  };
+  EXPECT_GT(blur_of(std::int64_t{1} << 20), 0);
+  EXPECT_EQ(blur_of((std::int64_t{1} << 20) + 2), 0);
+}
+
 }  // namespace
 }  // namespace isoscope::mesh

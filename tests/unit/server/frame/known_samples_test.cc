@@ -133,7 +133,8 @@ TEST(KnownSamplesTest, InfiniteSamplesAreNoLabelsAndHideNone) {
   const KnownSamples known =
       Known(ScalarType::kFloat64, {{-kInfinity, 1}, {0, 9}, {4, 2}, {kInfinity, 1}});
   EXPECT_FALSE(known.NoteOf(InsideRule::OfLabels({4})).has_value());
-  for (const double absent : {3.0, 5.0, -1e300, 1e300}) {
+  const volume::HistogramBins bins = volume::BinsOf(ScalarType::kFloat64, {.min = 0, .max = 4});
+  for (const double absent : {3.0, 5.0, -1e300, 1e300, bins.EdgeOf(bins.count)}) {
     EXPECT_TRUE(known.NoteOf(InsideRule::OfLabels({absent})).has_value()) << absent;
   }
   EXPECT_FALSE(known.NoteOf(InsideRule::OfIsovalue(1e300)).has_value());
