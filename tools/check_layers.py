@@ -77,7 +77,7 @@ CLI11_FILE = "core/cli/flag_set.cc"
 
 UNTESTED_HEADERS = {
     "core/source/slice_image.h": "inside of image_slices_test",
-    "core/source/hdf5_paths.h": "inside of hdf5_links_test and hdf5_storage_test",
+    "core/source/hdf5_file_lookup.h": "inside of hdf5_links_test and hdf5_storage_test",
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
     "core/partition/block_batch.h": "inside of partitioner_test",
     "core/partition/output_folder.h": "names, errors and what is left: partitioner_failure_test",

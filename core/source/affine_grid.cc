@@ -61,10 +61,10 @@ absl::Status ShearError(const Shear& shear, const std::string& path) {
 
 absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,
                                                     const AffineRows& rows, PatientWorld world,
-                                                    const std::string& path) {
+                                                    const std::string& path, GridFaults* faults) {
   for (const std::array<double, 4>& row : rows) {
     for (const double number : row) {
-      if (!std::isfinite(number)) {
+      if (!std::isfinite(number) && faults == nullptr) {
         return absl::InvalidArgumentError(absl::StrFormat(
             "%s: the transform of the header has %g in it: the file is damaged", path, number));
       }
@@ -82,9 +82,14 @@ absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,
     geometry.spacing[static_cast<int>(axis)] = length;
     if (length > 0) {
       geometry.direction.columns[axis] = column * (1 / length);
+    } else if (faults != nullptr) {
+      geometry.direction.columns[axis] = {0, 0, 0};
     }
   }
   geometry.origin = turned(ColumnOf(rows, 3));
+  if (faults != nullptr) {
+    ReplaceFaults(path, &geometry, faults);
+  }
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));

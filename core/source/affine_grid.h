@@ -11,6 +11,7 @@
 
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
+#include "core/source/grid_faults.h"
 #include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
@@ -36,10 +37,12 @@ absl::Status ShearError(const Shear& shear, const std::string& path);
 
 // The grid in LPS: RAS changes the signs of x and y. The columns of the direction are those of the
 // transform, sheared or not: the caller refuses what FindShear finds, unless the format means it.
-// INVALID_ARGUMENT: numbers that are none; volume::Validate.
+// INVALID_ARGUMENT: numbers that are none, or axes without a length, unless they can be told by
+// `faults`; volume::Validate.
 absl::StatusOr<volume::GridGeometry> GridFromAffine(const math::Index3& dims,
                                                     const AffineRows& rows, PatientWorld world,
-                                                    const std::string& path);
+                                                    const std::string& path,
+                                                    GridFaults* faults = nullptr);
 
 }  // namespace isoscope::source
 

@@ -272,7 +272,7 @@ absl::StatusOr<FileLayout> ReadAfniLayout(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const AffineRows rows, AfniTransform(header, path));
   ISOSCOPE_ASSIGN_OR_RETURN(
       layout.geometry, GridFromAffine({CountAt(sizes, 0), CountAt(sizes, 1), CountAt(sizes, 2)},
-                                      rows, PatientWorld::kLps, path));
+                                      rows, PatientWorld::kLps, path, &layout.faults));
   layout.shear = FindShear(rows);
   layout.patient_frame.emplace();
   ISOSCOPE_RETURN_IF_ERROR(FindBrik(path, &location));

@@ -83,7 +83,7 @@ absl::Status SetAnalyzeGrid(const BinaryHeader& header, const std::string& path,
         static_cast<double>(header.Load<float>(80 + 4 * static_cast<std::size_t>(axis)));
     const absl::Status good = CheckSampleDistance(
         path, absl::StrFormat("pixdim[%d] of the Analyze header", axis + 1), distance);
-    layout->distances.Update(good);
+    layout->faults.distances.Update(good);
     geometry.spacing[axis] = good.ok() ? distance : 1;
   }
   const absl::Status valid = volume::Validate(geometry);

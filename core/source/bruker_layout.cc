@@ -302,7 +302,7 @@ absl::Status SetBrukerGrid(const JcampParameters& header, const FrameOrder& orde
   for (std::size_t axis = 0; axis < sizes.size(); ++axis) {
     const absl::Status good = CheckSampleDistance(
         path, absl::StrFormat("number %d of VisuCoreExtent", axis + 1), extent[axis]);
-    layout->distances.Update(good);
+    layout->faults.distances.Update(good);
     dims[static_cast<int>(axis)] = static_cast<std::int64_t>(sizes[axis]);
     steps.at(axis) = axes.at(axis) * (good.ok() ? extent[axis] / sizes[axis] : 1);
     first = first + steps.at(axis) * 0.5;  // from the corner to the middle of the first sample
@@ -318,7 +318,8 @@ absl::Status SetBrukerGrid(const JcampParameters& header, const FrameOrder& orde
     rows.at(static_cast<std::size_t>(world)) = {steps[0][world], steps[1][world], steps[2][world],
                                                 first[world]};
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine(dims, rows, PatientWorld::kLps, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry,
+                            GridFromAffine(dims, rows, PatientWorld::kLps, path, &layout->faults));
   layout->shear = FindShear(rows);
   return absl::OkStatus();
 }

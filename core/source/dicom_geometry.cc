@@ -38,6 +38,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/dicom_storage.h"
+#include "core/source/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -64,8 +65,8 @@ constexpr Element kOffsets{"grid frame offsets", "(3004,000c)", "a number for ea
 // An element that is there, but not as it should be.
 absl::Status BrokenError(const std::string& name, const Element& element) {
   return absl::InvalidArgumentError(
-      absl::StrFormat("%s: its %s %s is there, but not as %s; correct it in the file", name,
-                      element.name, element.tag, element.values));
+      absl::StrFormat("%s: its %s %s is there, but not as %s; correct it in the file%s", name,
+                      element.name, element.tag, element.values, element.also));
 }
 
 absl::Status MissingError(const std::string& name, const Element& element,
@@ -113,12 +114,12 @@ absl::StatusOr<math::Mat3d> DirectionOf(const DicomNumbers<6>& orientation,
 }
 
 absl::Status CheckPixelSpacing(const DicomNumbers<2>& spacing, const std::string& name) {
-  if (spacing.values[0] > 0 && spacing.values[1] > 0) {
+  if (spacing.values[0] > 0 && spacing.values[1] > 0 && std::isfinite(spacing.values[0]) &&
+      std::isfinite(spacing.values[1])) {
     return absl::OkStatus();
   }
-  return absl::InvalidArgumentError(
-      absl::StrFormat("%s: its pixel spacing (0028,0030) is %s; expected 2 numbers above 0", name,
-                      absl::StrJoin(spacing.values, "\\")));
+  return NoSampleDistance(
+      name, absl::StrCat("its pixel spacing (0028,0030) is ", absl::StrJoin(spacing.values, "\\")));
 }
 
 std::string FrameName(const std::string& path, std::size_t frame, std::size_t count) {
@@ -202,19 +203,22 @@ std::size_t DimensionOf(const DicomFrames& file, std::uint32_t tag) {
   return static_cast<std::size_t>(absl::c_find(file.dimensions, tag) - file.dimensions.begin());
 }
 
+bool IsSliceSpacing(double distance, bool is_nuclear) {
+  return std::isfinite(distance) && (is_nuclear ? distance != 0 : distance > 0);
+}
+
 // The same by the distance between slices.
 absl::StatusOr<std::vector<double>> OffsetsOfSlices(const DicomFrames& file, bool is_nuclear,
                                                     const std::string& path, bool has_spacing) {
   DicomNumbers<1> spacing = file.frames.front().slice_spacing;
-  if (has_spacing && spacing.is_missing()) {
+  if (has_spacing && (!spacing.is_given() || !IsSliceSpacing(spacing.value(), is_nuclear))) {
     spacing = {.values = {1}, .given = DicomGiven::kGiven};
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(spacing, absl::StrCat(path, ": the file"), kSliceSpacing));
   const double distance = spacing.value();
-  if (distance == 0 || (distance < 0 && !is_nuclear)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: its spacing between slices (0018,0088) is %g; expected a number %s",
-                        path, distance, is_nuclear ? "other than 0" : "above 0"));
+  if (!IsSliceSpacing(distance, is_nuclear)) {
+    return NoSampleDistance(
+        path, absl::StrFormat("its spacing between slices (0018,0088) is %g", distance));
   }
   const std::size_t slices = DimensionOf(file, kSliceVector);
   std::vector<double> offsets;
@@ -290,11 +294,13 @@ absl::Status CheckStacks(const DicomFrames& file, const std::vector<DicomPlane>&
 }  // namespace
 
 absl::StatusOr<DicomPlane> PlaneOfDicomFrame(const DicomFrame& frame, const std::string& name,
-                                             const DicomNumbers<2>& fallback) {
+                                             const DicomNumbers<2>& fallback, bool has_spacing) {
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(frame.position, name, kPosition));
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(frame.orientation, name, kOrientation));
-  const DicomNumbers<2>& spacing =
-      frame.pixel_spacing.is_missing() ? fallback : frame.pixel_spacing;
+  DicomNumbers<2> spacing = frame.pixel_spacing.is_missing() ? fallback : frame.pixel_spacing;
+  if (has_spacing && (!spacing.is_given() || !CheckPixelSpacing(spacing, name).ok())) {
+    spacing = {.values = {1, 1}, .given = DicomGiven::kGiven};
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(spacing, name, kPixelSpacing));
   ISOSCOPE_RETURN_IF_ERROR(CheckPixelSpacing(spacing, name));
   DicomPlane plane;
@@ -327,7 +333,7 @@ absl::StatusOr<std::vector<DicomPlane>> PlanesOfDicomFrames(const DicomFrames& f
   for (std::size_t i = 0; i < count; ++i) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         planes.emplace_back(),
-        PlaneOfDicomFrame(file.frames[i], FrameName(path, i, count), fallback));
+        PlaneOfDicomFrame(file.frames[i], FrameName(path, i, count), fallback, has_spacing));
   }
   if (!has_one_place) {
     ISOSCOPE_RETURN_IF_ERROR(CheckStacks(file, planes, path));

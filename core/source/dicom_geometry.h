@@ -25,15 +25,17 @@ struct DicomPlane {
 
 // Reads the plane that a frame names itself. `name` stands before the message: a path, or a path
 // and the number of a frame. `fallback`: the distance of pixels if the frame has none.
+// `has_spacing`: it is 1 if it is missing or can't be, because the user gives another.
 // INVALID_ARGUMENT, with the element and what to do: position (0020,0032), orientation (0020,0037)
 // or distance of pixels (0028,0030) is missing, is not the numbers that it should be, or can't be:
 // directions that are not at right angles and of length 1 (within 1 %), distances of 0 or less.
 absl::StatusOr<DicomPlane> PlaneOfDicomFrame(const DicomFrame& frame, const std::string& name,
-                                             const DicomNumbers<2>& fallback = {});
+                                             const DicomNumbers<2>& fallback = {},
+                                             bool has_spacing = false);
 
 // Returns the planes of all frames of a file, in its order. Frames without functional groups lie
-// along the normal of one plane, as their class says (dicom_geometry.cc). `has_spacing`: a distance
-// of pixels, or between slices, that is missing is 1, because the user gives another.
+// along the normal of one plane, as their class says (dicom_geometry.cc). `has_spacing`: as
+// above, also of the distance between slices.
 // INVALID_ARGUMENT: as above; frames that are no slices of one place each (moments in time,
 // projections); a distance between slices that is missing, 0, or negative where its sign has no
 // meaning; offsets of a dose grid that are not as many as frames, or not in order; numbers of

@@ -229,7 +229,8 @@ absl::Status CheckPixels(const Segmentation& segmentation) {
 }
 
 // The frames as slices; each has all that a volume needs, and its segment.
-absl::StatusOr<std::vector<DicomSlice>> SlicesOf(const Segmentation& segmentation) {
+absl::StatusOr<std::vector<DicomSlice>> SlicesOf(const Segmentation& segmentation,
+                                                 bool has_spacing) {
   const bool has_segments = segmentation.frames.segment_kind != DicomSegmentKind::kLabelMap;
   std::vector<DicomSlice> slices;
   for (std::size_t i = 0; i < segmentation.frames.frames.size(); ++i) {
@@ -245,7 +246,8 @@ absl::StatusOr<std::vector<DicomSlice>> SlicesOf(const Segmentation& segmentatio
       return absl::InvalidArgumentError(
           absl::StrCat(name, " has no number of a segment (0062,000b)"));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const DicomPlane plane, PlaneOfDicomFrame(frame, name));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DicomPlane plane,
+                              PlaneOfDicomFrame(frame, name, {}, has_spacing));
     DicomSlice& slice = slices.emplace_back();
     slice.path = segmentation.path;
     slice.frame = static_cast<std::int64_t>(i);
@@ -412,15 +414,18 @@ std::vector<SourceField> FieldsOfLayers(std::size_t count, const std::string& fi
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSegmentation(const std::string& path,
                                                                     const DicomScan& scan,
-                                                                    const std::string& field) {
+                                                                    const std::string& field,
+                                                                    const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(Segmentation read, ReadSegmentation(path, scan));
   const auto segmentation = std::make_shared<const Segmentation>(std::move(read));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> frames, SlicesOf(*segmentation));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> frames,
+                            SlicesOf(*segmentation, rules.has_spacing));
   ISOSCOPE_ASSIGN_OR_RETURN(const double distance, NamedDistance(*segmentation));
   ISOSCOPE_ASSIGN_OR_RETURN(const SegmentPlaces places, PlacesOfFrames(std::move(frames)));
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices,
                             WithEmptyPlaces(places.slices, distance));
-  ISOSCOPE_ASSIGN_OR_RETURN(const SliceStack stack, StackSlices(&slices, path, {}));
+  ISOSCOPE_ASSIGN_OR_RETURN(const SliceStack stack,
+                            StackSlices(&slices, path, {.has_spacing = rules.has_spacing}));
   const absl::Status valid = volume::Validate(stack.geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/source/dicom_scan.h"
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
@@ -30,7 +31,8 @@ namespace isoscope::source {
 // process.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSegmentation(const std::string& path,
                                                                     const DicomScan& scan,
-                                                                    const std::string& field);
+                                                                    const std::string& field,
+                                                                    const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

@@ -120,7 +120,8 @@ absl::StatusOr<std::vector<DicomSlice>> ReadSeries(const DicomSeriesFiles& found
 // The segmentation that `path` names: a series may have several, each a file.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSegmentation(const DicomSeriesFiles& found,
                                                                const std::string& path,
-                                                               const std::string& field) {
+                                                               const std::string& field,
+                                                               const GridRules& rules) {
   if (!found.is_of_file && found.images.size() > 1) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: a series of %d segmentations, each of which is a volume; give one of them: %s, ...",
@@ -132,7 +133,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSegmentation(const DicomSeries
   if (scan.content == DicomContent::kCut) {
     return DicomCutError(file);
   }
-  return OpenDicomSegmentation(file, scan, field);
+  return OpenDicomSegmentation(file, scan, field, rules);
 }
 
 }  // namespace
@@ -144,7 +145,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenDicomSteps(const std::string& 
   ISOSCOPE_ASSIGN_OR_RETURN(const DicomSeriesFiles found,
                             FindDicomSeries(path, rules.dicom_series, &decoder));
   if (IsSegmentationStorage(found.images.front().scan.storage_class)) {
-    return OpenSegmentation(found, path, field);
+    return OpenSegmentation(found, path, field, rules);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<DicomSlice> slices, ReadSeries(found, rules, &decoder));
   SetDicomSampleTypes(&slices);

@@ -29,15 +29,16 @@ bool IsParallel(const DicomSlice& a, const DicomSlice& b) {
 }
 
 // Checks that two parallel slices can be of one volume, apart from their positions.
-absl::Status CheckAlike(const DicomSlice& slice, const DicomSlice& first) {
+absl::Status CheckAlike(const DicomSlice& slice, const DicomSlice& first, bool has_spacing) {
   if (slice.width != first.width || slice.height != first.height) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: %d x %d samples, but %s has %d x %d: expected slices of one size", NameOf(slice),
         slice.width, slice.height, NameOf(first), first.width, first.height));
   }
   constexpr double kTolerance = 1e-3;  // of a distance
-  if (std::abs(slice.spacing.x - first.spacing.x) > kTolerance * first.spacing.x ||
-      std::abs(slice.spacing.y - first.spacing.y) > kTolerance * first.spacing.y) {
+  if (!has_spacing &&
+      (std::abs(slice.spacing.x - first.spacing.x) > kTolerance * first.spacing.x ||
+       std::abs(slice.spacing.y - first.spacing.y) > kTolerance * first.spacing.y)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", NameOf(slice),
         slice.spacing.x, slice.spacing.y, NameOf(first), first.spacing.x, first.spacing.y));
@@ -199,7 +200,7 @@ absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const st
   ISOSCOPE_RETURN_IF_ERROR(CheckParallel(*slices, name));
   const DicomSlice& first = slices->front();
   for (const DicomSlice& slice : *slices) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, first));
+    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, first, rules.has_spacing));
   }
   if (slices->size() < 2) {
     return absl::InvalidArgumentError(

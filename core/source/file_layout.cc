@@ -137,9 +137,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string
   if (layout.shear.has_value() && !rules.ignores_shear) {
     return ShearError(*layout.shear, path);
   }
-  if (!layout.distances.ok() && !rules.has_spacing) {
-    return layout.distances;
-  }
+  ISOSCOPE_RETURN_IF_ERROR(layout.faults.Check(rules, path));
   if (layout.steps > kMaxFileSteps) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %d steps of time; expected at most %d",
                                                       path, layout.steps, kMaxFileSteps));

@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/source/affine_grid.h"
+#include "core/source/grid_faults.h"
 #include "core/source/grid_rules.h"
 #include "core/source/rescale.h"
 #include "core/source/sample_location.h"
@@ -34,7 +35,7 @@ struct StoredSlice {
 struct FileLayout {
   volume::GridGeometry geometry{};
   std::optional<Shear> shear{};  // of the geometry, where the format should have none
-  absl::Status distances{};      // an error if the header has none; the spacing is 1 there
+  GridFaults faults{};           // what the header lacks of the geometry
   std::optional<volume::PatientFrame> patient_frame{};
   SampleLocation location{};  // with the number of volumes and components of a tuple
   std::optional<WideType> wide{};
@@ -58,8 +59,8 @@ struct FileLayout {
 };
 
 // A series of these volumes; `path` is for messages, `field` the name of the only field.
-// INVALID_ARGUMENT: more than 100 000 steps, 1000 fields or 4096 components; a shear, or no
-// distances, unless the rules take them.
+// INVALID_ARGUMENT: more than 100 000 steps, 1000 fields or 4096 components; a shear, or
+// faults, unless the rules take them.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string& path,
                                                                const std::string& field,
                                                                FileLayout layout,

@@ -88,13 +88,14 @@ absl::StatusOr<FileLayout> ReadGiplLayout(const std::string& path) {
     spacing[axis] = static_cast<double>(header.Load<float>(10 + 4 * axis));
     const absl::Status good = CheckSampleDistance(
         path, absl::StrFormat("distance %d of the GIPL header", axis + 1), spacing[axis]);
-    layout.distances.Update(good);
+    layout.faults.distances.Update(good);
     spacing[axis] = good.ok() ? spacing[axis] : 1;
     origin[axis] = header.Load<double>(204 + 8 * axis);
   }
   layout.geometry.sample_dims = {dims[0], dims[1], dims[2]};
   layout.geometry.spacing = {spacing[0], spacing[1], spacing[2]};
   layout.geometry.origin = {origin[0], origin[1], origin[2]};
+  ReplaceFaults(path, &layout.geometry, &layout.faults);
   const absl::Status valid = volume::Validate(layout.geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrFormat("%s: %s", path, valid.message()));

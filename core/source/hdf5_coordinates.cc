@@ -30,6 +30,7 @@
 #include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_mesh.h"
 #include "core/source/nexus_data.h"
+#include "core/source/sample_distance.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
@@ -180,7 +181,7 @@ absl::StatusOr<Hdf5Layout> LayoutAsGiven(const std::vector<CfAxis>& axes,
 }
 
 // By world axis of space: "element_size_um", in the order of the dataset; 1 without it.
-absl::StatusOr<std::vector<double>> ElementSizes(hid_t dataset) {
+absl::StatusOr<std::vector<double>> ElementSizes(hid_t dataset, const GridRules& rules) {
   constexpr char kName[] = "element_size_um";
   if (H5Aexists(dataset, kName) <= 0) {
     return std::vector<double>{1, 1, 1};
@@ -189,11 +190,15 @@ absl::StatusOr<std::vector<double>> ElementSizes(hid_t dataset) {
   const bool is_good =
       sizes.size() == 3 && std::all_of(sizes.begin(), sizes.end(),
                                        [](double size) { return std::isfinite(size) && size > 0; });
+  if (!is_good && rules.has_spacing) {
+    return std::vector<double>{1, 1, 1};
+  }
   if (!is_good) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "its attribute %s has %s; expected three distances of samples above 0, of z, y and x",
-        kName,
-        sizes.size() == 3 ? absl::StrJoin(sizes, ", ") : absl::StrCat(sizes.size(), " numbers")));
+    return NoSampleDistance(
+        "",
+        absl::StrFormat("its attribute %s has %s in place of three distances, of z, y and x", kName,
+                        sizes.size() == 3 ? absl::StrJoin(sizes, ", ")
+                                          : absl::StrCat(sizes.size(), " numbers")));
   }
   return sizes;
 }
@@ -260,7 +265,8 @@ absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const s
 }
 
 absl::StatusOr<Hdf5Grid> Hdf5GridOf(const NamedHdf5Dataset& named, const std::vector<CfAxis>& axes,
-                                    const CfRoles& roles, bool takes_uneven) {
+                                    const CfRoles& roles, bool takes_uneven,
+                                    const GridRules& rules) {
   std::vector<CfAxis> placed = axes;
   for (CfAxis& axis : placed) {
     axis.positive = axis.positive.empty() ? "up" : axis.positive;
@@ -269,7 +275,8 @@ absl::StatusOr<Hdf5Grid> Hdf5GridOf(const NamedHdf5Dataset& named, const std::ve
     ISOSCOPE_RETURN_IF_ERROR(CfGridOf(placed, roles).status());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid uneven, CfUnevenGridOf(placed, roles));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> sizes, ElementSizes(named.dataset.get()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> sizes,
+                            ElementSizes(named.dataset.get(), rules));
   Hdf5Grid grid;
   grid.geometry = uneven.geometry;
   grid.distances = std::move(uneven.distances);

@@ -11,6 +11,7 @@
 
 #include "core/source/axis_order.h"
 #include "core/source/cf_grid.h"
+#include "core/source/grid_rules.h"
 #include "core/source/hdf5_dataset.h"
 #include "core/source/resampled_source.h"
 #include "core/volume/grid_geometry.h"
@@ -37,14 +38,15 @@ absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const s
 
 // The grid of the samples. An axis without coordinates has the spacing of the attribute
 // "element_size_um", else 1. INVALID_ARGUMENT: an axis that is not even, unless `takes_uneven`;
-// otherwise as CfGridOf.
+// such an attribute without three distances, unless the rules have others; otherwise as CfGridOf.
 struct Hdf5Grid {
   volume::GridGeometry geometry;
   AxisDistances distances;
   std::string length_unit;
 };
 absl::StatusOr<Hdf5Grid> Hdf5GridOf(const NamedHdf5Dataset& named, const std::vector<CfAxis>& axes,
-                                    const CfRoles& roles, bool takes_uneven);
+                                    const CfRoles& roles, bool takes_uneven,
+                                    const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

@@ -9,6 +9,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/axis_order.h"
+#include "core/source/hdf5_external_links.h"
 #include "core/source/hdf5_file.h"
 #include "core/source/hdf5_filters.h"
 #include "core/source/hdf5_listing.h"
@@ -81,6 +82,9 @@ absl::StatusOr<std::string> ChooseDataset(hid_t file, const Hdf5Path& parts, std
 }  // namespace
 
 std::vector<std::int64_t> Hdf5DimsOf(hid_t dataset) {
+  if (!CheckHdf5Sources(dataset).ok()) {
+    return {};
+  }
   const Hdf5Handle space(H5Dget_space(dataset), H5Sclose);
   return DimsOfSpace(space.get());
 }
@@ -108,15 +112,14 @@ absl::StatusOr<NamedHdf5Dataset> OpenHdf5ByName(const std::string& path, std::si
         parts.dataset, "; it holds ", DescribeHdf5Entries(ListHdf5Entries(file.get()))));
   }
   Hdf5Handle dataset(H5Dopen2(file.get(), parts.dataset.c_str(), H5P_DEFAULT), H5Dclose);
+  if (const absl::Status sources = CheckHdf5Sources(dataset.get()); !sources.ok()) {
+    return absl::Status(sources.code(), absl::StrCat(parts.name(), ": ", sources.message()));
+  }
   if (const absl::Status filters = CheckHdf5Filters(dataset.get()); !filters.ok()) {
     return absl::Status(filters.code(), absl::StrCat(parts.name(), ": ", filters.message()));
   }
   return NamedHdf5Dataset{
       .parts = std::move(parts), .file = std::move(file), .dataset = std::move(dataset)};
-}
-
-std::string ListHdf5Volumes(hid_t file) {
-  return absl::StrCat("it holds ", DescribeHdf5Entries(ListHdf5Entries(file)));
 }
 
 }  // namespace isoscope::source

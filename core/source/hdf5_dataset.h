@@ -48,9 +48,6 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
     NamedHdf5Dataset named, Hdf5SampleType type, const AxisOrder& axes, std::int64_t step,
     std::int64_t component, const volume::GridGeometry& geometry);
 
-// "it holds /a (2 x 3 x 4 uint8), /b ...".
-std::string ListHdf5Volumes(hid_t file);
-
 }  // namespace isoscope::source
 
 #endif  // ISOSCOPE_CORE_SOURCE_HDF5_DATASET_H_

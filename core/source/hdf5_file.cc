@@ -8,6 +8,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/hdf5_external_links.h"
 #include "core/source/hdf5_filters.h"
 #include "core/source/refused_formats.h"
 #include "hdf5.h"
@@ -16,6 +17,7 @@ namespace isoscope::source {
 
 void PrepareHdf5() {
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
+  FollowLinksToRegularFiles();
   PrepareHdf5Filters();
 }
 

@@ -177,8 +177,10 @@ class Hdf5FileSeries final : public VolumeSeries {
 };
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenStep(const std::string& file,
-                                                       const std::string& part) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series, OpenHdf5MeshSeries(file, part));
+                                                       const std::string& part,
+                                                       const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                            OpenHdf5MeshSeries(file, part, rules));
   if (series == nullptr) {
     return absl::InvalidArgumentError(absl::StrCat(
         file, ": it does not describe its meshes; a pattern of HDF5 files is for those that do"));
@@ -268,7 +270,8 @@ absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfHdf5Pattern(
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
-    const std::string& name, const std::vector<std::string>& files, const std::string& part) {
+    const std::string& name, const std::vector<std::string>& files, const std::string& part,
+    const GridRules& rules) {
   if (files.size() > kMaxHdf5Files) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d files; expected at most %d", name, files.size(), kMaxHdf5Files));
@@ -276,7 +279,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
   std::vector<std::unique_ptr<VolumeSeries>> steps;
   volume::GridGeometry grid;
   for (const std::string& file : files) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> step, OpenStep(file, part));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> step, OpenStep(file, part, rules));
     if (!steps.empty()) {
       ISOSCOPE_RETURN_IF_ERROR(CheckFields(*step, *steps.front()));
     }
@@ -302,13 +305,13 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& pat
                      ":E, or one file"));
   }
   if (files.has_value()) {
-    return OpenHdf5FileSeries(path.file, *files, path.dataset);
+    return OpenHdf5FileSeries(path.file, *files, path.dataset, rules);
   }
   if (names_dataset) {
     return nullptr;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
-                            OpenHdf5MeshSeries(path.file, path.dataset));
+                            OpenHdf5MeshSeries(path.file, path.dataset, rules));
   return meshes != nullptr ? std::move(meshes) : OpenAsNetcdf(path, rules);
 }
 

@@ -32,7 +32,8 @@ absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfHdf5Pattern(const
 // one before, not a field of the first, or another unit, components or grid. Otherwise errors as
 // OpenHdf5MeshSeries.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
-    const std::string& name, const std::vector<std::string>& files, const std::string& part);
+    const std::string& name, const std::vector<std::string>& files, const std::string& part,
+    const GridRules& rules = {});
 
 // Opens the meshes of a file, or of the files of a pattern; or, as netcdf_series.h, the variables
 // of a file that netCDF-4 wrote, whatever its name. Null if the file describes none, or if the path

@@ -33,8 +33,10 @@
 
 #include "core/io/file.h"
 #include "core/source/hdf5_attributes.h"
+#include "core/source/hdf5_external_links.h"
+#include "core/source/hdf5_file.h"
+#include "core/source/hdf5_file_lookup.h"
 #include "core/source/hdf5_handle.h"
-#include "core/source/hdf5_paths.h"
 #include "core/source/walled_source.h"
 #include "hdf5.h"
 
@@ -107,6 +109,9 @@ class LinkWalk {
   OpenFile Open(const std::string& path) {
     if (const auto known = open_.find(path); known != open_.end()) {
       return {.id = known->second.get()};
+    }
+    if (!io::CheckIsRegularFile(path).ok()) {
+      return {};  // the library would wait for the writer of a pipe
     }
     Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
     const hid_t id = file.get();
@@ -239,6 +244,9 @@ class LinkWalk {
         Add(path);
       }
     }
+    if (!CheckHdf5Sources(dataset).ok()) {
+      return;
+    }
     const Hdf5Handle space(H5Dget_space(dataset), H5Sclose);
     const int rank = H5Sget_simple_extent_ndims(space.get());
     for (int axis = 0; axis < rank; ++axis) {
@@ -308,7 +316,7 @@ constexpr WalledLibrary kHdf5Tree = {
 }  // namespace
 
 std::vector<std::string> FindHdf5LinkedFiles(const std::string& file, const std::string& object) {
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+  PrepareHdf5();
   LinkWalk walk;
   walk.Begin(file, object);
   return walk.TakeFiles();

@@ -15,6 +15,7 @@
 #include "core/source/axis_order.h"
 #include "core/source/hdf5_attributes.h"
 #include "core/source/hdf5_dataset.h"
+#include "core/source/hdf5_external_links.h"
 #include "core/source/hdf5_filters.h"
 #include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_mesh.h"
@@ -72,6 +73,10 @@ class Hdf5Walk {
     if (Hdf5Text(dataset, {"MATLAB_class"}) == "char" || H5Aexists(dataset, "MATLAB_empty") > 0) {
       return;
     }
+    if (const absl::Status sources = CheckHdf5Sources(dataset); !sources.ok()) {
+      entries_.push_back({.name = path, .missing = std::string(sources.message())});
+      return;
+    }
     const Hdf5Handle type(H5Dget_type(dataset), H5Tclose);
     entries_.push_back({.name = path,
                         .dims = Hdf5DimsOf(dataset),
@@ -82,16 +87,8 @@ class Hdf5Walk {
   }
 
   void AddMissing(hid_t group, const std::string& name, const std::string& path) {
-    H5L_info_t link{};
-    if (H5Lget_info(group, name.c_str(), &link, H5P_DEFAULT) < 0 ||
-        link.type != H5L_TYPE_EXTERNAL) {
-      return;
-    }
-    std::vector<char> value(link.u.val_size);
-    const char* file = nullptr;
-    if (H5Lget_val(group, name.c_str(), value.data(), value.size(), H5P_DEFAULT) >= 0 &&
-        H5Lunpack_elink_val(value.data(), value.size(), nullptr, &file, nullptr) >= 0) {
-      entries_.push_back({.name = path, .missing = file});
+    if (std::string why = WhyLinkIsBroken(group, name); !why.empty()) {
+      entries_.push_back({.name = path, .missing = std::move(why)});
     }
   }
 
@@ -102,7 +99,7 @@ class Hdf5Walk {
 
 std::string Shape(const Hdf5Entry& entry) {
   if (!entry.missing.empty()) {
-    return absl::StrCat(entry.name, " (in ", entry.missing, ", which is missing)");
+    return absl::StrCat(entry.name, " (", entry.missing, ")");
   }
   return absl::StrCat(entry.name, " (", absl::StrJoin(entry.dims, " x "),
                       entry.dims.empty() ? "" : " ", entry.type, entry.filters.empty() ? "" : ", ",

@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// A dataset, or a link that leads nowhere.
+// A dataset, or a name without one: a link that leads nowhere, sources that are no files.
 struct Hdf5Entry {
   std::string name;                  // "/entry/data"
   std::vector<std::int64_t> dims{};  // slowest first
@@ -21,7 +21,7 @@ struct Hdf5Entry {
   std::string filters{};             // DescribeHdf5Filters
   bool is_plain = false;             // IsPlainHdf5Type
   bool is_samples = false;           // of a type of Hdf5SampleTypeOf
-  std::string missing{};             // the file that an external link names, if that does not open
+  std::string missing{};             // why its samples are out of reach
 };
 
 // All datasets that the links of a file or group lead to, soft and external ones too, each once, by

@@ -13,6 +13,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/source/grid_faults.h"
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_file.h"
 #include "core/source/hdf5_mesh.h"
@@ -70,9 +71,14 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path
 
 absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
                                                         const std::string& part) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
   if (!meshes.has_value()) {
     return std::vector<std::string>();
+  }
+  // Whoever opens a volume gets the faults of its grid. NaN would not equal itself.
+  for (Hdf5MeshField& field : meshes->fields) {
+    GridFaults faults;
+    ReplaceFaults("", &field.geometry, &faults);
   }
   const Hdf5MeshField* chosen = nullptr;
   std::ptrdiff_t most = 0;
@@ -131,7 +137,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
   if (!meshes.has_value() || number >= static_cast<std::int64_t>(meshes->fields.size())) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
   }
-  const Hdf5MeshField& field = meshes->fields[static_cast<std::size_t>(number)];
+  Hdf5MeshField field = meshes->fields[static_cast<std::size_t>(number)];
+  ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules(path, GivenRules(part), &field.geometry));
   const auto components = static_cast<std::int64_t>(field.field.components.size());
   const std::int64_t index = step * components + component;
   if (component >= components || index >= static_cast<std::int64_t>(field.volumes.size())) {
@@ -165,9 +172,13 @@ constexpr WalledLibrary kHdf5Meshes = {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5MeshSeries(const std::string& file,
-                                                                 const std::string& part) {
+                                                                 const std::string& part,
+                                                                 const GridRules& rules) {
+  const GridRules given{.has_spacing = rules.has_spacing,
+                        .has_origin = rules.has_origin,
+                        .has_direction = rules.has_direction};
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            OpenWalledSeries(kHdf5Meshes, file, part));
+                            OpenWalledSeries(kHdf5Meshes, file, part, given));
   return series == nullptr || part.empty() ? std::move(series)
                                            : SelectPart(std::move(series), file, part);
 }

@@ -9,8 +9,9 @@
 //   distances_z=0 2 3 6      only of an axis that is not even: where its samples lie
 //   unit=, long_name=, time_unit=, length_unit=
 //
-// A volume is then asked for by its part: "TZYX 3 0 even": the letters that --axes gave, or "*";
-// step and component; whether the grid must be even ("uneven": it is resampled here).
+// A volume is then asked for by its part: "TZYX 3 0 even s--": the letters that --axes gave, or
+// "*"; step and component; whether the grid must be even ("uneven": it is resampled here); what of
+// the grid the user gives (walled_series.h).
 
 #include "core/source/hdf5_series.h"
 
@@ -39,6 +40,7 @@
 #include "core/source/hdf5_dataset.h"
 #include "core/source/hdf5_storage.h"
 #include "core/source/resampled_source.h"
+#include "core/source/walled_series.h"
 #include "core/source/walled_source.h"
 
 namespace isoscope::source {
@@ -120,7 +122,9 @@ absl::StatusOr<std::vector<std::string>> Describe(const std::string& path,
     ISOSCOPE_RETURN_IF_ERROR(AddTimes(found, &texts));
   }
   // Whoever opens a volume gets the error.
-  if (const auto grid = Hdf5GridOf(found.named, found.axes, found.layout.roles, true); grid.ok()) {
+  if (const auto grid =
+          Hdf5GridOf(found.named, found.axes, found.layout.roles, true, {.has_spacing = true});
+      grid.ok()) {
     texts.push_back(absl::StrCat("length_unit=", grid->length_unit));
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (!grid->distances[axis].empty()) {
@@ -137,7 +141,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenPart(const std::string& path,
   const std::vector<std::string> words = absl::StrSplit(part, ' ');
   std::int64_t step = 0;
   std::int64_t component = 0;
-  ISOSCOPE_CHECK(words.size() == 4 && absl::SimpleAtoi(words[1], &step) &&
+  ISOSCOPE_CHECK(words.size() == 5 && absl::SimpleAtoi(words[1], &step) &&
                  absl::SimpleAtoi(words[2], &component));
   const std::string letters = words[0] == kAsFileSays ? "" : words[0];
   ISOSCOPE_ASSIGN_OR_RETURN(FoundDataset found, FindDataset(path, letters));
@@ -151,8 +155,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenPart(const std::string& path,
   }
   auto type = Hdf5SampleTypeOf(found.named.dataset.get());
   ISOSCOPE_RETURN_IF_ERROR(Named(name, type.status()));
-  const auto grid =
-      Hdf5GridOf(found.named, found.axes, found.layout.roles, words[3] == kUnevenGrid);
+  const auto grid = Hdf5GridOf(found.named, found.axes, found.layout.roles, words[3] == kUnevenGrid,
+                               GivenRules(words[4]));
   ISOSCOPE_RETURN_IF_ERROR(Named(name, grid.status()));
   return OpenHdf5Volume(std::move(found.named), *std::move(type), order, step, component,
                         grid->geometry);
@@ -266,7 +270,8 @@ class Hdf5Series final : public VolumeSeries {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
                               OpenWalled(kHdf5Parts, description_.name,
                                          absl::StrCat(letters_, " ", step, " ", component, " ",
-                                                      rules_.resamples ? kUnevenGrid : kEvenGrid)));
+                                                      rules_.resamples ? kUnevenGrid : kEvenGrid,
+                                                      " ", GivenWord(rules_))));
     return rules_.resamples ? ResampleSource(std::move(volume), description_.distances, rules_.fill)
                             : std::move(volume);
   }

@@ -24,8 +24,8 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/hdf5_file_lookup.h"
 #include "core/source/hdf5_handle.h"
-#include "core/source/hdf5_paths.h"
 
 namespace isoscope::source {
 namespace {

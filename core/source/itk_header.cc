@@ -155,7 +155,7 @@ absl::Status CheckGrid(const volume::GridGeometry& geometry, const std::string& 
 // Calls `convert` with ITK's reader and the layout of the file.
 template <typename Result>
 absl::StatusOr<Result> ReadHeader(
-    FileFormat format, const std::string& path, const GridRules& rules,
+    FileFormat format, const std::string& path,
     const std::function<absl::StatusOr<Result>(const itk::ImageIOBase&, ImageLayout)>& convert) {
   SilenceImageLibraries();
   try {
@@ -170,7 +170,7 @@ absl::StatusOr<Result> ReadHeader(
     // Before MetaIO, which passes over some numbers that are none.
     std::optional<volume::GridGeometry> grid;
     if (format == FileFormat::kMetaImage) {
-      ISOSCOPE_ASSIGN_OR_RETURN(grid, ReadMetaImageGrid(path, rules));
+      ISOSCOPE_ASSIGN_OR_RETURN(grid, ReadMetaImageGrid(path, {}));
     }
     io->ReadImageInformation();
     ImageLayout layout = LayoutOf(*io);
@@ -230,7 +230,7 @@ absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnu
 
 absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path) {
   return ReadHeader<ImageHeader>(
-      format, path, {},
+      format, path,
       [&](const itk::ImageIOBase& io, ImageLayout layout) -> absl::StatusOr<ImageHeader> {
         ISOSCOPE_ASSIGN_OR_RETURN(ImageHeader header, Convert(io, std::move(layout), path));
         ISOSCOPE_RETURN_IF_ERROR(CheckGrid(header.geometry, path));
@@ -238,10 +238,9 @@ absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string
       });
 }
 
-absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path,
-                                            const GridRules& rules) {
+absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path) {
   return ReadHeader<ImageLayout>(
-      format, path, rules,
+      format, path,
       [&](const itk::ImageIOBase& /*io*/, ImageLayout layout) -> absl::StatusOr<ImageLayout> {
         if (layout.dims.size() < 3) {
           return absl::InvalidArgumentError(

@@ -11,7 +11,6 @@
 
 #include "absl/status/statusor.h"
 
-#include "core/source/grid_rules.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
@@ -39,10 +38,8 @@ struct ImageLayout {
   std::optional<volume::PatientFrame> patient_frame;
 };
 
-// As ReadImageHeader, with any number of axes and components, and any type; and distances of the
-// rules where MetaImage has none.
-absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path,
-                                            const GridRules& rules = {});
+// As ReadImageHeader, with any number of axes and components, and any type.
+absl::StatusOr<ImageLayout> ReadImageLayout(FileFormat format, const std::string& path);
 
 // Reads the header only, no sample. Everything ITK throws becomes a status.
 // INVALID_ARGUMENT: not of that format; not three-dimensional (more axes are accepted if each has

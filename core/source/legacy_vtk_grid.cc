@@ -21,6 +21,7 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/source/byte_order.h"
+#include "core/source/grid_faults.h"
 
 namespace isoscope::source {
 namespace {
@@ -101,13 +102,14 @@ absl::StatusOr<CfUnevenGrid> LegacyGrid::Locate(bool is_of_cells, const GridRule
     for (int axis = 0; axis < 3; ++axis) {
       if (is_of_cells) {
         even.geometry.sample_dims[axis] -= 1;
-        even.geometry.origin[axis] += spacing_[axis] / 2;
+        even.geometry.origin[axis] += std::isfinite(spacing_[axis]) ? spacing_[axis] / 2 : 0;
       }
       if (spacing_[axis] < 0) {  // points follow each other against the axis
         even.geometry.spacing[axis] = -spacing_[axis];
         even.geometry.direction.columns[static_cast<std::size_t>(axis)][axis] = -1;
       }
     }
+    ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules("", rules, &even.geometry));
     return even;
   }
   for (std::size_t axis = 3; axis-- > 0;) {

@@ -28,7 +28,7 @@ class LegacyGrid {
 
   // The grid of the points, or of the cells' centres, with distances only if it is uneven and the
   // rules resample. INVALID_ARGUMENT: not as many coordinates as DIMENSIONS say; as
-  // RectilinearGridOf.
+  // RectilinearGridOf and TakeGridByRules.
   [[nodiscard]] absl::StatusOr<CfUnevenGrid> Locate(bool is_of_cells, const GridRules& rules) const;
 
  private:

@@ -45,9 +45,9 @@ absl::StatusOr<math::Vec3d> LegacyWords::NextVector(const std::string& what) {
   math::Vec3d vector;
   for (int axis = 0; axis < 3; ++axis) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string word, NextText());
-    if (!absl::SimpleAtod(word, &vector[axis]) || !std::isfinite(vector[axis])) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s has \"%s\"; expected three finite numbers", what, word.substr(0, 64)));
+    if (!absl::SimpleAtod(word, &vector[axis])) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s has \"%s\"; expected three numbers", what, word.substr(0, 64)));
     }
   }
   return vector;

@@ -10,6 +10,7 @@
 
 #include "core/source/meta_image_grid.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -19,9 +20,11 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 
 #include "core/base/status_macros.h"
+#include "core/source/grid_faults.h"
 #include "core/source/sample_distance.h"
 
 namespace isoscope::source {
@@ -67,19 +70,17 @@ absl::StatusOr<std::vector<double>> MetaNumbers(const HeaderFields& fields,
   return found;
 }
 
-absl::Status CheckMetaFinite(const std::vector<double>& numbers, const std::string& name,
-                             const std::string& path) {
-  for (const double number : numbers) {
-    if (!std::isfinite(number)) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%s: %s has %g in it; expected finite numbers", path, name, number));
-    }
-  }
-  return absl::OkStatus();
+bool AreFinite(const std::vector<double>& numbers) {
+  return std::all_of(numbers.begin(), numbers.end(),
+                     [](double number) { return std::isfinite(number); });
+}
+
+std::string NotFinite(const std::string& name, const std::vector<double>& numbers) {
+  return absl::StrCat(name, " = ", absl::StrJoin(numbers, " "));
 }
 
 absl::Status SetMetaSpacing(const HeaderFields& fields, std::size_t axes, const std::string& path,
-                            const GridRules& rules, volume::GridGeometry* geometry) {
+                            volume::GridGeometry* geometry, GridFaults* faults) {
   std::string name;
   ISOSCOPE_ASSIGN_OR_RETURN(
       std::vector<double> spacing,
@@ -88,20 +89,18 @@ absl::Status SetMetaSpacing(const HeaderFields& fields, std::size_t axes, const 
     ISOSCOPE_ASSIGN_OR_RETURN(
         spacing, MetaNumbers(fields, {{"elementsize", "ElementSize"}}, axes, path, &name));
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckMetaFinite(spacing, name, path));  // MetaIO can't read others
   for (std::size_t axis = 0; axis < 3 && !spacing.empty(); ++axis) {
     const absl::Status good = CheckSampleDistance(
         path, absl::StrFormat("number %d of %s", axis + 1, name), spacing[axis]);
-    if (!good.ok() && !rules.has_spacing) {
-      return good;
-    }
+    faults->distances.Update(good);
     geometry->spacing[static_cast<int>(axis)] = good.ok() ? spacing[axis] : 1;
   }
   return absl::OkStatus();
 }
 
 absl::Status SetMetaDirections(const HeaderFields& fields, std::size_t axes,
-                               const std::string& path, volume::GridGeometry* geometry) {
+                               const std::string& path, volume::GridGeometry* geometry,
+                               GridFaults* faults) {
   std::string name;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> matrix,
                             MetaNumbers(fields,
@@ -109,7 +108,10 @@ absl::Status SetMetaDirections(const HeaderFields& fields, std::size_t axes,
                                          {"rotation", "Rotation"},
                                          {"orientation", "Orientation"}},
                                         axes * axes, path, &name));
-  ISOSCOPE_RETURN_IF_ERROR(CheckMetaFinite(matrix, name, path));
+  if (!AreFinite(matrix)) {
+    faults->directions.Update(NoDirections(path, NotFinite(name, matrix)));
+    return absl::OkStatus();
+  }
   for (std::size_t from = 0; from < axes && !matrix.empty(); ++from) {
     for (std::size_t to = 0; to < axes; ++to) {
       const double number = matrix[from * axes + to];
@@ -141,17 +143,21 @@ absl::StatusOr<volume::GridGeometry> ReadMetaImageGrid(const std::string& path,
   }
   volume::GridGeometry geometry;
   geometry.sample_dims = {sizes[0], sizes[1], sizes[2]};
-  ISOSCOPE_RETURN_IF_ERROR(SetMetaSpacing(fields, axes, path, rules, &geometry));
-  ISOSCOPE_RETURN_IF_ERROR(SetMetaDirections(fields, axes, path, &geometry));
+  GridFaults faults;
+  ISOSCOPE_RETURN_IF_ERROR(SetMetaSpacing(fields, axes, path, &geometry, &faults));
+  ISOSCOPE_RETURN_IF_ERROR(SetMetaDirections(fields, axes, path, &geometry, &faults));
   std::string name;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<double> origin,
       MetaNumbers(fields, {{"offset", "Offset"}, {"position", "Position"}, {"origin", "Origin"}},
                   axes, path, &name));
-  ISOSCOPE_RETURN_IF_ERROR(CheckMetaFinite(origin, name, path));
-  if (!origin.empty()) {
+  if (!AreFinite(origin)) {
+    faults.origin.Update(NoOrigin(path, NotFinite(name, origin)));
+  } else if (!origin.empty()) {
     geometry.origin = {origin[0], origin[1], origin[2]};
   }
+  ReplaceFaults(path, &geometry, &faults);
+  ISOSCOPE_RETURN_IF_ERROR(faults.Check(rules, path));
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));

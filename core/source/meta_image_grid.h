@@ -14,8 +14,8 @@
 namespace isoscope::source {
 
 // The grid of the first three axes, without distances 1 apart. INVALID_ARGUMENT: fewer axes; not as
-// many finite numbers as there are axes; distances of 0 or less, unless the rules have some; two
-// fields of one meaning that differ; volume::Validate.
+// many numbers as there are axes; what the rules do not take (GridFaults); two fields of one
+// meaning that differ; volume::Validate.
 absl::StatusOr<volume::GridGeometry> ReadMetaImageGrid(const std::string& path,
                                                        const GridRules& rules);
 

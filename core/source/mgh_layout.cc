@@ -57,7 +57,7 @@ absl::StatusOr<volume::ScalarType> MghType(std::int32_t code, const std::string&
   }
 }
 
-// 1 in place of a distance that is none: FileLayout::distances refuses it.
+// 1 in place of a distance that is none: FileLayout::faults refuses it.
 double DistanceOfMgh(const BinaryHeader& header, std::size_t axis) {
   const auto distance = static_cast<double>(header.Load<float>(30 + 4 * axis));
   return std::isfinite(distance) && distance > 0 ? distance : 1;
@@ -134,13 +134,14 @@ absl::StatusOr<FileLayout> ReadMghLayout(const std::string& path) {
                             MghType(header.Load<std::int32_t>(20), path));
   const bool is_set = header.Load<std::int16_t>(28) > 0;
   for (std::size_t axis = 0; axis < 3 && is_set; ++axis) {
-    layout.distances.Update(
+    layout.faults.distances.Update(
         CheckSampleDistance(path, absl::StrFormat("distance %d of the MGH header", axis + 1),
                             static_cast<double>(header.Load<float>(30 + 4 * axis))));
   }
   const AffineRows rows = MghTransform(header, dims, is_set);
   ISOSCOPE_ASSIGN_OR_RETURN(
-      layout.geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows, PatientWorld::kRas, path));
+      layout.geometry,
+      GridFromAffine({dims[0], dims[1], dims[2]}, rows, PatientWorld::kRas, path, &layout.faults));
   layout.shear = FindShear(rows);
   if (layout.steps > 1 && !head.is_gzip) {
     ISOSCOPE_ASSIGN_OR_RETURN(const double time, MghRepetitionTime(path, layout));

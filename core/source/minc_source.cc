@@ -22,7 +22,7 @@
 #include "core/base/status_macros.h"
 #include "core/source/affine_grid.h"
 #include "core/source/file_start.h"
-#include "core/source/hdf5_filters.h"
+#include "core/source/hdf5_file.h"
 #include "core/source/itk_types.h"
 #include "core/source/minc1_series.h"
 #include "core/source/silent_libraries.h"
@@ -98,7 +98,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincChild(const std::string& p
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincFile(const std::string& path,
                                                            const std::string& /*part*/) {
-  PrepareHdf5Filters();
+  PrepareHdf5();
   try {
     auto io = itk::MINCImageIO::New();
     io->SetFileName(path);

@@ -37,7 +37,9 @@
 #include "core/base/status_macros.h"
 #include "core/math/elementary.h"
 #include "core/source/file_start.h"
+#include "core/source/grid_faults.h"
 #include "core/source/located_series.h"
+#include "core/source/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -152,7 +154,7 @@ absl::StatusOr<std::array<int, 3>> MrcAxes(const MrcHeader& header) {
 }
 
 // The directions of the cell's axes: X along world x, Y in the plane of world x and y.
-absl::StatusOr<math::Mat3d> CellDirections(const MrcHeader& header) {
+math::Mat3d CellDirections(const MrcHeader& header, GridFaults* faults) {
   std::array<double, 3> angles{header.Number(14), header.Number(15), header.Number(16)};
   if (angles == std::array<double, 3>{0, 0, 0}) {
     angles = {90, 90, 90};
@@ -171,15 +173,17 @@ absl::StatusOr<math::Mat3d> CellDirections(const MrcHeader& header) {
   const bool is_angle = std::all_of(angles.begin(), angles.end(),
                                     [](double angle) { return angle > 0 && angle < 180; });
   if (!is_angle || !(sine > kFlat) || !(z > kFlat)) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "cell angles %g, %g and %g degrees: they span no cell", angles[0], angles[1], angles[2]));
+    faults->directions.Update(
+        NoDirections("", absl::StrFormat("cell angles %g, %g and %g degrees: they span no cell",
+                                         angles[0], angles[1], angles[2])));
+    return math::Mat3d{};
   }
   return math::Mat3d{.columns = {{{1, 0, 0}, {c, sine, 0}, {b, y, z}}}};
 }
 
 // Returns the distance of samples along each of the cell's axes; all 1 without a cell.
-absl::StatusOr<math::Vec3d> CellSpacing(const MrcHeader& header, const std::array<int, 3>& axes,
-                                        bool* has_cell) {
+math::Vec3d CellSpacing(const MrcHeader& header, const std::array<int, 3>& axes, bool* has_cell,
+                        GridFaults* faults) {
   const math::Vec3d cell{header.Number(11), header.Number(12), header.Number(13)};
   *has_cell = cell != math::Vec3d{0, 0, 0};
   const bool has_grid = header.Integer(8) != 0 || header.Integer(9) != 0 || header.Integer(10) != 0;
@@ -192,20 +196,24 @@ absl::StatusOr<math::Vec3d> CellSpacing(const MrcHeader& header, const std::arra
         header.Integer(has_grid ? 8 + word : 1 + static_cast<std::size_t>(i));
     spacing[axis] = cell[axis] / samples;
     if (!(samples > 0) || !(cell[axis] > 0) || !std::isfinite(cell[axis])) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "a cell of %g x %g x %g angstroms with %d x %d x %d samples; expected more than 0 of "
-          "each, or a cell of 0 x 0 x 0, which means none",
-          cell.x, cell.y, cell.z, header.Integer(8), header.Integer(9), header.Integer(10)));
+      faults->distances.Update(NoSampleDistance(
+          "", absl::StrFormat("a cell of %g x %g x %g angstroms with %d x %d x %d samples, which "
+                              "is no cell (one of 0 x 0 x 0 means none)",
+                              cell.x, cell.y, cell.z, header.Integer(8), header.Integer(9),
+                              header.Integer(10))));
+      *has_cell = false;
+      return {1, 1, 1};
     }
   }
   return spacing;
 }
 
 absl::StatusOr<volume::GridGeometry> MrcGeometry(const MrcHeader& header, std::int64_t sections,
-                                                 bool* has_cell) {
+                                                 const GridRules& rules, bool* has_cell) {
+  GridFaults faults;
   ISOSCOPE_ASSIGN_OR_RETURN(const auto axes, MrcAxes(header));
-  ISOSCOPE_ASSIGN_OR_RETURN(const math::Mat3d directions, CellDirections(header));
-  ISOSCOPE_ASSIGN_OR_RETURN(const math::Vec3d spacing, CellSpacing(header, axes, has_cell));
+  const math::Mat3d directions = CellDirections(header, &faults);
+  const math::Vec3d spacing = CellSpacing(header, axes, has_cell, &faults);
   volume::GridGeometry geometry;
   geometry.sample_dims = {header.Integer(1), header.Integer(2), sections};
   const math::Vec3d origin{header.Number(50), header.Number(51), header.Number(52)};
@@ -221,11 +229,13 @@ absl::StatusOr<volume::GridGeometry> MrcGeometry(const MrcHeader& header, std::i
           geometry.origin + geometry.direction.columns[i] * (spacing[axis] * header.Integer(5 + i));
     }
   }
+  ReplaceFaults("", &geometry, &faults);
+  ISOSCOPE_RETURN_IF_ERROR(faults.Check(rules, ""));
   return geometry;
 }
 
 absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& path,
-                                      const std::string& field) {
+                                      const std::string& field, const GridRules& rules) {
   const std::optional<MrcHeader> header = FindMrcHeader(head.bytes);
   if (!header.has_value()) {
     return absl::InvalidArgumentError(
@@ -252,7 +262,7 @@ absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& 
   }
   LocatedFile located;
   bool has_cell = false;
-  ISOSCOPE_ASSIGN_OR_RETURN(located.geometry, MrcGeometry(*header, sections, &has_cell));
+  ISOSCOPE_ASSIGN_OR_RETURN(located.geometry, MrcGeometry(*header, sections, rules, &has_cell));
   located.length_unit = has_cell ? "angstrom" : "";
   const std::int64_t volumes = all_sections / sections;
   for (std::int64_t i = 0; volumes > 1 && i < volumes; ++i) {
@@ -278,9 +288,10 @@ absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& 
 bool IsMrcHeader(absl::string_view head) { return FindMrcHeader(head).has_value(); }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMrcSeries(const std::string& file,
-                                                            const std::string& field) {
+                                                            const std::string& field,
+                                                            const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FileStart head, ReadFileStart(file, kMrcHeaderBytes));
-  auto located = LocateMrc(head, file, field);
+  auto located = LocateMrc(head, file, field, rules);
   if (!located.ok()) {
     return absl::Status(located.status().code(),
                         absl::StrCat(file, ": ", located.status().message()));

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/volume_series.h"
 
 namespace isoscope::source {
@@ -24,9 +25,11 @@ bool IsMrcHeader(absl::string_view head);
 // axes that MAPC, MAPR and MAPS name, cell angles other than 90 degrees included. The first sample
 // lies at ORIGIN or, if that is 0, at NSTART samples along the axes. A file without a cell has the
 // spacing 1 and no unit. INVALID_ARGUMENT: no such header; another mode, with its name; axes that
-// are no permutation; a cell that is none; a stack that the volumes do not fill; the file is cut.
+// are no permutation; a cell, angles or an ORIGIN that are none, unless the rules take them; a
+// stack that the volumes do not fill; the file is cut.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMrcSeries(const std::string& file,
-                                                            const std::string& field);
+                                                            const std::string& field,
+                                                            const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

@@ -112,12 +112,11 @@ double NiftiDistance(const NiftiNumbers& header, std::size_t axis, const std::st
   const double distance = header.Distance(axis + 1);
   const absl::Status good = CheckSampleDistance(
       path, absl::StrFormat("pixdim[%d] of the %s header", axis + 1, header.name()), distance);
-  layout->distances.Update(good);
+  layout->faults.distances.Update(good);
   return good.ok() ? distance : 1;
 }
 
-absl::StatusOr<AffineRows> QformOf(const NiftiNumbers& header, const std::string& path,
-                                   FileLayout* layout) {
+AffineRows QformOf(const NiftiNumbers& header, const std::string& path, FileLayout* layout) {
   double b = header.Quaternion(0);
   double c = header.Quaternion(1);
   double d = header.Quaternion(2);
@@ -125,10 +124,13 @@ absl::StatusOr<AffineRows> QformOf(const NiftiNumbers& header, const std::string
   // Of rounded numbers, the sum of squares is 1 at most.
   constexpr double kMaxExcess = 1e-3;
   if (!(a >= -kMaxExcess) || std::isnan(header.Distance(0))) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: the %s header has the quaternion %g, %g, %g and qfac (pixdim[0]) %g; expected a "
-        "rotation, whose squares sum up to 1 at most, and -1 or 1: the file is damaged",
-        path, header.name(), b, c, d, header.Distance(0)));
+    layout->faults.directions.Update(NoDirections(
+        path,
+        absl::StrFormat("the %s header has the quaternion %g, %g, %g and qfac (pixdim[0]) %g, "
+                        "which is no rotation, whose squares sum up to 1 at most, and -1 or 1",
+                        header.name(), b, c, d, header.Distance(0))));
+    b = c = d = 0;
+    a = 1;
   }
   if (a < 1e-7) {
     const double scale = 1 / std::sqrt(b * b + c * c + d * d);
@@ -166,8 +168,7 @@ bool IsFlat(const AffineRows& rows) {
 }
 
 // The transform of indices to RAS, in the file's unit of length.
-absl::StatusOr<AffineRows> TransformOf(const NiftiNumbers& header, const std::string& path,
-                                       FileLayout* layout) {
+AffineRows TransformOf(const NiftiNumbers& header, const std::string& path, FileLayout* layout) {
   const bool is_odd =
       header.has_sform() && (IsFlat(header.Sform()) || FindShear(header.Sform()).has_value());
   if (header.has_sform() && (!is_odd || !header.has_qform())) {
@@ -215,14 +216,15 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   layout->steps = dims[3];
   layout->components = dims[4];
   layout->location.volume_count = dims[3] * dims[4];
-  ISOSCOPE_ASSIGN_OR_RETURN(AffineRows rows, TransformOf(header, path, layout));
+  AffineRows rows = TransformOf(header, path, layout);
   for (std::array<double, 4>& row : rows) {
     for (double& number : row) {
       number *= MillimetresOf(header.units());
     }
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine({dims[0], dims[1], dims[2]}, rows,
-                                                             PatientWorld::kRas, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      layout->geometry,
+      GridFromAffine({dims[0], dims[1], dims[2]}, rows, PatientWorld::kRas, path, &layout->faults));
   layout->shear = FindShear(rows);
   if (header.has_qform() || header.has_sform()) {
     layout->patient_frame.emplace();
@@ -264,7 +266,7 @@ absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NiftiNumbers header, ReadNiftiNumbers(path, &is_gzip));
   FileLayout layout;
   ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
-  ISOSCOPE_RETURN_IF_ERROR(layout.distances);
+  ISOSCOPE_RETURN_IF_ERROR(layout.faults.Check({}, path));
   return layout.geometry;
 }
 

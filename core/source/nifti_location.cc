@@ -152,6 +152,9 @@ absl::Status CheckTransform(const NiftiHeader& header, const std::string& path) 
   constexpr float kMaxElement = 1e12F;
   for (std::size_t offset = 280; offset < 328; offset += sizeof(float)) {
     const auto element = header.Load<float>(offset);
+    if (!std::isfinite(element)) {
+      ISOSCOPE_RETURN_IF_ERROR(ReadNiftiGrid(path).status());  // says which flags give it
+    }
     if (!(std::abs(element) <= kMaxElement)) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: the transform of the NIfTI header (sform) has %g at byte %d; expected a number of "

@@ -106,16 +106,13 @@ std::vector<double> NumbersIn(absl::string_view text) {
   return numbers;
 }
 
-// A vector of the space. INVALID_ARGUMENT: not as many finite numbers as it has axes; a time.
+// A vector of the space, of any numbers. INVALID_ARGUMENT: not as many as it has axes; a time.
 absl::StatusOr<math::Vec3d> ParseNrrdVector(absl::string_view text, const char* field,
                                             const NrrdWorld& world, bool may_have_time,
                                             const std::string& path) {
   const std::vector<double> numbers = NumbersIn(text);
-  const bool is_finite = std::all_of(numbers.begin(), numbers.end(),
-                                     [](double number) { return std::isfinite(number); });
-  if (numbers.size() != world.rank || !is_finite ||
-      (world.rank == 4 && !may_have_time && numbers[3] != 0)) {
-    return NrrdError(path, absl::StrFormat("%s \"%s\"; expected %d finite numbers%s", field, text,
+  if (numbers.size() != world.rank || (world.rank == 4 && !may_have_time && numbers[3] != 0)) {
+    return NrrdError(path, absl::StrFormat("%s \"%s\"; expected %d numbers%s", field, text,
                                            world.rank, world.rank == 4 ? ", the last one 0" : ""));
   }
   return math::Vec3d{numbers[0] * world.turn.x, numbers[1] * world.turn.y,
@@ -213,12 +210,16 @@ absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& li
                                                first + axis, text, (*list)[first + axis]));
       }
     }
-    if (!(length > 0)) {
-      return NrrdError(path, absl::StrFormat("space directions \"%s\" of axis %d has no length",
-                                             text, first + axis));
+    const bool has_length = length > 0 && std::isfinite(length);
+    if (!has_length) {
+      const std::string what =
+          absl::StrFormat("NRRD header: space directions \"%s\" of axis %d %s", text, first + axis,
+                          length == 0 ? "has no length" : "has other than finite numbers");
+      grid->faults.distances.Update(NoSampleDistance(path, what));
+      grid->faults.directions.Update(NoDirections(path, what));
     }
-    geometry.spacing[static_cast<int>(axis)] = length;
-    geometry.direction.columns[axis] = step * (1 / length);
+    geometry.spacing[static_cast<int>(axis)] = has_length ? length : 1;
+    geometry.direction.columns[axis] = has_length ? step * (1 / length) : math::Vec3d{0, 0, 0};
   }
   if (!fields.Get("space origin").empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -255,20 +256,20 @@ absl::Status SetBySpacings(const NrrdAxisLists& lists, std::size_t first, const 
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const int index = static_cast<int>(axis);
     double step = axes[axis].step * factors[axis];
-    if (steps > 0 && !(std::abs(step) > 0 && std::isfinite(step))) {
-      grid->distances.Update(NoSampleDistance(
+    const bool is_known = std::abs(step) > 0 && std::isfinite(step);
+    if (steps > 0 && !is_known) {
+      grid->faults.distances.Update(NoSampleDistance(
           path,
           absl::StrFormat("NRRD header: the distance of samples along axis %d is %s (spacings "
                           "\"%s\")",
                           first + axis, std::isnan(step) ? "not known" : absl::StrCat(step),
                           absl::StrJoin(lists.spacings, " "))));
     }
-    step = grid->distances.ok() && steps > 0 ? step : 1;
+    step = is_known ? step : 1;
     geometry.spacing[index] = std::abs(step);
     geometry.direction.columns[axis][index] = step < 0 ? -1 : 1;
   }
-  for (std::size_t axis = 0; axis < 3 && firsts == 3 && steps == 3 && grid->distances.ok();
-       ++axis) {
+  for (std::size_t axis = 0; axis < 3 && firsts == 3 && steps == 3 && grid->faults.ok(); ++axis) {
     geometry.origin[static_cast<int>(axis)] = axes[axis].first * factors[axis];
   }
   return absl::OkStatus();
@@ -373,6 +374,7 @@ absl::StatusOr<NrrdGrid> ReadNrrdGrid(const HeaderFields& fields, const NrrdAxis
   ISOSCOPE_RETURN_IF_ERROR(lists.directions.empty()
                                ? SetBySpacings(lists, first, path, &grid)
                                : SetByDirections(fields, lists, first, world, path, &grid));
+  ReplaceFaults(absl::StrCat(path, ": NRRD header"), &grid.geometry, &grid.faults);
   const absl::Status valid = volume::Validate(grid.geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));

@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/grid_faults.h"
 #include "core/source/text_header.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
@@ -46,13 +47,13 @@ struct NrrdGrid {
   volume::GridGeometry geometry{};  // in LPS where the space says how it lies in the patient
   std::optional<volume::PatientFrame> patient_frame{};
   std::string length_unit{};  // of all three axes; may be empty
-  absl::Status distances{};   // as in FileLayout
+  GridFaults faults{};        // as in FileLayout
 };
 
 // The grid of the axes from `first` on. Without a direction, a spacing, and bounds (axis mins and
-// maxs) of any axis, samples are 1 apart. INVALID_ARGUMENT: numbers that are none; two sources that
-// contradict each other; a left-handed space, or one that is not of three dimensions (and time);
-// volume::Validate. REQUIRES: three axes of space from there on.
+// maxs) of any axis, samples are 1 apart. INVALID_ARGUMENT: texts that are no numbers; two sources
+// that contradict each other; a left-handed space, or one that is not of three dimensions (and
+// time); volume::Validate. REQUIRES: three axes of space from there on.
 absl::StatusOr<NrrdGrid> ReadNrrdGrid(const HeaderFields& fields, const NrrdAxisLists& lists,
                                       std::size_t first, const std::string& path);
 

@@ -16,6 +16,7 @@
 #include "core/base/version.h"
 #include "core/source/dicom_folder.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/sample_location.h"
 #include "core/source/series_format.h"
 #include "core/source/single_series.h"
 #include "core/source/source_labels.h"
@@ -106,6 +107,8 @@ GridRules RulesOf(const OpenRequest& request) {
           .resamples = request.resamples,
           .fill = request.fill,
           .has_spacing = request.grid.spacing.has_value(),
+          .has_origin = request.grid.origin.has_value(),
+          .has_direction = request.grid.direction.has_value(),
           .dicom_series = request.dicom_series};
 }
 

@@ -362,14 +362,15 @@ absl::Status SetParGrid(const ParHeader& header, std::size_t slice_count, const 
     const absl::Status good = CheckSampleDistance(
         path, absl::StrCat(kNames.at(static_cast<std::size_t>(axis)), " of the PAR header"),
         spacing[axis]);
-    layout->distances.Update(good);
+    layout->faults.distances.Update(good);
     spacing[axis] = good.ok() ? spacing[axis] : 1;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(orientation,
                             OnlyNumber(header, kOrientation, "slice orientation", path));
   ISOSCOPE_ASSIGN_OR_RETURN(const AffineRows rows,
                             ParTransform(header, dims, spacing, orientation, path));
-  ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry, GridFromAffine(dims, rows, PatientWorld::kRas, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(layout->geometry,
+                            GridFromAffine(dims, rows, PatientWorld::kRas, path, &layout->faults));
   layout->shear = FindShear(rows);
   layout->patient_frame.emplace();
   return absl::OkStatus();

@@ -27,6 +27,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/grid_faults.h"
 #include "core/source/pieces_source.h"
 #include "core/source/vti_grid.h"
 #include "core/source/vti_source.h"
@@ -137,9 +138,11 @@ const VtiArray* FindLike(const VtiHeader& header, const VtiArray& like) {
 class PvtiImage final : public VtkImage {
  public:
   static absl::StatusOr<std::unique_ptr<VtkImage>> Open(const std::string& path,
-                                                        const std::string& part) {
+                                                        const std::string& part,
+                                                        const GridRules& rules) {
     auto image = std::make_unique<PvtiImage>();
     image->path_ = path;
+    image->rules_ = rules;
     ISOSCOPE_ASSIGN_OR_RETURN(PvtiHeader read, ReadPvtiHeader(path));
     ISOSCOPE_RETURN_IF_ERROR(image->SetArrays(read.header, part));
     ISOSCOPE_RETURN_IF_ERROR(image->SetGeometry(read.header));
@@ -187,6 +190,7 @@ class PvtiImage final : public VtkImage {
     ISOSCOPE_ASSIGN_OR_RETURN(
         extent_, ParseVtiExtent(whole == image_.end() ? "" : whole->second, "WholeExtent", path_));
     ISOSCOPE_ASSIGN_OR_RETURN(geometry_, VtiGridOf(image_, extent_, is_of_cells(), path_));
+    ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules(path_, rules_, &geometry_));
     const absl::Status valid = volume::Validate(geometry_);
     if (!valid.ok()) {
       return absl::Status(valid.code(), absl::StrCat(path_, ": ", valid.message()));
@@ -222,10 +226,12 @@ class PvtiImage final : public VtkImage {
           path_, piece.file, absl::StrJoin(extent, " "), header.piece_extent, header.piece_count,
           absl::StrJoin(extent_, " ")));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry grid,
+    ISOSCOPE_ASSIGN_OR_RETURN(volume::GridGeometry grid,
                               VtiGridOf(header.image, held, is_of_cells(), piece.file));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry expected,
+    ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules(piece.file, rules_, &grid));
+    ISOSCOPE_ASSIGN_OR_RETURN(volume::GridGeometry expected,
                               VtiGridOf(image_, held, is_of_cells(), path_));
+    ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules(path_, rules_, &expected));
     const math::Index3& dims = grid.sample_dims;
     if (grid != expected ||
         static_cast<double>(dims.x) * static_cast<double>(dims.y) * static_cast<double>(dims.z) >
@@ -270,6 +276,7 @@ class PvtiImage final : public VtkImage {
     return absl::OkStatus();
   }
 
+  GridRules rules_;
   VtiHeader::Attributes image_;
   VtiExtent extent_{};
   std::vector<PvtiPiece> pieces_;
@@ -292,8 +299,9 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvti(const std::string& path) {
 }
 
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenPvtiImage(const std::string& path,
-                                                        const std::string& part) {
-  return PvtiImage::Open(path, part);
+                                                        const std::string& part,
+                                                        const GridRules& rules) {
+  return PvtiImage::Open(path, part, rules);
 }
 
 }  // namespace isoscope::source

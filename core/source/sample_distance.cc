@@ -14,9 +14,9 @@ absl::Status CheckSampleDistance(const std::string& path, absl::string_view fiel
              : NoSampleDistance(path, absl::StrFormat("%s is %g", field, distance));
 }
 
-absl::Status NoSampleDistance(const std::string& path, absl::string_view what) {
+absl::Status NoSampleDistance(absl::string_view path, absl::string_view what) {
   return absl::InvalidArgumentError(
-      absl::StrCat(path, ": ", what,
+      absl::StrCat(path, path.empty() ? "" : ": ", what,
                    "; expected distances of samples above 0 along all axes: give them in place of "
                    "those of the file, --spacing X,Y,Z"));
 }

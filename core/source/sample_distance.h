@@ -15,8 +15,8 @@ namespace isoscope::source {
 absl::Status CheckSampleDistance(const std::string& path, absl::string_view field, double distance);
 
 // INVALID_ARGUMENT: what the header has and what it lacks, and the flag. "`path`: PhysicalSizeX is
-// 0.1, and there is no PhysicalSizeZ; ...".
-absl::Status NoSampleDistance(const std::string& path, absl::string_view what);
+// 0.1, and there is no PhysicalSizeZ; ...". Without a path it is to follow a name and a colon.
+absl::Status NoSampleDistance(absl::string_view path, absl::string_view what);
 
 }  // namespace isoscope::source
 

@@ -1,6 +1,7 @@
 #include "core/source/sample_series.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -10,6 +11,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/source/meta_image_grid.h"
 #include "core/source/nifti_layout.h"
 #include "core/source/nrrd_grid.h"
 #include "core/source/nrrd_layout.h"
@@ -40,7 +42,7 @@ void TakeGrid(NrrdGrid grid, FileLayout* layout) {
   layout->geometry = grid.geometry;
   layout->patient_frame = grid.patient_frame;
   layout->length_unit = std::move(grid.length_unit);
-  layout->distances = std::move(grid.distances);
+  layout->faults = std::move(grid.faults);
 }
 
 absl::StatusOr<std::optional<FileLayout>> NrrdFileLayout(const std::string& path) {
@@ -90,13 +92,54 @@ absl::StatusOr<std::optional<FileLayout>> NrrdFileLayout(const std::string& path
   return layout;
 }
 
+std::optional<volume::ScalarType> MetaImageType(const std::string& name) {
+  using volume::ScalarType;
+  constexpr std::array<std::pair<const char*, ScalarType>, 8> kTypes{
+      {{"MET_UCHAR", ScalarType::kUint8},
+       {"MET_CHAR", ScalarType::kInt8},
+       {"MET_USHORT", ScalarType::kUint16},
+       {"MET_SHORT", ScalarType::kInt16},
+       {"MET_UINT", ScalarType::kUint32},
+       {"MET_INT", ScalarType::kInt32},
+       {"MET_FLOAT", ScalarType::kFloat32},
+       {"MET_DOUBLE", ScalarType::kFloat64}}};
+  for (const auto& [known, type] : kTypes) {
+    if (name == known) {
+      return type;
+    }
+  }
+  return std::nullopt;
+}
+
+// By our own reader alone: MetaIO reads no numbers that are none.
+absl::StatusOr<ImageLayout> MetaImageLayoutByFields(const std::string& path,
+                                                    const volume::GridGeometry& grid) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const HeaderFields fields, ReadMetaImageFields(path));
+  ImageLayout image;
+  image.geometry = grid;
+  image.type = MetaImageType(fields.Get("elementtype"));
+  ISOSCOPE_ASSIGN_OR_RETURN(image.dims, fields.GetIntegers("dimsize"));
+  ISOSCOPE_ASSIGN_OR_RETURN(image.components, fields.GetInteger("elementnumberofchannels", 1));
+  if (!image.type.has_value() || image.components < 1 ||
+      *std::min_element(image.dims.begin(), image.dims.end()) < 1) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: DimSize = %s, ElementType = %s, ElementNumberOfChannels = %d; expected 1 or more, and "
+        "MET_CHAR, MET_UCHAR, MET_SHORT, MET_USHORT, MET_INT, MET_UINT, MET_FLOAT or MET_DOUBLE",
+        path, fields.Get("dimsize"), fields.Get("elementtype"), image.components));
+  }
+  return image;
+}
+
 absl::StatusOr<std::optional<FileLayout>> MetaImageFileLayout(const std::string& path,
                                                               const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateMetaImageSamples(path));
+  const auto by_rules = ReadMetaImageGrid(path, rules);
+  const bool is_replaced = by_rules.ok() && !ReadMetaImageGrid(path, {}).ok();
   ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image,
-                            ReadImageLayout(FileFormat::kMetaImage, path, rules));
+                            is_replaced ? MetaImageLayoutByFields(path, *by_rules)
+                                        : ReadImageLayout(FileFormat::kMetaImage, path));
   const bool has_steps = image.dims.size() == 4 && image.dims[3] > 1;
-  const bool is_of_itk = image.components <= 1 && !has_steps && !rules.has_spacing;
+  const bool is_of_itk = image.components <= 1 && !has_steps && !is_replaced;
   if (is_of_itk || image.dims.size() != (has_steps ? 4 : 3) || !image.type.has_value() ||
       (has_steps && image.components > 1)) {
     return std::nullopt;

@@ -158,8 +158,9 @@ const std::vector<SeriesFormat>& SeriesFormats() {
       {.name = "MRC",
        .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".map.gz", ".ccp4.gz"},
        .is_content = IsMrcHeader,
-       .open = [](const std::string& file, const std::string& field,
-                  const std::string& /*part*/) { return OpenMrcSeries(file, field); }},
+       .open_by_rules = [](const std::string& file, const std::string& field,
+                           const std::string& /*part*/,
+                           const GridRules& rules) { return OpenMrcSeries(file, field, rules); }},
       {.name = "MINC",
        .endings = {".mnc"},
        .open = [](const std::string& file, const std::string& field,
@@ -308,7 +309,8 @@ std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const
   const auto layout = ReadNiftiHeaderLayout(header_path);
   const bool is_ours =
       layout.ok() && ((rules.ignores_shear && layout->shear.has_value()) ||
-                      (rules.has_spacing && !layout->distances.ok()) || layout->wide.has_value());
+                      (!layout->faults.ok() && layout->faults.Check(rules, header_path).ok()) ||
+                      layout->wide.has_value());
   return is_ours ? std::move(file) : std::nullopt;
 }
 

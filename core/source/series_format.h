@@ -76,7 +76,7 @@ std::optional<SeriesFile> FindSeriesFileByContent(const std::string& path);
 
 // That of a header with the ending of NIfTI that our own reader takes: it is not one of NIfTI-1, it
 // is in a gzip stream of its own (.hdr.gz), its name does not say whether it is one, or it has a
-// shear or lacks distances, which the rules take.
+// shear or faults of its grid, which the rules take.
 std::optional<SeriesFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules);
 
 // Opens the file, or its part as a series of one field. `field` is the name of a field that the

@@ -117,6 +117,22 @@ absl::Status SeveralStacks(const std::string& path,
                    "; or ", kAsNeighbours));
 }
 
+// No number tells the order of any two files.
+absl::Status NoNumbers(const std::string& path, const std::vector<std::string>& files) {
+  constexpr std::size_t kMaxNamed = 3;
+  std::vector<std::string> texts;
+  for (std::size_t i = 0; i < std::min(files.size(), kMaxNamed); ++i) {
+    texts.push_back(BaseName(files[i]));
+  }
+  if (files.size() > kMaxNamed) {
+    texts.push_back(absl::StrCat(files.size() - kMaxNamed, " more"));
+  }
+  const std::string ending = files.front().substr(files.front().rfind('.'));
+  return absl::InvalidArgumentError(absl::StrCat(
+      path, ": no number says in which order the files lie: ", absl::StrJoin(texts, ", "),
+      "; number them, as in z1", ending, ", z2", ending, ", ...; or ", kAsNeighbours));
+}
+
 // "5, 9 to 12".
 std::string MissingNumbers(const std::vector<std::int64_t>& numbers, std::int64_t step) {
   constexpr std::size_t kMaxListed = 5;
@@ -244,6 +260,9 @@ absl::Status CheckStackNames(const std::string& path, const std::vector<std::str
   for (const std::string& file : files) {
     names.push_back(Split(file));
     by_text[names.back().text].push_back(file);
+  }
+  if (by_text.size() == files.size() && files.size() > 1) {
+    return NoNumbers(path, files);
   }
   if (by_text.size() > 1) {
     std::vector<std::vector<std::string>> stacks;

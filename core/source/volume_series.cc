@@ -160,7 +160,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenByNameOrContent(const std::str
   }
   PartPath vtk;
   if (SplitVtkImagePath(path, &vtk)) {
-    return OpenVtkImageSeries(vtk.file, vtk.part);
+    return OpenVtkImageSeries(vtk.file, vtk.part, options.rules);
   }
   if (NamesDicomSeries(path)) {
     return OpenDicomSteps(path, FieldNameOf(path), options.rules);

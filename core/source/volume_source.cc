@@ -276,12 +276,12 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenFound(const std::string& path,
     case SourceKind::kDicom:
       return OpenDicomSeries(path, rules);
     case SourceKind::kVti:
-      return OpenVtiFile(path);
+      return OpenVtiFile(path, rules);
     case SourceKind::kPvti: {
       PartPath pvti;
       ISOSCOPE_CHECK(SplitVtkImagePath(path, &pvti));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
-                                OpenVtkImageSeries(pvti.file, pvti.part));
+                                OpenVtkImageSeries(pvti.file, pvti.part, rules));
       return OpenOnlyVolume(*series, pvti.file, true);
     }
     case SourceKind::kSeriesFile:

@@ -24,6 +24,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/status_macros.h"
+#include "core/source/grid_faults.h"
 
 namespace isoscope::source {
 namespace {
@@ -109,7 +110,10 @@ absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& imag
     geometry.direction.columns[axis] = {direction[axis], direction[3 + axis], direction[6 + axis]};
     // VTK's origin is that of the point with index 0.
     const double first = static_cast<double>(extent[2 * axis]) + (is_of_cells ? 0.5 : 0.0);
-    geometry.origin = geometry.origin + geometry.direction.columns[axis] * (spacing[axis] * first);
+    const math::Vec3d shift = geometry.direction.columns[axis] * (spacing[axis] * first);
+    if (math::IsFinite(shift)) {
+      geometry.origin = geometry.origin + shift;
+    }
     if (spacing[axis] < 0) {  // samples follow each other against the direction
       geometry.spacing[index] = -spacing[axis];
       geometry.direction.columns[axis] = geometry.direction.columns[axis] * -1.0;
@@ -119,14 +123,15 @@ absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& imag
 }
 
 absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
-                                                 const std::string& path) {
+                                                 const std::string& path, const GridRules& rules) {
   if (!header.is_image) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": a RectilinearGrid; expected ImageData: rename it to end in .vtr"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const VtiExtent extent, WholeVtiExtent(header, path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+  ISOSCOPE_ASSIGN_OR_RETURN(volume::GridGeometry geometry,
                             VtiGridOf(header.image, extent, is_of_cells, path));
+  ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules(path, rules, &geometry));
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(

@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/grid_rules.h"
 #include "core/source/vti_header.h"
 #include "core/volume/grid_geometry.h"
 
@@ -27,15 +28,17 @@ absl::StatusOr<VtiExtent> WholeVtiExtent(const VtiHeader& header, const std::str
 
 // The grid of the points of an extent, or of its cells' centres, by Origin, Spacing and Direction
 // of the tag ImageData. It need not be a volume: it may have one sample on an axis, or none.
-// INVALID_ARGUMENT: numbers that are none.
+// INVALID_ARGUMENT: texts that are no numbers. A distance of 0 or NaN does not move the origin.
 absl::StatusOr<volume::GridGeometry> VtiGridOf(const VtiHeader::Attributes& image,
                                                const VtiExtent& extent, bool is_of_cells,
                                                const std::string& path);
 
 // The grid of the points, or of the cells' centres: one less on each axis, half a spacing further.
-// INVALID_ARGUMENT: no ImageData; several pieces; malformed numbers; a grid that is no volume.
+// INVALID_ARGUMENT: no ImageData; several pieces; malformed numbers; a grid that is no volume;
+// what the rules do not take (TakeGridByRules).
 absl::StatusOr<volume::GridGeometry> VtiGeometry(const VtiHeader& header, bool is_of_cells,
-                                                 const std::string& path);
+                                                 const std::string& path,
+                                                 const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

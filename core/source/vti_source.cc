@@ -160,7 +160,8 @@ bool SplitVtiPath(const std::string& path, PartPath* parts) {
   return SplitPartPath(path, {".vti"}, parts);
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path,
+                                                          const GridRules& rules) {
   PartPath parts;
   if (!SplitVtiPath(path, &parts)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": no name of a VTK ImageData file"));
@@ -173,7 +174,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& pat
     return VtiTypeOf(choice.array, parts.file).status();
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            VtiGeometry(header, choice.array.is_of_cells, parts.file));
+                            VtiGeometry(header, choice.array.is_of_cells, parts.file, rules));
   return Open(std::move(file), header, choice, geometry, path);
 }
 

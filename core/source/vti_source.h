@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/io/file.h"
+#include "core/source/grid_rules.h"
 #include "core/source/part_path.h"
 #include "core/source/volume_source.h"
 #include "core/source/vti_choice.h"
@@ -36,7 +37,8 @@ bool SplitVtiPath(const std::string& path, PartPath* parts);
 // none chosen (lists them, with the argument to give); several pieces; another
 // compressor; sizes that do not fit; the file ends early. NOT_FOUND: no such array (lists those
 // there are). DATA_LOSS: damaged.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path);
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path,
+                                                          const GridRules& rules = {});
 
 // Opens one component of one array of a file whose header was read before. `geometry` is that of
 // the samples in the file, which need not be a volume; `name` is for messages. As OpenVtiFile.

@@ -22,7 +22,8 @@ namespace {
 class VtiImage final : public VtkImage {
  public:
   static absl::StatusOr<std::unique_ptr<VtkImage>> Open(const std::string& path,
-                                                        const std::string& part) {
+                                                        const std::string& part,
+                                                        const GridRules& rules) {
     auto image = std::make_unique<VtiImage>();
     image->path_ = path;
     {
@@ -32,7 +33,8 @@ class VtiImage final : public VtkImage {
     }
     ISOSCOPE_RETURN_IF_ERROR(image->SetArrays(image->header_, part));
     ISOSCOPE_ASSIGN_OR_RETURN(
-        image->geometry_, VtiGeometry(image->header_, image->arrays_.front().is_of_cells, path));
+        image->geometry_,
+        VtiGeometry(image->header_, image->arrays_.front().is_of_cells, path, rules));
     ISOSCOPE_ASSIGN_OR_RETURN(image->time_, ReadVtiTime(path, image->header_));
     return image;
   }
@@ -115,8 +117,8 @@ absl::StatusOr<std::unique_ptr<VtkImage>> OpenVtkImage(const std::string& path,
   if (absl::EndsWithIgnoreCase(path, ".vtr")) {
     return OpenVtrImage(path, part, rules);
   }
-  return absl::EndsWithIgnoreCase(path, ".pvti") ? OpenPvtiImage(path, part)
-                                                 : VtiImage::Open(path, part);
+  return absl::EndsWithIgnoreCase(path, ".pvti") ? OpenPvtiImage(path, part, rules)
+                                                 : VtiImage::Open(path, part, rules);
 }
 
 SourceField FieldOfVtiArray(const VtiArray& array) {

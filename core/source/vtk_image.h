@@ -83,7 +83,8 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvti(const std::string& path);
 
 // Opens a .pvti file (pvti_image.cc). As OpenVtkImage.
 absl::StatusOr<std::unique_ptr<VtkImage>> OpenPvtiImage(const std::string& path,
-                                                        const std::string& part);
+                                                        const std::string& part,
+                                                        const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

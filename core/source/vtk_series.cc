@@ -163,8 +163,9 @@ absl::StatusOr<PvdStep> StepOf(const XmlTag& tag, const std::string& path) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtkImageSeries(const std::string& file,
-                                                                 const std::string& part) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtkImage> image, OpenVtkImage(file, part));
+                                                                 const std::string& part,
+                                                                 const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtkImage> image, OpenVtkImage(file, part, rules));
   std::vector<double> times;
   if (part.empty() && image->time().has_value()) {
     times = {*image->time()};

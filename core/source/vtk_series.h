@@ -19,7 +19,8 @@ namespace isoscope::source {
 // component of one ("velocity:2"). It has one step: with the time of its TimeValue, unless a part
 // is named. Errors as OpenVtkImage.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtkImageSeries(const std::string& file,
-                                                                 const std::string& part);
+                                                                 const std::string& part,
+                                                                 const GridRules& rules = {});
 
 // The same of a RectilinearGrid file (.vtr). Errors as OpenVtrImage.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtrSeries(const std::string& file,

@@ -9,7 +9,8 @@
 //   unit=, long_name=
 //   component=x              once for each component; none for a scalar field
 //
-// A volume is then asked for by its part: "3 0 2", number, step and component.
+// A volume is then asked for by its part: "3 0 2 so-", number, step and component, and which of
+// spacing, origin and direction the user gives.
 
 #include "core/source/walled_series.h"
 
@@ -19,6 +20,7 @@
 #include <set>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -135,7 +137,7 @@ class WalledSeries final : public VolumeSeries {
         std::unique_ptr<VolumeSource> source,
         OpenWalled(library_, path_,
                    absl::StrCat(file_.fields[static_cast<std::size_t>(field)].number, " ", step,
-                                " ", component)));
+                                " ", component, " ", GivenWord(rules_))));
     return rules_.resamples ? ResampleSource(std::move(source), file_.distances, rules_.fill)
                             : std::move(source);
   }
@@ -177,11 +179,23 @@ std::vector<std::string> WalledTexts(const WalledFile& file) {
 std::array<std::int64_t, 3> ParseWalledPart(const std::string& part) {
   std::array<std::int64_t, 3> numbers{};
   const std::vector<std::string> words = absl::StrSplit(part, ' ');
-  ISOSCOPE_CHECK(words.size() == numbers.size());
-  for (std::size_t i = 0; i < words.size(); ++i) {
+  ISOSCOPE_CHECK(words.size() == numbers.size() + 1);
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
     ISOSCOPE_CHECK(absl::SimpleAtoi(words[i], &numbers[i]));
   }
   return numbers;
+}
+
+GridRules GivenRules(absl::string_view part) {
+  const absl::string_view word = part.substr(part.rfind(' ') + 1);
+  return {.has_spacing = absl::StrContains(word, 's'),
+          .has_origin = absl::StrContains(word, 'o'),
+          .has_direction = absl::StrContains(word, 'd')};
+}
+
+std::string GivenWord(const GridRules& rules) {
+  return absl::StrCat(rules.has_spacing ? "s" : "-", rules.has_origin ? "o" : "-",
+                      rules.has_direction ? "d" : "-");
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,

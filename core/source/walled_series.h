@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "core/source/grid_rules.h"
 #include "core/source/resampled_source.h"
@@ -37,6 +38,10 @@ std::vector<std::string> WalledTexts(const WalledFile& file);
 // For the child: the number of the field, the step and the component of the part by which the
 // series asks for a volume. REQUIRES: such a part.
 std::array<std::int64_t, 3> ParseWalledPart(const std::string& part);
+// For the child: what of the grid the user gives, as has_spacing, by the last word of such a part;
+// and that word.
+GridRules GivenRules(absl::string_view part);
+std::string GivenWord(const GridRules& rules);
 
 // For the parent: the series of `library.describe`, which takes `part`, opened by `library.open`.
 // Nothing in the texts is taken for granted: DATA_LOSS if they make no sense. Null if there are

@@ -17,6 +17,11 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import zlib
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
+import skips  # noqa: E402
 
 SOURCES = os.path.abspath(sys.argv.pop(2))
 ISOSCOPE = os.path.abspath(sys.argv.pop(1))
@@ -163,6 +168,60 @@ def vtk_xml(kind, inner):
             f'</PointData>{inner}</Piece></{kind}></VTKFile>').encode()
 
 
+def vti(attributes):
+    return vtk_xml('ImageData', '').replace(b'<ImageData ', f'<ImageData {attributes} '.encode())
+
+
+def legacy_vtk(lines):
+    return (f'# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 3 2 2\n{lines}'
+            'POINT_DATA 12\nSCALARS p int 1\nLOOKUP_TABLE default\n').encode() + b'\n'.join(
+                str(i).encode() for i in range(12)) + b'\n'
+
+
+def mrc(cell=(6, 5, 4), angles=(90, 90, 90), origin=(0, 0, 0)):
+    head = bytearray(1024)
+    struct.pack_into('<10i', head, 0, 6, 5, 4, 0, 0, 0, 0, 6, 5, 4)
+    struct.pack_into('<6f', head, 40, *cell, *angles)
+    struct.pack_into('<3i', head, 64, 1, 2, 3)
+    struct.pack_into('<3f', head, 196, *origin)
+    head[208:216] = b'MAP \x44\x44\0\0'
+    return bytes(head) + ramp(120)
+
+
+def dicom(z, pixel_spacing):
+    """A slice of 6 x 5 samples of 16 bits."""
+    def element(group, number, kind, value):
+        raw = value.encode() if isinstance(value, str) else value
+        raw += b'\0' * (len(raw) % 2) if kind in ('UI', 'OW') else b' ' * (len(raw) % 2)
+        size = struct.pack('<2xI' if kind == 'OW' else '<H', len(raw))
+        return struct.pack('<2H', group, number) + kind.encode() + size + raw
+
+    def number(value):
+        return struct.pack('<H', value)
+
+    meta = element(2, 0x10, 'UI', '1.2.840.10008.1.2.1')
+    return (b'\0' * 128 + b'DICM' + element(2, 0, 'UL', struct.pack('<I', len(meta))) + meta +
+            element(8, 0x16, 'UI', '1.2.840.10008.5.1.4.1.1.4') + element(8, 0x18, 'UI', f'1.2.3.{z + 1}') +
+            element(8, 0x60, 'CS', 'MR') + element(0x20, 0xe, 'UI', '1.2.3') +
+            element(0x20, 0x13, 'IS', str(z + 1)) + element(0x20, 0x32, 'DS', f'0\\0\\{2 * z}') +
+            element(0x20, 0x37, 'DS', '1\\0\\0\\0\\1\\0') + element(0x28, 2, 'US', number(1)) +
+            element(0x28, 4, 'CS', 'MONOCHROME2') + element(0x28, 0x10, 'US', number(5)) +
+            element(0x28, 0x11, 'US', number(6)) + element(0x28, 0x30, 'DS', pixel_spacing) +
+            element(0x28, 0x100, 'US', number(16)) + element(0x28, 0x101, 'US', number(16)) +
+            element(0x28, 0x102, 'US', number(15)) + element(0x28, 0x103, 'US', number(0)) +
+            element(0x7fe0, 0x10, 'OW', struct.pack('<30H', *(4 * z + i for i in range(30)))))
+
+
+def png(value):
+    """A grey image of 6 x 5 samples."""
+    def chunk(kind, data):
+        return struct.pack('>I', len(data)) + kind + data + struct.pack('>I', zlib.crc32(kind + data))
+
+    rows = b''.join(b'\0' + bytes(value + 7 * x for x in range(6)) for _ in range(5))
+    return (b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>2I5B', 6, 5, 8, 0, 0, 0, 0)) +
+            chunk(b'IDAT', zlib.compress(rows)) + chunk(b'IEND', b''))
+
+
 def coordinates(x):
     arrays = ''.join(f'<DataArray type="Float64" Name="{n}" format="ascii">{v}</DataArray>'
                      for n, v in (('x', x), ('y', '0 1'), ('z', '0 1')))
@@ -234,13 +293,66 @@ class AdviceTest(unittest.TestCase):
                 ('a.tif', tiff(4, resolution=(100, 50))),
                 ('b.tif', tiff(4, 'ImageJ=1\nimages=4\nunit=um\nspacing=3\n')),
                 ('c.tif', tiff(4, '<OME><Image><Pixels SizeX="6" SizeY="5" SizeZ="4" SizeC="1" SizeT="1" '
-                                  'DimensionOrder="XYZCT" PhysicalSizeX="0.1" PhysicalSizeY="0.1"/></Image></OME>'))):
+                                  'DimensionOrder="XYZCT" PhysicalSizeX="0.1" PhysicalSizeY="0.1"/></Image></OME>')),
+                ('b.nrrd', nrrd((6, 5, 4), 'spacings: 1 0 -2\n')),
+                ('a.vti', vti('Spacing="1 0 1"')),
+                ('a.vtk', legacy_vtk('SPACING 1 1 0\n')),
+                ('a.mrc', mrc(cell=(6, 0, 4)))):
             with self.subTest(name):
-                path = self.file(name, data)
-                render = ['render', path, '--isovalue', '60', '--output', self.output() + '.png']
-                for command in (render, ['info', path], ['partition', path, '--output', self.output()]):
-                    message = self.refused(command, r'--spacing X,Y,Z')
-                    self.flag(command, message, '--spacing', '1,2,3')
+                self.follow_on_all(self.file(name, data), ['--spacing'])
+
+    def test_distances_of_dicom(self):
+        for name, spacing in (('none', '0\\1'), ('text', 'one\\two')):
+            with self.subTest(name):
+                os.mkdir(os.path.join(self.folder, name))
+                for z in range(3):
+                    self.file(f'{name}/{z}.dcm', dicom(z, spacing))
+                self.follow_on_all(os.path.join(self.folder, name), ['--spacing'])
+
+    def test_distances_of_hdf5(self):
+        try:
+            import h5py  # pylint: disable=import-outside-toplevel
+        except ImportError:
+            skips.skip('h5py', 'h5py is not installed')
+        path = os.path.join(self.folder, 'a.h5')
+        with h5py.File(path, 'w') as file:
+            volume = file.create_dataset('v', (4, 5, 6), 'u1', list(ramp(120)))
+            volume.attrs['element_size_um'] = (1.0, 0.0, 2.0)
+        self.follow_on_all(path, ['--spacing'])
+
+    def test_origins_and_directions_that_are_none(self):
+        nan = float('nan')
+        turn = (1, 0, 0, 0, 1, 0, 0, 0, 1)
+        for name, data, flags in (
+                ('a.nii', nifti(rows=(*turn[:3], nan, *turn[3:6], 0, *turn[6:], 0)), ['--origin']),
+                ('b.nii', nifti(rows=(nan, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)), ['--spacing', '--direction']),
+                ('a.nrrd', nrrd((6, 5, 4), 'space: LPS\nspace directions: (1,0,0) (0,0,0) (0,0,1)\n'),
+                 ['--spacing', '--direction']),
+                ('b.nrrd', nrrd((6, 5, 4), 'space: LPS\nspace directions: (1,0,0) (0,1,0) (1,1,0)\n'),
+                 ['--direction']),
+                ('c.nrrd', nrrd((6, 5, 4), 'space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n'
+                                           'space origin: (nan,0,0)\n'), ['--origin']),
+                ('a.mha', b'ObjectType = Image\nNDims = 3\nDimSize = 6 5 4\nOffset = 1 inf 0\n'
+                          b'ElementType = MET_UCHAR\nElementDataFile = LOCAL\n' + ramp(120), ['--origin']),
+                ('b.mha', b'ObjectType = Image\nNDims = 3\nDimSize = 6 5 4\nTransformMatrix = 1 0 0 1 0 0 0 0 1\n'
+                          b'ElementType = MET_UCHAR\nElementDataFile = LOCAL\n' + ramp(120), ['--direction']),
+                ('a.vti', vti('Origin="nan 0 0"'), ['--origin']),
+                ('b.vti', vti('Direction="1 0 0 nan 1 0 0 0 1" Spacing="0 1 1"'), ['--spacing', '--direction']),
+                ('a.vtk', legacy_vtk('ORIGIN 0 0 -inf\n'), ['--origin']),
+                ('a.mrc', mrc(origin=(nan, 1, 1)), ['--origin']),
+                ('b.mrc', mrc(angles=(90, 180, 90)), ['--direction'])):
+            with self.subTest(name):
+                self.follow_on_all(self.file(name, data), flags)
+
+    def follow_on_all(self, path, flags):
+        """Follows the advice to give these flags, and no other ones, by each command."""
+        values = {'--spacing': '1,2,3', '--origin': '7,8,9', '--direction': '1,0,0,0,1,0,0,0,1'}
+        for command in (['render', path, '--isovalue', '5', '--output', self.output() + '.png'], ['info', path],
+                        ['partition', path, '--output', self.output()]):
+            message = self.refused(command, re.escape(flags[0]))
+            advised = re.findall(r'(--(?:spacing|origin|direction)) X', message)
+            self.assertEqual(advised, flags, message)
+            self.works(command + [word for flag in flags for word in (flag, values[flag])], message)
 
     # ---- Grids. ----
 
@@ -280,6 +392,18 @@ class AdviceTest(unittest.TestCase):
             with self.subTest(name):
                 path = self.file(name, tiff(4, description))
                 self.commands(self.refused(['info', path], 'say what its pages are'))
+
+    def test_slices_without_numbers(self):
+        names = ('c.png', 'd.png')
+        for i, name in enumerate(names):
+            self.file(name, png(50 * i))
+        render = ['render', self.folder, '--isovalue', '60', '--output', self.output() + '.webp']
+        message = self.refused(['info', self.folder], 'no number says in which order the files lie: c.png, d.png')
+        self.flag(['info', self.folder], message, '--axes', 'Z')
+        self.flag(render, self.refused(render, 'no number says'), '--input-axes', 'Z')
+        for given, name in zip(names, re.findall(r'z\d\.png', message)):
+            os.rename(os.path.join(self.folder, given), os.path.join(self.folder, name))
+        self.works(['info', self.folder], message)
 
     # ---- Several volumes. ----
 
@@ -357,7 +481,7 @@ class AdviceTest(unittest.TestCase):
         cases = [re.escape(text) for text in (
             '--spacing X,Y,Z', '--ignore-shear', '--resample interpolates', 'isoscope partition', '--axes Z',
             'rename it to end in', '--format netcdf', '--dims', '--format %s', 'give it with --time VALUE',
-            'choose one of 0 to')]
+            'choose one of 0 to', '--origin X,Y,Z', '--direction XX,XY', 'number them, as in')]
         self.assertIn('def test_sheared_axes', said)
         missing = []
         for folder in ('core/source', 'core/partition', 'client-cli/session'):

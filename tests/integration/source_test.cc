@@ -510,6 +510,37 @@ TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
   EXPECT_EQ(testing::RunIsoscope(command).exit_code, 0);
 }
 
+TEST(HostileDicomTest, AChildThatDiesIsNamedWithItsFileAndLeavesNothing) {
+  // GDCM reads compressed files, and aborts at bytes behind the pixels that are no element.
+  const testing::TempDir directory;
+  fs::create_directory(directory.Sub("series"));
+  const auto path = [&](int z) { return directory.Sub(absl::StrCat("series/im", z)); };
+  const auto bytes = [](int z) {
+    return testing::DicomBytes(
+        {.position = absl::StrCat("0\\0\\", z), .number = z, .transfer_syntax = testing::kDicomRle},
+        std::string(std::size_t{12} * 9 * 2, 'p'));
+  };
+  for (int z = 0; z < 3; ++z) {
+    WriteFile(path(z), bytes(z));
+  }
+  EXPECT_EQ(testing::RunIsoscope({"info", directory.Sub("series")}).exit_code, 0);
+  WriteFile(path(1), bytes(1) + "aaaaaa");
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"info", directory.Sub("series")},
+        {"render", directory.Sub("series"), "--isovalue", "0", "--output", directory.Sub("a.png")},
+        {"partition", directory.Sub("series"), "--output", directory.Sub("dataset")}}) {
+    const CommandResult died = testing::RunIsoscope(command);
+    EXPECT_EQ(died.exit_code, 1) << command[0] << died.err;
+    EXPECT_EQ(died.out, "") << command[0];
+    EXPECT_TRUE(absl::StrContains(died.err, path(1) + ": ")) << died.err;
+    EXPECT_TRUE(absl::StrContains(died.err, "it was ended by SIGABRT")) << died.err;
+    EXPECT_FALSE(absl::StrContains(died.err, "Assertion")) << died.err;
+    EXPECT_EQ(std::count(died.err.begin(), died.err.end(), '\n'), 1) << died.err;
+    EXPECT_EQ(std::distance(fs::directory_iterator(directory.path()), fs::directory_iterator()), 1)
+        << "the series alone, after " << command[0];
+  }
+}
+
 TEST(EmptyFolderTest, SaysWhatIsMissing) {
   const testing::TempDir directory;
   const CommandResult result = testing::RunIsoscope(

@@ -182,7 +182,8 @@ TEST_F(Hdf5CoordinatesTest, ElementSizeThatIsNoneIsRefusedByName) {
   Write("zero", {2, 3, 4}, samples_);
   WriteHdf5Numbers(file_.get(), "zero", "element_size_um", {4, 0, 1});
   EXPECT_THAT(Open("two"), StatusIs(kInvalid, HasSubstr("element_size_um has 2 numbers")));
-  EXPECT_THAT(Open("zero"), StatusIs(kInvalid, HasSubstr("element_size_um has 4, 0, 1; expected")));
+  EXPECT_THAT(Open("zero"),
+              StatusIs(kInvalid, HasSubstr("element_size_um has 4, 0, 1 in place of")));
 }
 
 TEST_F(Hdf5CoordinatesTest, AttributeWithTheNamesOfAllAxesDecides) {

@@ -36,6 +36,7 @@ using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::TempDir;
 using ::isoscope::testing::WriteFile;
 using ::testing::_;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using volume::ScalarType;
 
@@ -198,8 +199,12 @@ TEST_F(Hdf5SourceTest, ElementSizesAreThreeDistances) {
     H5Dclose(dataset);
     H5Fclose(file);
     EXPECT_THAT(OpenVolumeFile(dir_.Sub("v.h5")),
-                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("element_size_um has")))
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         AllOf(HasSubstr("element_size_um has"), HasSubstr("--spacing X,Y,Z"))))
         << bad.size() << " " << bad[0];
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
+                                  OpenVolumeFile(dir_.Sub("v.h5"), "", {.has_spacing = true}));
+    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
   }
 }
 

@@ -62,6 +62,14 @@ class HeaderGeometryTest : public ::testing::Test {
     EXPECT_TRUE(Open(name, bytes, {.has_spacing = true}).ok())
         << field << Open(name, bytes, {.has_spacing = true}).status();
   }
+  // What is refused with a flag in the message, and taken where that is given.
+  void ExpectGiven(const std::string& name, const std::string& bytes, const std::string& flag) {
+    EXPECT_THAT(Open(name, bytes), StatusIs(kInvalid, AllOf(HasSubstr(name), HasSubstr(flag))));
+    const GridRules rules{.has_spacing = flag.starts_with("--spacing"),
+                          .has_origin = flag.starts_with("--origin"),
+                          .has_direction = flag.starts_with("--direction")};
+    EXPECT_TRUE(Open(name, bytes, rules).ok()) << flag << " " << Open(name, bytes, rules).status();
+  }
   testing::TempDir dir_;
   const std::string samples_ = std::string(48, '\1');  // 4 x 3 x 2 of 16 bits
 };
@@ -108,6 +116,7 @@ TEST_F(HeaderGeometryTest, NiftiTransformsInTheOrderOfTheStandard) {
   }
   EXPECT_THAT(Open("a.nii", With(Nifti1(1, 0), 76, kNan) + samples_),
               StatusIs(kInvalid, HasSubstr("qfac")));
+  ExpectGiven("a.nii", With(Nifti1(1, 0), 76, kNan) + samples_, "--direction");
   // A negative code is none.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, Open("a.nii", Nifti1(-1, -1) + samples_));
   EXPECT_EQ(At(grid, {0, 0, 0}), (math::Vec3d{0, 0, 0}));
@@ -117,6 +126,16 @@ TEST_F(HeaderGeometryTest, NiftiTransformsInTheOrderOfTheStandard) {
                 StatusIs(kInvalid, HasSubstr("quaternion")));
   }
   EXPECT_TRUE(Open("a.nii", With(Nifti1(1, 0), 256, 1.0002F) + samples_).ok());
+  // Offsets of the qform and of the sform, and a sform of no numbers.
+  for (const float bad : {kNan, kInfinity}) {
+    ExpectGiven("a.nii", With(Nifti1(1, 0), 268, bad) + samples_, "--origin X,Y,Z");
+    ExpectGiven("a.nii", With(Nifti1(0, 1), 292, bad) + samples_, "--origin X,Y,Z");
+    const std::string bytes = With(Nifti1(0, 1), 280, bad) + samples_;
+    EXPECT_THAT(Open("a.nii", bytes), StatusIs(kInvalid, AllOf(HasSubstr("--spacing X,Y,Z"),
+                                                               HasSubstr("--direction XX"))));
+    EXPECT_FALSE(Open("a.nii", bytes, {.has_spacing = true}).ok());
+    EXPECT_TRUE(Open("a.nii", bytes, {.has_spacing = true, .has_direction = true}).ok());
+  }
   // An sform without a length along z gives way to the qform.
   const std::string flat = With(Nifti1(1, 1), 320, 0.0F);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, Open("a.nii", flat + samples_));
@@ -169,9 +188,14 @@ TEST_F(HeaderGeometryTest, MghDistancesCountWhereTheyAreSet) {
       const auto grid,
       Open("a.mgh", With(testing::MghBytes({}), 28, std::int16_t{2}, true) + samples_));
   EXPECT_EQ(grid.spacing, (math::Vec3d{1.5, 2, 3}));
+  ExpectGiven("a.mgh", With(testing::MghBytes({}), 78, kNan, true) + samples_, "--origin X,Y,Z");
 }
 
 TEST_F(HeaderGeometryTest, GiplDistances) {
+  ExpectGiven(
+      "a.gipl",
+      With(testing::GiplBytes({}), 204, std::numeric_limits<double>::infinity(), true) + samples_,
+      "--origin X,Y,Z");
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (const float bad : kNoDistances) {
       ExpectRefused("a.gipl", With(testing::GiplBytes({}), 10 + 4 * axis, bad, true) + samples_,
@@ -201,7 +225,13 @@ TEST_F(HeaderGeometryTest, AfniTransformsAreWholeOrNone) {
   EXPECT_THAT(Open("a+orig.HEAD", with_real(testing::AfniNumbers("ORIGIN", "10 20 30", 3) +
                                             testing::AfniNumbers("DELTA", "-1.5 2 0", 3) +
                                             testing::AfniNumbers("ORIENT_SPECIFIC", "1 2 5", 3))),
-              StatusIs(kInvalid, HasSubstr("spacing 1.5, 2, 0")));
+              StatusIs(kInvalid, AllOf(HasSubstr("spacing 1.5, 2, 0"), HasSubstr("--spacing X"),
+                                       HasSubstr("--direction XX"))));
+  ExpectGiven("a+orig.HEAD",
+              with_real(testing::AfniNumbers("ORIGIN", "10 20 nan", 3) +
+                        testing::AfniNumbers("DELTA", "-1.5 2 -3", 3) +
+                        testing::AfniNumbers("ORIENT_SPECIFIC", "1 2 5", 3)),
+              "--origin X,Y,Z");
   EXPECT_THAT(Open("a+orig.HEAD", testing::AfniBytes(1, "1", "inf")),
               StatusIs(kInvalid, HasSubstr("BRICK_FLOAT_FACS has inf")));
 }
@@ -243,16 +273,24 @@ TEST_F(HeaderGeometryTest, MrcCells) {
       words.cell.at(axis) = bad;
       EXPECT_THAT(Open("a.mrc", testing::MrcBytes(words, samples)),
                   StatusIs(kInvalid, HasSubstr("a cell of")));
+      ExpectGiven("a.mrc", testing::MrcBytes(words, samples), "--spacing X,Y,Z");
       words.cell = {8, 9, 10};
       words.angles.at(axis) = bad;
       EXPECT_THAT(Open("a.mrc", testing::MrcBytes(words, samples)),
                   StatusIs(kInvalid, HasSubstr("cell angles")));
+      ExpectGiven("a.mrc", testing::MrcBytes(words, samples), "--direction XX");
+      if (!std::isfinite(bad)) {
+        words.angles = {90, 90, 90};
+        words.origin.at(axis) = bad;
+        ExpectGiven("a.mrc", testing::MrcBytes(words, samples), "--origin X,Y,Z");
+      }
     }
     for (const int bad : {0, -4}) {
       testing::MrcWords words;
       words.grid.at(axis) = bad;
       EXPECT_THAT(Open("a.mrc", testing::MrcBytes(words, samples)),
                   StatusIs(kInvalid, HasSubstr(absl::StrCat(bad))));
+      ExpectGiven("a.mrc", testing::MrcBytes(words, samples), "--spacing X,Y,Z");
     }
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
@@ -303,6 +341,19 @@ TEST_F(HeaderGeometryTest, VtkSpacingsMayBeNegativeAndNotZero) {
         "Direction=\"1 0 0 0 1 0 0 0\"", "Direction=\"1 0 0 1 0 0 0 0 1\""}) {
     EXPECT_FALSE(Open("a.vti", vti(bad)).ok()) << bad;
   }
+  for (const char* bad : {"0 1 1", "1 nan 1", "1 1 inf"}) {
+    const std::string bytes = vti(
+        absl::StrCat("Origin=\"10 20 30\" Direction=\"0 -1 0 1 0 0 0 0 1\" Spacing=\"", bad, "\""));
+    ExpectGiven("a.vti", bytes, "--spacing X,Y,Z");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, Open("a.vti", bytes, {.has_spacing = true}));
+    EXPECT_EQ(grid.direction.columns[0], (math::Vec3d{0, 1, 0}));
+    // The extent begins at 2, which moves the origin if there is a distance.
+    EXPECT_EQ(grid.origin, (math::Vec3d{10, bad[0] == '0' ? 20.0 : 22.0, 30}));
+  }
+  ExpectGiven("a.vti", vti("Origin=\"0 nan 0\""), "--origin X,Y,Z");
+  for (const char* bad : {"1 0 0 1 0 0 0 0 1", "nan 0 0 0 1 0 0 0 1"}) {
+    ExpectGiven("a.vti", vti(absl::StrCat("Direction=\"", bad, "\"")), "--direction XX");
+  }
   const auto legacy = [](const std::string& lines) {
     return absl::StrCat(
         "# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\n"
@@ -315,8 +366,10 @@ TEST_F(HeaderGeometryTest, VtkSpacingsMayBeNegativeAndNotZero) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, Open("a.vtk", legacy("ASPECT_RATIO 3 2 1\n")));
   EXPECT_EQ(grid.spacing, (math::Vec3d{3, 2, 1}));
   for (const char* bad : {"SPACING 0 1 1\n", "SPACING nan 1 1\n"}) {
-    EXPECT_FALSE(Open("a.vtk", legacy(bad)).ok()) << bad;
+    ExpectGiven("a.vtk", legacy(bad), "--spacing X,Y,Z");
   }
+  ExpectGiven("a.vtk", absl::StrReplaceAll(legacy(""), {{"10 20 30", "10 inf 30"}}),
+              "--origin X,Y,Z");
 }
 
 }  // namespace

@@ -74,7 +74,7 @@ TEST_F(LegacyWordsTest, RefusesWhatIsNoNumber) {
       Words("-1").NextCount("DIMENSIONS has", 1, 9).status(),
       StatusIs(kInvalid, HasSubstr("DIMENSIONS has \"-1\"; expected a number from 1 to 9")));
   EXPECT_FALSE(Words("9999999999999999999999").NextCount("n", 1, 9).ok());
-  EXPECT_FALSE(Words("1 nan 2").NextVector("ORIGIN").ok());
+  EXPECT_FALSE(Words("1 x 2").NextVector("ORIGIN").ok());
   EXPECT_FALSE(Words("1 2").NextVector("ORIGIN").ok());
   EXPECT_FALSE(Words(std::string(2000, 'x')).NextText().ok());
 }

@@ -33,6 +33,16 @@ absl::StatusOr<NrrdGrid> Read(const std::vector<std::pair<std::string, std::stri
   return lists.ok() ? ReadNrrdGrid(fields, *lists, 0, "a.nrrd") : lists.status();
 }
 
+// The same without faults.
+absl::StatusOr<NrrdGrid> Whole(const std::vector<std::pair<std::string, std::string>>& lines) {
+  auto grid = Read(lines);
+  const absl::Status status = grid.ok() ? grid->faults.Check({}, "a.nrrd") : grid.status();
+  if (!status.ok()) {
+    return status;
+  }
+  return grid;
+}
+
 math::Vec3d At(const NrrdGrid& grid, const math::Vec3d& index) {
   return math::TransformPoint(grid.geometry.world_from_index(), index);
 }
@@ -78,14 +88,14 @@ TEST(NrrdGridTest, VectorsHaveThreeFiniteNumbersAndALength) {
   for (const char* bad :
        {"(0,1,0) (1,0) (0,0,1)", "(0,1,0) (1,nan,0) (0,0,1)", "(0,1,0) (inf,0,0) (0,0,1)",
         "(0,1,0) (0,0,0) (0,0,1)", "(0,1,0) (1,x,0) (0,0,1)"}) {
-    EXPECT_THAT(Read({{"space", "LPS"}, {"space directions", bad}}),
+    EXPECT_THAT(Whole({{"space", "LPS"}, {"space directions", bad}}),
                 StatusIs(kInvalid, HasSubstr("space directions")))
         << bad;
   }
-  EXPECT_THAT(Read({{"space", "LPS"},
-                    {"space directions", "(1,0,0) (0,1,0) (0,0,1)"},
-                    {"space origin", "(nan,0,0)"}}),
-              StatusIs(kInvalid, HasSubstr("space origin")));
+  EXPECT_THAT(Whole({{"space", "LPS"},
+                     {"space directions", "(1,0,0) (0,1,0) (0,0,1)"},
+                     {"space origin", "(nan,0,0)"}}),
+              StatusIs(kInvalid, HasSubstr("origin nan, 0, 0")));
   // Left-handed axes stay so.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const NrrdGrid grid,
@@ -100,12 +110,12 @@ TEST(NrrdGridTest, SpacingsAreNegativeOrNotKnownAndNotZero) {
   // Nothing is known: 1 a sample, without a unit.
   for (const char* none : {"", "nan nan nan", "NaN nan NAN"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, Read({{"spacings", none}}));
-    EXPECT_TRUE(grid.distances.ok());
+    EXPECT_TRUE(grid.faults.distances.ok());
     EXPECT_EQ(grid.geometry.spacing, (math::Vec3d{1, 1, 1}));
   }
   for (const char* bad : {"1 nan 3", "1 2 0", "inf 1 1", "nan nan 1"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, Read({{"spacings", bad}}));
-    EXPECT_THAT(grid.distances,
+    EXPECT_THAT(grid.faults.distances,
                 StatusIs(kInvalid, AllOf(HasSubstr(bad), HasSubstr("--spacing X,Y,Z"))));
   }
   EXPECT_THAT(Read({{"spacings", "1 2"}}), StatusIs(kInvalid, HasSubstr("2 spacings for 3 axes")));
@@ -180,6 +190,27 @@ TEST(NrrdGridTest, FilesOfOneVolumeAreReadByTheSameRules) {
   write("spacings: 1 nan 3\n");
   EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("--spacing")));
   EXPECT_TRUE(OpenVolumeFile(path, "", {.has_spacing = true}).ok());
+  for (const char* bad : {"spacings: 0 1 -3\n", "spacings: 1 inf -3\n"}) {
+    write(bad);
+    EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("--spacing"))) << bad;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(path, "", {.has_spacing = true}));
+    EXPECT_EQ(source->geometry().direction.columns[2], (math::Vec3d{0, 0, -1})) << bad;
+  }
+  for (const char* bad : {"(1,0,0) (0,0,0) (0,0,2)", "(1,0,0) (0,nan,0) (0,0,2)"}) {
+    write(absl::StrCat("space: LPS\nspace directions: ", bad, "\n"));
+    EXPECT_THAT(OpenVolumeFile(path),
+                StatusIs(kInvalid, AllOf(HasSubstr("of axis 1 has"), HasSubstr("--spacing X,Y,Z"),
+                                         HasSubstr("--direction XX"))));
+    EXPECT_THAT(OpenVolumeFile(path, "", {.has_spacing = true}),
+                StatusIs(kInvalid, HasSubstr("--direction XX")));
+    EXPECT_TRUE(OpenVolumeFile(path, "", {.has_spacing = true, .has_direction = true}).ok());
+  }
+  write("space: LPS\nspace directions: (1,0,0) (0,1,0) (1,1,0)\n");
+  EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("--direction XX")));
+  EXPECT_TRUE(OpenVolumeFile(path, "", {.has_direction = true}).ok());
+  write("space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,nan,0)\n");
+  EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("--origin X,Y,Z")));
+  EXPECT_TRUE(OpenVolumeFile(path, "", {.has_origin = true}).ok());
   write("");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(path));
   EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));

@@ -144,7 +144,10 @@ TEST_F(NrrdLayoutTest, HeadersThatDoNotSayItAreRefused) {
   const std::string directions = "sizes: 7 6 5 9\nspace: LPS\nspace directions: (1,0,0) (0,1,0) ";
   for (const char* last :
        {"(0,0) none\n", "(0,0,x) none\n", "(0,0,0) none\n", "(0,0,nan) none\n"}) {
-    EXPECT_THAT(ReadNrrdLayout(Write(directions + last)), StatusIs(kInvalid, HasSubstr("a.nrrd")))
+    const std::string path = Write(directions + last);
+    const auto layout = ReadNrrdLayout(path);
+    EXPECT_THAT(layout.ok() ? layout->grid.faults.Check({}, path) : layout.status(),
+                StatusIs(kInvalid, HasSubstr("a.nrrd")))
         << last;
   }
 }

@@ -103,10 +103,19 @@ TEST_F(StackNamesTest, TwoNumbersThatVaryAreSeveralStacks) {
                                                  "z[0-9]*_c2.tif (2 files)"))));
 }
 
-TEST_F(StackNamesTest, ManyStacksAreCounted) {
+TEST_F(StackNamesTest, FilesWithoutNumbersHaveNoOrder) {
   EXPECT_THAT(Check({"a.png", "b.png", "c.png", "d.png", "e.png"}),
-              StatusIs(kInvalid, AllOf(HasSubstr("a.png, b.png, c.png, 2 more; choose one by a "
-                                                 "pattern; or --axes Z"))));
+              StatusIs(kInvalid, HasSubstr("no number says in which order the files lie: a.png, "
+                                           "b.png, c.png, 2 more; number them, as in z1.png, "
+                                           "z2.png, ...; or --axes Z")));
+}
+
+TEST_F(StackNamesTest, ManyStacksAreCounted) {
+  EXPECT_THAT(
+      Check({"a1.png", "a2.png", "b1.png", "b2.png", "c1.png", "d1.png", "e1.png"}),
+      StatusIs(kInvalid, AllOf(HasSubstr("several stacks: a[0-9]*.png (2 files), b[0-9]*.png "
+                                         "(2 files), c1.png, 2 more; choose one, as in"),
+                               HasSubstr("or --axes Z"))));
 }
 
 TEST_F(StackNamesTest, NumbersBeyond64BitsAreNotMixedUp) {

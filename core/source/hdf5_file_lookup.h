@@ -2,8 +2,8 @@
 // prefixes of the environment. Calls the library: for the process that it runs in
 // (walled_source.h).
 
-#ifndef ISOSCOPE_CORE_SOURCE_HDF5_PATHS_H_
-#define ISOSCOPE_CORE_SOURCE_HDF5_PATHS_H_
+#ifndef ISOSCOPE_CORE_SOURCE_HDF5_FILE_LOOKUP_H_
+#define ISOSCOPE_CORE_SOURCE_HDF5_FILE_LOOKUP_H_
 
 #include <cstddef>
 #include <cstdint>
@@ -48,4 +48,4 @@ std::string Hdf5NumberedName(absl::string_view name, std::int64_t i, bool* is_nu
 
 }  // namespace isoscope::source
 
-#endif  // ISOSCOPE_CORE_SOURCE_HDF5_PATHS_H_
+#endif  // ISOSCOPE_CORE_SOURCE_HDF5_FILE_LOOKUP_H_

@@ -1,4 +1,4 @@
-#include "core/source/hdf5_paths.h"
+#include "core/source/hdf5_file_lookup.h"
 
 #include <cstdlib>
 #include <filesystem>
