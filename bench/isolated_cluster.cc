@@ -340,9 +340,10 @@ absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
       agent::SurfaceExtraction::Make(shards_, volume::InsideRule::OfIsovalue(isovalue), /*clip=*/{},
                                      {.arena = &arena_, .cache = &no_cache}, &cancellation));
   std::vector<std::int64_t> counts;
+  std::vector<mesh::BlockMesh> meshes;
   while (true) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
-    if (meshes.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_batch, extraction->NextBatch(&meshes));
+    if (!has_batch) {
       return counts;
     }
     for (const mesh::BlockMesh& mesh : meshes) {

@@ -20,6 +20,7 @@
 #include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
+#include "core/rpc/signs_of_life.h"
 #include "core/rpc/transport.h"
 #include "partition-agent/agent_memory.h"
 
@@ -52,6 +53,8 @@ struct AgentServerOptions {
   // With TLS, only coordinators may call.
   rpc::TransportFlags transport = {};
   bool has_reflection = true;
+  // An export that works on but has nothing to send tells so this often.
+  absl::Duration sign_of_life_interval = rpc::kSignOfLifeInterval;
 };
 
 // Thread-safe.

@@ -21,6 +21,7 @@
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
 #include "core/solid/block_surface.h"
+#include "core/rpc/signs_of_life.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
@@ -228,6 +229,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
     v1::RenderFrameRequest message;
     v1::BeginFrame* begin = message.mutable_begin();
     begin->set_frame_number(1);
+    options.sign_of_life_interval = sign_of_life_interval_;
     begin->set_dataset_id(dataset_.manifest().dataset_id);
     begin->add_shard_indices(0);
     begin->add_shard_indices(1);
@@ -336,6 +338,7 @@ TEST_F(PartitionAgentServiceTest, DescribesItsShards) {
   const auto shards = dataset_.OpenShards();
   ASSERT_EQ(response.shards_size(), 2);
   for (int i = 0; i < 2; ++i) {
+  absl::Duration sign_of_life_interval_ = rpc::kSignOfLifeInterval;
     const v1::ShardDescription& shard = response.shards(i);
     const store::ShardReader& reader = *shards[static_cast<std::size_t>(i)]->reader;
     EXPECT_EQ(shard.dataset().SerializeAsString(),
@@ -875,6 +878,37 @@ TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndThoseInsi
   };
   const auto begin_of = [&](std::int64_t block) {
     return dataset_.layout().CellsOf(static_cast<volume::BlockId>(block)).begin.x;
+// Symptom: sums that took longer than the coordinator waits for a message ended as an agent that is
+// silent. The interval is 0: each batch tells life, unless the sign before it is on its way.
+TEST_F(PartitionAgentServiceTest, BatchesWithNothingToSendTellThatTheAgentWorks) {
+  const SmallDataset large(1, {177, 177, 177});
+  for (const bool tells : {true, false}) {
+    sign_of_life_interval_ = tells ? absl::ZeroDuration() : absl::Hours(1);
+    Start(large.directory());
+    v1::ExtractSurfaceRequest request = SurfaceOf(large, {0});
+    request.set_without_blocks(true);
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, request);
+    v1::ExtractSurfaceResponse message;
+    int sign_count = 0;
+    bool has_sums = false;
+    while (reader->Read(&message)) {
+      EXPECT_THAT(proto::CheckIntact(message), isoscope::testing::IsOk());
+      EXPECT_FALSE(has_sums) << "they come last";
+      has_sums = message.has_sums();
+      sign_count += has_sums ? 0 : 1;
+      EXPECT_EQ(message.blocks_size(), 0);
+    }
+    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+    EXPECT_TRUE(has_sums);
+    if (tells) {
+      EXPECT_GT(sign_count, 0);
+    } else {
+      EXPECT_EQ(sign_count, 0);
+    }
+  }
+}
+
   };
   v1::ExtractSurfaceRequest request = SurfaceOf(dataset_, {0, 1});
   const std::map<std::int64_t, std::string> all = blocks_of(request);
