@@ -63,9 +63,10 @@ class AgentServer {
   // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as Open and
   // Listen.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
-  // Serves at once. Until Open has succeeded, health is NOT_SERVING, DescribeShards tells the
-  // progress, and other calls fail with UNAVAILABLE (ErrorReason::kAgentOpening). Errors as
-  // rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
+  // Reads the manifests of the shards, no table, then serves. Until Open has succeeded, health is
+  // NOT_SERVING, DescribeShards tells the datasets and the progress, and other calls fail with
+  // UNAVAILABLE (ErrorReason::kAgentOpening). NOT_FOUND if a directory is not there or has no shard;
+  // other errors as rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Listen(const AgentServerOptions& options);
   // Calls Shutdown without grace.
   virtual ~AgentServer() = default;

@@ -179,6 +179,17 @@ TEST_F(OpeningAgentTest, ItSaysThatItOpensItsShardsUntilItServesThem) {
 
 TEST_F(OpeningAgentTest, ShardsAreNotServedIfTheirMemoryDoesNotDo) {
   const absl::Status status =
+// Symptom: a poll of a coordinator in the first moments got no name, and callers NOT_FOUND for the
+// dataset. Open is not called here: this is what the first answer on the port says.
+TEST_F(OpeningAgentTest, TheFirstAnswerNamesTheDatasetsThatWillBeOpened) {
+  const v1::DescribeShardsResponse first = Describe();
+  ASSERT_EQ(first.opening_datasets_size(), 1);
+  EXPECT_EQ(first.opening_datasets(0), dataset_.manifest().name);
+  EXPECT_EQ(first.opening().shard_count(), 2);
+  EXPECT_EQ(first.opening().open_shard_count(), 0);
+  EXPECT_GT(first.opening().table_bytes(), 0);
+}
+
       server_->Open(never_, [] { return absl::FailedPreconditionError("too little memory"); });
   EXPECT_EQ(status.message(), "too little memory");
   EXPECT_TRUE(Describe().has_opening());
