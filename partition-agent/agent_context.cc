@@ -42,7 +42,8 @@ AgentContext::AgentContext(const AgentServerOptions& server_options)
       frame_executor(FrameExecutorOf(options, max_frames),
                      kStepCount * static_cast<std::size_t>(max_frames)),
       extraction_executor(kMaxConcurrentExtractions, kMaxQueuedExtractions),
-      query_executor(kMaxConcurrentQueries, kMaxQueuedQueries) {}
+      query_executor(kMaxConcurrentQueries, kMaxQueuedQueries),
+      label_executor(kMaxConcurrentLabelQueries, kMaxQueuedLabelQueries) {}
 
 void AgentContext::Serve(Shards plain, SeriesShards series) {
   for (const std::shared_ptr<const Shard>& shard : plain) {

@@ -23,12 +23,16 @@ namespace isoscope::agent {
 //
 // A frame holds a thread only while a step runs, not while it waits for the coordinator. At most
 // max_frames frames are in work at a time. Extractions have threads of their own, because a slow
-// reader holds one for as long as it reads. So have queries, which go through all blocks.
+// reader holds one for as long as it reads. So have queries, which go through all blocks. Queries for
+// the values of labels read all samples: they have one thread of their own, behind which neither
+// histograms nor picks wait.
 struct AgentContext {
   static constexpr int kMaxConcurrentExtractions = 4;
   static constexpr int kMaxQueuedExtractions = 16;
   static constexpr int kMaxConcurrentQueries = 2;
   static constexpr int kMaxQueuedQueries = 64;
+  static constexpr int kMaxConcurrentLabelQueries = 1;
+  static constexpr int kMaxQueuedLabelQueries = 64;
   static constexpr int kMaxQueuedDescriptions = 64;
 
   // Its shards are being opened.
@@ -57,6 +61,7 @@ struct AgentContext {
   base::ExecutorShare frame_executor;
   base::Executor extraction_executor;
   base::Executor query_executor;
+  base::Executor label_executor;
 };
 
 }  // namespace isoscope::agent

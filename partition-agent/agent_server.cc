@@ -187,13 +187,18 @@ class AgentServerImpl final : public AgentServer {
       : options_(options), certificate_(options.transport.certificate_file), service_(options) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
+  // Finds what Open will open. Comes before Bind: an answer that named no dataset would be taken for
+  // that of an agent without any.
+  absl::Status Plan() {
+    ISOSCOPE_ASSIGN_OR_RETURN(directories_, AllShardDirectories(options_));
+    service_.opening()->Begin(directories_);
+    return absl::OkStatus();
+  }
+
   absl::Status Open(const base::Cancellation& cancellation,
                     const std::function<absl::Status()>& settle) override {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> directories,
-                              AllShardDirectories(options_));
-    service_.opening()->Begin(directories);
     ISOSCOPE_ASSIGN_OR_RETURN(OpenedShards opened,
-                              OpenShards(options_, directories, cancellation, service_.opening()));
+                              OpenShards(options_, directories_, cancellation, service_.opening()));
     const std::vector<ShardLabel> labels = LabelsOf(opened);
     ISOSCOPE_RETURN_IF_ERROR(CheckConsistent(labels));
     if (settle != nullptr) {
@@ -281,6 +286,7 @@ class AgentServerImpl final : public AgentServer {
   }
 
   const AgentServerOptions options_;
+  std::vector<std::string> directories_;  // of all shards; set by Plan
   rpc::CertificateWatch certificate_;
   PartitionAgentServiceImpl service_;  // outlives the server
   mutable base::Mutex mutex_;          // of the health, which two threads may set
@@ -311,6 +317,7 @@ absl::Status CheckOptions(const AgentServerOptions& options) {
 absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServerOptions& options) {
   ISOSCOPE_RETURN_IF_ERROR(CheckOptions(options));
   auto server = std::make_unique<AgentServerImpl>(options);
+  ISOSCOPE_RETURN_IF_ERROR(server->Plan());
   ISOSCOPE_RETURN_IF_ERROR(server->Open(base::ProcessInterrupt(), /*settle=*/nullptr));
   ISOSCOPE_RETURN_IF_ERROR(server->Bind(options));
   return server;
@@ -320,6 +327,7 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Listen(
     const AgentServerOptions& options) {
   ISOSCOPE_RETURN_IF_ERROR(CheckOptions(options));
   auto server = std::make_unique<AgentServerImpl>(options);
+  ISOSCOPE_RETURN_IF_ERROR(server->Plan());
   ISOSCOPE_RETURN_IF_ERROR(server->Bind(options));
   return server;
 }

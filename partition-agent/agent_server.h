@@ -20,6 +20,7 @@
 #include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
+#include "core/rpc/signs_of_life.h"
 #include "core/rpc/transport.h"
 #include "partition-agent/agent_memory.h"
 
@@ -52,6 +53,8 @@ struct AgentServerOptions {
   // With TLS, only coordinators may call.
   rpc::TransportFlags transport = {};
   bool has_reflection = true;
+  // An export that works on but has nothing to send tells so this often.
+  absl::Duration sign_of_life_interval = rpc::kSignOfLifeInterval;
 };
 
 // Thread-safe.
@@ -60,9 +63,10 @@ class AgentServer {
   // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as Open and
   // Listen.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
-  // Serves at once. Until Open has succeeded, health is NOT_SERVING, DescribeShards tells the
-  // progress, and other calls fail with UNAVAILABLE (ErrorReason::kAgentOpening). Errors as
-  // rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
+  // Reads the manifests of the shards, no table, then serves. Until Open has succeeded, health is
+  // NOT_SERVING, DescribeShards tells the datasets and the progress, and other calls fail with
+  // UNAVAILABLE (ErrorReason::kAgentOpening). NOT_FOUND if a directory is not there or has no shard;
+  // other errors as rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Listen(const AgentServerOptions& options);
   // Calls Shutdown without grace.
   virtual ~AgentServer() = default;

@@ -1,5 +1,7 @@
 // An export's stream. Its single task runs on the extraction executor: it extracts batch by batch
-// and sends messages of about 256 KiB.
+// and sends messages of about 256 KiB. Where batches give nothing to send for long, because the sums
+// alone are wanted or blocks have few triangles, an empty message tells that it works. A batch that
+// hangs tells nothing, so that the coordinator asks a replica.
 
 #include <cstddef>
 #include <memory>
@@ -136,9 +138,10 @@ class ExtractSurfaceCall final : public SurfaceReactor {
                                 agent_.Resources(/*trace=*/nullptr), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
+    std::vector<mesh::BlockMesh> meshes;
     while (true) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
-      if (meshes.empty()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_batch, extraction->NextBatch(&meshes));
+      if (!has_batch) {
         SetSums(extraction->sums(), message.mutable_sums());
         return Send(std::move(message));
       }
@@ -154,10 +157,20 @@ class ExtractSurfaceCall final : public SurfaceReactor {
         AddBlock(mesh, &message);
         message_bytes += mesh.size_bytes();
       }
+      TellLife();
+    }
+  }
+
+  // After each batch.
+  void TellLife() {
+    if (base::MonotonicNow() - last_sent_ >= agent_.options.sign_of_life_interval) {
+      outgoing_.PushIfIdle([] { return v1::ExtractSurfaceResponse(); });
+      last_sent_ = base::MonotonicNow();
     }
   }
 
   absl::Status Send(v1::ExtractSurfaceResponse message) {
+    last_sent_ = base::MonotonicNow();
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
@@ -173,6 +186,7 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   base::Cancellation cancellation_;
   rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
   std::int64_t triangle_count_ = 0;
+  base::MonotonicTime last_sent_ = base::MonotonicNow();  // of the task
   std::shared_ptr<ExtractSurfaceCall> self_;  // reset by OnDone
 };
 

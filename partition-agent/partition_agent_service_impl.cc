@@ -95,13 +95,15 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
     AgentMethod method, grpc::CallbackServerContext* context, const Request* request,
     Response* response) {
   absl::Duration max_duration = absl::Minutes(1);
+  base::Executor* executor = &agent_.query_executor;
   if constexpr (std::is_same_v<Request, v1::GetShardHistogramRequest>) {
     if (request->max_label_value_count() > 0) {
       max_duration = absl::Hours(1);  // it reads all samples, as the coordinator knows
+      executor = &agent_.label_executor;
     }
   }
   return rpc::UnaryTask::Start(
-      context, *request, &agent_.query_executor, max_duration,
+      context, *request, executor, max_duration,
       [this, request, response](const base::Cancellation& cancellation,
                                 const base::TraceContext& /*identity*/) {
         return agent_.damages.ForCaller(

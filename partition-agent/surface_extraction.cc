@@ -68,15 +68,15 @@ solid::SurfaceSums SurfaceExtraction::sums() const {
   return sums;
 }
 
-absl::StatusOr<std::vector<mesh::BlockMesh>> SurfaceExtraction::NextBatch() {
-  std::vector<mesh::BlockMesh> meshes;
-  // All meshes of a batch may be empty: next to NaN, an active block may have no triangle.
-  while (meshes.empty() && next_ < chosen_.size()) {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(meshes, Extract(ChooseBatch()));
-    std::erase_if(meshes, [](const mesh::BlockMesh& m) { return m.indices.empty(); });
+absl::StatusOr<bool> SurfaceExtraction::NextBatch(std::vector<mesh::BlockMesh>* meshes) {
+  meshes->clear();
+  if (next_ == chosen_.size()) {
+    return false;
   }
-  return meshes;
+  ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  ISOSCOPE_ASSIGN_OR_RETURN(*meshes, Extract(ChooseBatch()));
+  std::erase_if(*meshes, [](const mesh::BlockMesh& m) { return m.indices.empty(); });
+  return true;
 }
 
 std::span<const ChosenMesh> SurfaceExtraction::ChooseBatch() {

@@ -36,9 +36,10 @@ class SurfaceExtraction {
       Shards shards, const volume::InsideRule& rule, const solid::SurfaceOptions& options,
       const AgentResources& resources, const base::Cancellation* cancellation);
 
-  // Returns the meshes of the next blocks, ascending; blocks without triangles are left out. Empty:
-  // the end. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED, DEADLINE_EXCEEDED. Blocks.
-  absl::StatusOr<std::vector<mesh::BlockMesh>> NextBatch();
+  // Replaces `meshes` by those of the next batch, ascending; blocks without triangles are left out,
+  // which may be all: next to NaN, an active block may have none. False at the end. Errors:
+  // DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED, DEADLINE_EXCEEDED. Blocks.
+  absl::StatusOr<bool> NextBatch(std::vector<mesh::BlockMesh>* meshes);
 
   // Returns the sums over all batches so far.
   [[nodiscard]] solid::SurfaceSums sums() const;

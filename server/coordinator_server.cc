@@ -129,6 +129,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                              .access = access_.get(),
                              .max_frame_duration = options.max_frame_duration,
                              .max_agent_silence = options.max_agent_silence,
+                             .sign_of_life_interval = options.sign_of_life_interval,
                              .export_limits = options.export_limits}),
         interact_service_({.runner = &runner_,
                            .access = access_.get(),

@@ -21,6 +21,7 @@
 #include "core/base/task_arena.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/pixel_mailboxes.h"
+#include "core/rpc/signs_of_life.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
 #include "server/cluster/agent_endpoint.h"
@@ -38,6 +39,8 @@ struct CoordinatorServerOptions {
   absl::Duration max_frame_duration = absl::Minutes(5);
   // The longest silence of an agent that sends a surface to export.
   absl::Duration max_agent_silence = absl::Minutes(5);
+  // An export that has nothing to send tells its client this often that it goes on.
+  absl::Duration sign_of_life_interval = rpc::kSignOfLifeInterval;
   // Limits of an export, and of its client's speed.
   ExportLimits export_limits = {};
   // The memory limit (CoordinatorMemory); at least CoordinatorMemory::kMinLimitBytes. 0: the

@@ -40,9 +40,10 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   static HistogramCall* Start(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
                               const isoscope::v1::GetHistogramRequest* request,
                               isoscope::v1::GetHistogramResponse* response) {
+    const bool reads_samples = request->max_label_value_count() > 0;
     const std::shared_ptr<HistogramCall> call(new HistogramCall(
-        service, context,
-        request->max_label_value_count() > 0 ? kMaxValuesDuration : kMaxHistogramDuration));
+        service, context, reads_samples ? &service->label_values_ : &service->histograms_,
+        reads_samples ? kMaxValuesDuration : kMaxHistogramDuration));
     call->self_ = call;
     call->record_.dataset = request->dataset();
     const absl::Status admitted = call->Admit(*context, *request);
@@ -61,10 +62,10 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
 
  private:
   HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
-                absl::Duration max_duration)
+                Admission* admission, absl::Duration max_duration)
       : service_(service),
         identity_(rpc::AnswerTraceContext(context)),
-        turn_(&service->histograms_, std::min(rpc::DeadlineOf(*context), start_ + max_duration)),
+        turn_(admission, std::min(rpc::DeadlineOf(*context), start_ + max_duration)),
         record_(RecordOf(rpc::PeerOf(*context), context->peer())) {}
 
   absl::Status Admit(const grpc::CallbackServerContext& context,

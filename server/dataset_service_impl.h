@@ -23,6 +23,9 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
  public:
   static constexpr int kMaxConcurrentHistograms = 2;
   static constexpr int kMaxQueuedHistograms = 32;
+  // Of calls that ask for the values of labels, for which agents read all samples.
+  static constexpr int kMaxConcurrentLabelValues = 2;
+  static constexpr int kMaxQueuedLabelValues = 32;
 
   // All of them outlive the service.
   DatasetServiceImpl(AgentRegistry* registry, AccessControl* access, FrameRunner* runner)
@@ -32,7 +35,11 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
         histograms_({.limits = {.max_working = kMaxConcurrentHistograms,
                                 .max_waiting = kMaxQueuedHistograms},
                      .noun = "histogram",
-                     .flags = ""}) {}
+                     .flags = ""}),
+        label_values_({.limits = {.max_working = kMaxConcurrentLabelValues,
+                                  .max_waiting = kMaxQueuedLabelValues},
+                       .noun = "query of label values",
+                       .flags = ""}) {}
 
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* context,
                                          const isoscope::v1::ListDatasetsRequest* request,
@@ -55,7 +62,9 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   AgentRegistry* const registry_;
   AccessControl* const access_;
   FrameRunner* const runner_;
-  Admission histograms_;  // comes last: its threads use the members above
+  // These come last: their threads use the members above. No histogram waits for labels.
+  Admission histograms_;
+  Admission label_values_;
 };
 
 }  // namespace isoscope::server

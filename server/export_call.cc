@@ -3,6 +3,9 @@
 // the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels the streams,
 // which wakes the merge.
 //
+// From its admission to its end, an empty message now and then tells the client that the export goes
+// on, while nothing else is on its way.
+//
 // EndEarly cancels them too, and sends the client the reason. An alarm calls it for a client that
 // is too slow (pace_alarm), and the watch of a token that is withdrawn.
 
@@ -30,6 +33,7 @@
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
+#include "core/rpc/signs_of_life.h"
 #include "core/rpc/write_queue.h"
 #include "core/rpc/write_timeout.h"
 #include "server/admission/call_turn.h"
@@ -120,6 +124,9 @@ class IsosurfaceServiceImpl::ExportCall final
         self->timeout_.Start(kMaxLastWriteDuration);
       }
     }));
+    signs_.Start(options_.sign_of_life_interval, [this] {
+      outgoing_.PushIfIdle([this] { return BeginMessage(); });
+    });
     turn_.Schedule([self = shared_from_this()](const absl::Status& turn) { self->Run(turn); });
   }
 
@@ -138,6 +145,7 @@ class IsosurfaceServiceImpl::ExportCall final
 
   void OnDone() override {
     timeout_.Stop();
+    signs_.Stop();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
     const base::MutexLock lock(&end_mutex_);  // the service may be destroyed after this
     pace_.Stop();
@@ -227,15 +235,20 @@ class IsosurfaceServiceImpl::ExportCall final
                                 .layout = layout,
                                 .has_origin = spec_.with_origin && placement.has_origin()};
     if (volume.has_origin) {
-      origin_ = rpc::ToProto(placement.origin());
+      const base::MutexLock lock(&begun_mutex_);
+      *begun_.mutable_origin() = rpc::ToProto(placement.origin());
     }
     std::int64_t vertex_count = 0;
     for (std::size_t i = 0; i < spec_.rules.size(); ++i) {
+      {
+        const base::MutexLock lock(&begun_mutex_);
+        begun_.set_surface_index(static_cast<std::int32_t>(i));
+      }
       ISOSCOPE_ASSIGN_OR_RETURN(const ExportedSurface surface,
                                 ExportOne(*selected.dataset, volume, i, vertex_count));
       vertex_count += surface.vertex_count;
       if (spec_.with_measures) {
-        ISOSCOPE_RETURN_IF_ERROR(SendMeasures(surface, static_cast<std::int32_t>(i)));
+        ISOSCOPE_RETURN_IF_ERROR(SendMeasures(surface));
       }
     }
     return absl::OkStatus();
@@ -270,7 +283,7 @@ class IsosurfaceServiceImpl::ExportCall final
         }
       });
       return ExportSurface(volume, sources, first_vertex, [&](SurfaceChunk chunk) {
-        return Send(std::move(chunk), static_cast<std::int32_t>(surface_index));
+        return Send(std::move(chunk));
       });
     }();
     std::vector<AgentFailure> failures;
@@ -281,12 +294,11 @@ class IsosurfaceServiceImpl::ExportCall final
     return surface;
   }
 
-  absl::Status SendMeasures(const ExportedSurface& surface, std::int32_t surface_index) {
+  absl::Status SendMeasures(const ExportedSurface& surface) {
     if (!surface.sums.has_value()) {
       return absl::InternalError("an agent sent no sums of its part of the surface");
     }
-    v1::ExportIsosurfaceResponse message;
-    message.set_surface_index(surface_index);
+    v1::ExportIsosurfaceResponse message = BeginMessage();
     v1::SurfaceMeasures* const measures = message.mutable_measures();
     measures->set_area(surface.sums->area.Value());
     if (surface.sums->open_side_count == 0) {
@@ -297,22 +309,24 @@ class IsosurfaceServiceImpl::ExportCall final
     return Push(std::move(message));
   }
 
-  absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
+  absl::Status Send(SurfaceChunk chunk) {
     ISOSCOPE_RETURN_IF_ERROR(turn_.cancellation().Check());
     sent_bytes_ += chunk.size_bytes();
     caller_.CountBytes(chunk.size_bytes());
-    v1::ExportIsosurfaceResponse message;
+    v1::ExportIsosurfaceResponse message = BeginMessage();
     message.set_positions(std::move(chunk.positions));
     message.set_normals(std::move(chunk.normals));
     message.set_triangles(std::move(chunk.triangles));
-    message.set_surface_index(surface_index);
     return Push(std::move(message));
   }
 
+  // What all messages of a surface have. Alone it is a sign of life.
+  v1::ExportIsosurfaceResponse BeginMessage() const ABSL_LOCKS_EXCLUDED(begun_mutex_) {
+    const base::MutexLock lock(&begun_mutex_);
+    return begun_;
+  }
+
   absl::Status Push(v1::ExportIsosurfaceResponse message) {
-    if (origin_.has_value()) {
-      *message.mutable_origin() = *origin_;
-    }
     unsent_.Add(BytesOf(message));  // if it is never written, the call subtracts it
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
@@ -379,13 +393,15 @@ class IsosurfaceServiceImpl::ExportCall final
   std::optional<WithdrawalWatch> watch_;
   CallTurn turn_;
   rpc::ExportSpec spec_;            // set before Run
-  std::optional<v1::Vec3> origin_;  // of positions; set by Export
+  mutable base::Mutex begun_mutex_;
+  v1::ExportIsosurfaceResponse begun_ ABSL_GUARDED_BY(begun_mutex_);  // its surface, and its origin
   // Kept until the client has the last chunk: many slow clients hold as many queues.
   std::optional<base::MemoryBudget::Reservation> memory_;
   base::GaugeShare unsent_;
   std::atomic<std::int64_t> in_flight_unsent_bytes_{0};
   rpc::WriteTimeout timeout_;
   PaceAlarm pace_;
+  rpc::SignsOfLife signs_;
   rpc::WriteQueue<v1::ExportIsosurfaceResponse> outgoing_;
   std::atomic<std::size_t> sent_bytes_{0};
   base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; always locked first

@@ -6,6 +6,7 @@
 
 #include "absl/time/time.h"
 
+#include "core/rpc/signs_of_life.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/access/access_control.h"
 #include "server/admission/admission.h"
@@ -22,6 +23,8 @@ struct IsosurfaceServiceOptions {
   absl::Duration max_frame_duration = absl::Minutes(5);
   // An export ends if an agent sends nothing for this long.
   absl::Duration max_agent_silence = absl::Minutes(5);
+  // An export that has nothing to send tells its client this often that it goes on.
+  absl::Duration sign_of_life_interval = rpc::kSignOfLifeInterval;
   ExportLimits export_limits = {};
 };
 

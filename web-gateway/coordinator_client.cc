@@ -19,6 +19,7 @@
 #include "core/base/monotonic_time.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
+#include "core/rpc/signs_of_life.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -263,7 +264,9 @@ void CoordinatorClient::Export(
     std::function<void(absl::Status)> done) {
   auto* const call = new ReadCall<v1::ExportIsosurfaceRequest, v1::ExportIsosurfaceResponse>(
       this, std::move(call_options), max_duration_, std::move(request),
-      [visit = std::move(visit)](v1::ExportIsosurfaceResponse* chunk) { return visit(*chunk); },
+      [visit = std::move(visit)](v1::ExportIsosurfaceResponse* chunk) {
+        return rpc::IsSignOfLife(*chunk) ? absl::OkStatus() : visit(*chunk);
+      },
       std::move(done));
   call->Start([this](grpc::ClientContext* context, const v1::ExportIsosurfaceRequest* sent,
                      grpc::ClientReadReactor<v1::ExportIsosurfaceResponse>* reactor) {

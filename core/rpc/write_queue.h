@@ -46,6 +46,19 @@ class WriteQueue {
     return true;
   }
 
+  // Queues what `make` returns if nothing is on its way or waits. Else, and once the queue is closed
+  // or finished, drops it. Never blocks. `make` is called with the queue's lock held.
+  template <typename Make>
+  void PushIfIdle(const Make& make) {
+    base::MutexLock lock(&mutex_);
+    if (!closed_ && !status_.has_value() && !is_writing_ && queue_.empty()) {
+      Message message = make();
+      queued_bytes_ += message.ByteSizeLong();
+      queue_.push_back(std::move(message));
+      StartNext();
+    }
+  }
+
   // Ends the write in flight. If `ok` is false, the stream is broken, and the queue closes.
   void OnWriteDone(bool ok) {
     base::MutexLock lock(&mutex_);

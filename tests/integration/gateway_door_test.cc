@@ -81,16 +81,22 @@ class Datasets final : public v1::DatasetService::Service {
 
 class Surfaces final : public v1::IsosurfaceService::Service {
  public:
-  // Sends `pieces` empty pieces; then ends with `end`, or with `first` before them.
+  // Sends `pieces` pieces of one vertex, or signs of life; then ends with `end`.
   grpc::Status ExportIsosurface(grpc::ServerContext* context,
                                 const v1::ExportIsosurfaceRequest* /*request*/,
                                 grpc::ServerWriter<v1::ExportIsosurfaceResponse>* writer) override {
+    v1::ExportIsosurfaceResponse piece;
+    if (has_vertices) {
+      piece.set_positions(std::string(3 * sizeof(float), '\0'));
+      piece.set_normals(piece.positions());
+    }
     for (int i = 0; i < pieces && !context->IsCancelled(); ++i) {
-      sent_pieces += writer->Write(v1::ExportIsosurfaceResponse()) ? 1 : 0;
+      sent_pieces += writer->Write(piece) ? 1 : 0;
     }
     return {static_cast<grpc::StatusCode>(end.load()), "as the test says"};
   }
   std::atomic<int> pieces{0};
+  std::atomic<bool> has_vertices{true};
   std::atomic<int> sent_pieces{0};
   std::atomic<int> end{0};
 };
@@ -542,6 +548,13 @@ TEST(GatewayDoorTest, HeadOfAMeshHasTheStatusOfItsExportAndNoMore) {
   EXPECT_THAT(gateway.Ask(ask), AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("model/gltf-binary"),
                                       Not(HasSubstr("Content-Length"))))
       << "an empty mesh";
+  // Signs of life are no piece: what comes after them counts.
+  gateway.surfaces.pieces = 3;
+  gateway.surfaces.has_vertices = false;
+  gateway.surfaces.end = grpc::StatusCode::NOT_FOUND;
+  EXPECT_THAT(gateway.Ask(ask), StartsWith("HTTP/1.1 404"));
+  gateway.surfaces.has_vertices = true;
+  gateway.surfaces.end = 0;
   // A mesh without end: the HEAD ends it with its first piece.
   gateway.surfaces.pieces = 1'000'000'000;
   EXPECT_THAT(gateway.Ask(ask), AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("model/gltf-binary")));

@@ -27,6 +27,7 @@
 #include "core/rpc/read_timeout.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
+#include "core/rpc/signs_of_life.h"
 
 namespace isoscope::client {
 
@@ -228,8 +229,10 @@ absl::Status ServiceClient::ExportIsosurface(
       return has_chunk && !is_silent;
     };
     while (visited.ok() && read()) {
-      visited = visit(chunk);
-      has_chunks = true;
+      if (!rpc::IsSignOfLife(chunk)) {
+        visited = visit(chunk);
+        has_chunks = true;
+      }
     }
     if (!visited.ok()) {
       context->TryCancel();

@@ -107,8 +107,8 @@ class ServiceClient {
   [[nodiscard]] std::unique_ptr<InteractStream> Interact() const;
 
   // Calls `visit` for every chunk, in order; its error ends the call and is returned. A mesh may
-  // take any time, so `timeout` may be infinite. DEADLINE_EXCEEDED also if no chunk arrives for
-  // `max_silence`.
+  // take any time, so `timeout` may be infinite. DEADLINE_EXCEEDED also if nothing arrives for
+  // `max_silence`, not even a sign of life, which `visit` does not get.
   absl::Status ExportIsosurface(
       const isoscope::v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
       absl::FunctionRef<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,

@@ -13,6 +13,8 @@ from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
 from isoscope import _answer, _call, _core, _messages, _png, _request
+from isoscope._proto import geometry_pb2 as geometry_pb
+from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope._retry import told_delay
 from isoscope.camera import _NAMED_VIEWS
 from isoscope.errors import DataLossError, InvalidArgumentError, explain
@@ -423,6 +425,20 @@ def test_a_call_is_tried_again_where_the_server_tells_when_and_nothing_has_come(
     else:
         with pytest.raises(expected, match="a sentence"):
             connection._delay_after(error, call, connection._retries(call))
+
+
+def test_signs_of_life_of_an_export_are_no_part_of_the_answer():
+    request = pb.ExportIsosurfaceRequest(isovalue=1, surfaces=[pb.Surface(isovalue=1)], with_measures=True)
+    sign = pb.ExportIsosurfaceResponse(origin=geometry_pb.Vec3(x=1))
+    call = _call.Call(request, _answer.MeasuresOfSurfaces(request))
+    call.add(sign)
+    assert not call.has_taken, "so that it may be tried again"
+    call.add(pb.ExportIsosurfaceResponse(measures=pb.SurfaceMeasures(area=3)))
+    assert call.has_taken and call.result(None)[0].area == 3
+    mesh = _call.Call(request, _answer.MeshParts(request))
+    mesh.add(sign)
+    mesh.add(pb.ExportIsosurfaceResponse(positions=b"\0" * 12, normals=b"\0" * 12))
+    assert mesh.has_taken and mesh.result(None).points.tolist() == [[0, 0, 0]]
 
 
 def test_an_answer_without_a_message_is_an_error_and_a_timeout_is_above_0():

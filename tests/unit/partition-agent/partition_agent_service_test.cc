@@ -1,5 +1,6 @@
 // The agent's service as a coordinator meets it: raw protocol messages over an in-process channel.
 
+#include <atomic>
 #include <limits>
 #include <map>
 #include <span>
@@ -20,7 +21,9 @@
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/signs_of_life.h"
 #include "core/solid/block_surface.h"
+#include "core/volume/label_values.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
@@ -176,6 +179,17 @@ TEST_F(OpeningAgentTest, ItSaysThatItOpensItsShardsUntilItServesThem) {
   EXPECT_EQ(AskForBox(), absl::OkStatus());
 }
 
+// Symptom: a poll of a coordinator in the first moments got no name, and callers NOT_FOUND for the
+// dataset. Open is not called here: this is what the first answer on the port says.
+TEST_F(OpeningAgentTest, TheFirstAnswerNamesTheDatasetsThatWillBeOpened) {
+  const v1::DescribeShardsResponse first = Describe();
+  ASSERT_EQ(first.opening_datasets_size(), 1);
+  EXPECT_EQ(first.opening_datasets(0), dataset_.manifest().name);
+  EXPECT_EQ(first.opening().shard_count(), 2);
+  EXPECT_EQ(first.opening().open_shard_count(), 0);
+  EXPECT_GT(first.opening().table_bytes(), 0);
+}
+
 TEST_F(OpeningAgentTest, ShardsAreNotServedIfTheirMemoryDoesNotDo) {
   const absl::Status status =
       server_->Open(never_, [] { return absl::FailedPreconditionError("too little memory"); });
@@ -215,6 +229,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
     options.arena = arena_;
     options.memory = memory_;
     options.mailboxes = mailboxes_;
+    options.sign_of_life_interval = sign_of_life_interval_;
     options.max_concurrent_frames = max_concurrent_frames;
     options.max_queued_frames = max_queued_frames;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(server_, AgentServer::Start(options));
@@ -323,6 +338,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
   const std::shared_ptr<base::TaskArena> arena_ = std::make_shared<base::TaskArena>(2);
   const std::shared_ptr<AgentMemory> memory_ = std::make_shared<AgentMemory>(std::size_t{4} << 30);
   std::shared_ptr<image::PixelMailboxes> mailboxes_;  // null: bands
+  absl::Duration sign_of_life_interval_ = rpc::kSignOfLifeInterval;
   std::unique_ptr<AgentServer> server_;
   std::unique_ptr<Stub> stub_;
 };
@@ -862,6 +878,37 @@ TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
   }
 }
 
+// Symptom: sums that took longer than the coordinator waits for a message ended as an agent that is
+// silent. The interval is 0: each batch tells life, unless the sign before it is on its way.
+TEST_F(PartitionAgentServiceTest, BatchesWithNothingToSendTellThatTheAgentWorks) {
+  const SmallDataset large(1, {177, 177, 177});
+  for (const bool tells : {true, false}) {
+    sign_of_life_interval_ = tells ? absl::ZeroDuration() : absl::Hours(1);
+    Start(large.directory());
+    v1::ExtractSurfaceRequest request = SurfaceOf(large, {0});
+    request.set_without_blocks(true);
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, request);
+    v1::ExtractSurfaceResponse message;
+    int sign_count = 0;
+    bool has_sums = false;
+    while (reader->Read(&message)) {
+      EXPECT_THAT(proto::CheckIntact(message), isoscope::testing::IsOk());
+      EXPECT_FALSE(has_sums) << "they come last";
+      has_sums = message.has_sums();
+      sign_count += has_sums ? 0 : 1;
+      EXPECT_EQ(message.blocks_size(), 0);
+    }
+    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+    EXPECT_TRUE(has_sums);
+    if (tells) {
+      EXPECT_GT(sign_count, 0);
+    } else {
+      EXPECT_EQ(sign_count, 0);
+    }
+  }
+}
+
 // Blocks of 8 cells: a plane at x = 12 leaves out the first of each row, and cuts the second.
 TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndThoseInsideComeWhole) {
   const auto blocks_of = [&](const v1::ExtractSurfaceRequest& request) {
@@ -978,6 +1025,48 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
   for (const auto& [bad, code] : cases) {
     v1::GetGradientsResponse response;
     EXPECT_EQ(ask(bad, &response), code.empty() ? "INVALID_ARGUMENT" : code);
+  }
+}
+
+// Symptom: queries for the values of labels, which read all samples, kept histograms and picks
+// waiting. These are answered while most of the queries still wait.
+TEST_F(PartitionAgentServiceTest, HistogramsAndPicksDoNotWaitForQueriesOfLabels) {
+  constexpr int kQueries = 16;
+  const SmallDataset large(1, {97, 97, 97});
+  Start(large.directory());
+  v1::GetShardHistogramRequest histogram;
+  histogram.set_dataset_id(large.manifest().dataset_id);
+  histogram.add_shard_indices(0);
+  histogram.set_max_bin_count(16);
+  v1::GetShardHistogramRequest labels = histogram;
+  labels.set_max_label_value_count(static_cast<std::int32_t>(volume::kMaxListedValues));
+  std::atomic<int> done{0};
+  std::vector<std::thread> clients;
+  for (int i = 0; i < kQueries; ++i) {
+    clients.emplace_back([&] {
+      grpc::ClientContext context;
+      v1::GetShardHistogramResponse response;
+      EXPECT_EQ(CodeOf(stub_->GetShardHistogram(&context, labels, &response)), "OK");
+      ++done;
+    });
+  }
+  while (done == 0) {  // so the others are in the queue
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  grpc::ClientContext first_context;
+  v1::GetShardHistogramResponse counts;
+  EXPECT_EQ(CodeOf(stub_->GetShardHistogram(&first_context, histogram, &counts)), "OK");
+  v1::GetGradientsRequest pick;
+  pick.set_dataset_id(large.manifest().dataset_id);
+  pick.add_shard_indices(0);
+  pick.add_points();
+  pick.add_block_ids(-1);
+  grpc::ClientContext second_context;
+  v1::GetGradientsResponse gradients;
+  EXPECT_EQ(CodeOf(stub_->GetGradients(&second_context, pick, &gradients)), "OK");
+  EXPECT_LT(done, kQueries - 5) << "behind all queries but two";
+  for (std::thread& client : clients) {
+    client.join();
   }
 }
 

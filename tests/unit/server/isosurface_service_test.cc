@@ -16,8 +16,10 @@
 #include "core/base/retry_delay.h"
 #include "core/image/png_codec.h"
 #include "core/math/exact_sum.h"
+#include "core/rpc/signs_of_life.h"
 #include "proto/message_checksum.h"
 #include "server/admission/coordinator_memory.h"
+#include "server/isosurface_service_impl.h"
 #include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {
@@ -489,6 +491,66 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent
                              Not(HasSubstr(first_.address())))));
   second_.Stop();
   EXPECT_EQ(cancelled_count, 1);
+}
+
+// Symptom: measures that took minutes ended as a silent agent or a silent server. The agent works
+// longer than both limits, and tells that it does.
+TEST_F(IsosurfaceServiceTest, SignsOfLifeKeepAQuietExportThroughEveryLimit) {
+  constexpr int kSigns = 30;
+  const auto works_for_long = [](const internal::ExtractSurfaceResponse& last) {
+    return [last](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+      for (int i = 0; i < kSigns; ++i) {
+        absl::SleepFor(absl::Milliseconds(100));
+        writer->Write(internal::ExtractSurfaceResponse());
+      }
+      writer->Write(last);
+      return grpc::Status::OK;
+    };
+  };
+  first_.on_surface = works_for_long(Triangles());
+  options_.max_agent_silence = absl::Seconds(1);
+  options_.sign_of_life_interval = absl::Milliseconds(100);
+  Start();
+  isoscope::v1::ExportIsosurfaceRequest request = testing::ExportRequest();
+  request.clear_isovalue();
+  request.add_surfaces()->set_isovalue(100);
+  request.add_surfaces()->set_isovalue(50);
+  Export mesh(frames_.get(), "", request);
+  int sign_count = 0;
+  int last_surface = 0;
+  while (mesh.Read()) {
+    sign_count += rpc::IsSignOfLife(mesh.chunk()) ? 1 : 0;
+    EXPECT_GE(mesh.chunk().surface_index(), last_surface) << "never falls, also for old clients";
+    last_surface = mesh.chunk().surface_index();
+  }
+  EXPECT_THAT(mesh.Finish(), IsOk());
+  EXPECT_EQ(mesh.triangle_count(), 2);
+  EXPECT_EQ(last_surface, 1);
+  EXPECT_GT(sign_count, 0);
+}
+
+// Exports that wait for their turn tell it, too.
+TEST_F(IsosurfaceServiceTest, AnExportInTheQueueGivesSignsOfLife) {
+  absl::Notification release;
+  first_.on_surface = [&](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    release.WaitForNotification();
+    return testing::WriteBlocks(0, 1, 1, writer);
+  };
+  options_.sign_of_life_interval = absl::Milliseconds(20);
+  Start();
+  std::vector<std::unique_ptr<Export>> exports;
+  for (int i = 0; i <= IsosurfaceServiceImpl::kMaxConcurrentExports; ++i) {
+    exports.push_back(std::make_unique<Export>(frames_.get()));
+  }
+  for (const std::unique_ptr<Export>& one : exports) {
+    ASSERT_TRUE(one->Read());
+    EXPECT_TRUE(rpc::IsSignOfLife(one->chunk()));
+  }
+  release.Notify();
+  for (const std::unique_ptr<Export>& one : exports) {
+    EXPECT_THAT(one->Finish(), IsOk());
+    EXPECT_EQ(one->triangle_count(), 1);
+  }
 }
 
 TEST_F(IsosurfaceServiceTest, SurfacesFollowOneAnotherAndWrongRequestsReachNoAgent) {

@@ -338,6 +338,45 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
   EXPECT_LE(before, 8) << "of " << asked.size();
 }
 
+// Symptom: queries for the values of labels, which read all samples, took the places of histograms.
+TEST_F(RudeCallersTest, AHistogramIsAnsweredWhileQueriesOfLabelsAreInWork) {
+  struct Script {
+    absl::Notification release;
+    std::atomic<int> label_count{0};
+  };
+  const auto script = std::make_shared<Script>();
+  first_.on_histogram = [script](grpc::ServerContext*,
+                                 const internal::GetShardHistogramRequest& request,
+                                 internal::GetShardHistogramResponse*) {
+    if (request.max_label_value_count() > 0) {
+      ++script->label_count;
+      script->release.WaitForNotification();
+    }
+    return grpc::Status(grpc::StatusCode::DATA_LOSS, "a script");
+  };
+  second_.on_histogram = first_.on_histogram;
+  Start();
+  const auto ask = [&](int label_count) {
+    v1::GetHistogramRequest request;
+    request.set_dataset("head");
+    request.set_max_bin_count(100);
+    request.set_max_label_value_count(label_count);
+    return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, request).status();
+  };
+  std::vector<std::thread> clients;
+  for (int i = 0; i < 6; ++i) {
+    clients.emplace_back([&] { ask(10).IgnoreError(); });
+  }
+  // The two that have a place, at both agents. The others wait.
+  EXPECT_TRUE(WaitFor([&] { return script->label_count == 4; }));
+  EXPECT_THAT(ask(0), StatusIs(absl::StatusCode::kDataLoss)) << "the agent's answer";
+  EXPECT_EQ(script->label_count, 4) << "no more than two are in work";
+  script->release.Notify();
+  for (std::thread& client : clients) {
+    client.join();
+  }
+}
+
 // Symptom: a client that sent nothing but wrong states got an error for each, read or not.
 TEST_F(RudeCallersTest, WrongStatesGetFewErrors) {
   Start();

@@ -68,6 +68,13 @@ class One(Generic[_T]):
         return self._decode(self._message)
 
 
+def _is_sign_of_life(message: _Message) -> bool:
+    """Returns whether a message of an export only tells that the server works on."""
+    return isinstance(message, pb.ExportIsosurfaceResponse) and not (
+        message.positions or message.normals or message.triangles or message.HasField("measures")
+    )
+
+
 class Call(Generic[_T]):
     """One call: its checked request, its deadline in seconds (None: the client's), and what becomes of its answer."""
 
@@ -78,7 +85,9 @@ class Call(Generic[_T]):
         self._answer = answer
 
     def add(self, message: _Message) -> None:
-        """Takes the next message of the answer."""
+        """Takes the next message of the answer. A sign of life is none: the server works on."""
+        if _is_sign_of_life(message):
+            return
         self.has_taken = True
         self._answer.add(message)
 

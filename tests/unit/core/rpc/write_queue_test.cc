@@ -39,6 +39,29 @@ TEST_F(WriteQueueTest, OneWriteIsInFlightAndOrderIsKept) {
   EXPECT_EQ(written_, std::vector<std::string>({"a", "b", "c"}));
 }
 
+TEST_F(WriteQueueTest, AMessageForAnIdleQueueIsMadeOnlyForOne) {
+  int made = 0;
+  const auto make = [&made] { return Message{std::to_string(++made)}; };
+  queue_.PushIfIdle(make);
+  queue_.PushIfIdle(make);  // the first is in flight
+  queue_.OnWriteDone(true);
+  ASSERT_TRUE(queue_.Push({"a"}));
+  queue_.PushIfIdle(make);
+  queue_.OnWriteDone(true);
+  queue_.PushIfIdle(make);
+  EXPECT_EQ(written_, std::vector<std::string>({"1", "a", "2"}));
+  queue_.OnWriteDone(true);
+  queue_.Finish(absl::OkStatus());
+  queue_.PushIfIdle(make);
+  EXPECT_EQ(made, 2) << "the stream has ended";
+}
+
+TEST_F(WriteQueueTest, AClosedQueueTakesNoMessageThoughItIsIdle) {
+  queue_.Close();
+  queue_.PushIfIdle([] { return Message{"a"}; });
+  EXPECT_TRUE(written_.empty());
+}
+
 TEST_F(WriteQueueTest, FinishWithOkWaitsForAllThatIsQueued) {
   ASSERT_TRUE(queue_.Push({"a"}));
   ASSERT_TRUE(queue_.Push({"b"}));

@@ -86,8 +86,14 @@ class HangingSurfaces final : public v1::IsosurfaceService::Service {
   }
   grpc::Status ExportIsosurface(grpc::ServerContext* context, const v1::ExportIsosurfaceRequest*,
                                 grpc::ServerWriter<v1::ExportIsosurfaceResponse>* writer) override {
-    for (int i = 0; i < chunk_count; ++i) {
+    for (int i = 0; i < sign_count; ++i) {
+      absl::SleepFor(absl::Milliseconds(100));
       writer->Write({});
+    }
+    v1::ExportIsosurfaceResponse chunk;
+    chunk.mutable_measures();
+    for (int i = 0; i < chunk_count; ++i) {
+      writer->Write(chunk);
     }
     ++export_count;
     if (hangs) {
@@ -99,6 +105,7 @@ class HangingSurfaces final : public v1::IsosurfaceService::Service {
                : grpc::Status::OK;
   }
 
+  int sign_count = 0;
   int chunk_count = 0;
   std::atomic<int> export_count{0};
   std::atomic<int> refusals_left{0};
@@ -151,6 +158,28 @@ TEST_F(ServiceClientTest, AnExportWithoutADeadlineEndsWhenTheServerIsSilent) {
                          AllOf(HasSubstr("sent nothing for 1s"), Not(HasSubstr("--timeout")))));
     EXPECT_EQ(seen, chunk_count);
   }
+}
+
+// Signs of life are no chunks: the client waits on, and may still try again.
+TEST_F(ServiceClientTest, AServerThatWorksForLongIsWaitedForWhileItTellsSo) {
+  surfaces_.sign_count = 20;
+  surfaces_.chunk_count = 1;
+  surfaces_.hangs = false;
+  int seen = 0;
+  const auto count = [&](const v1::ExportIsosurfaceResponse&) {
+    ++seen;
+    return absl::OkStatus();
+  };
+  EXPECT_THAT(client_->ExportIsosurface({}, absl::InfiniteDuration(), count, absl::Seconds(1)),
+              IsOk());
+  EXPECT_EQ(seen, 1);
+  surfaces_.sign_count = 1;
+  surfaces_.chunk_count = 0;
+  surfaces_.export_count = 0;
+  surfaces_.refusals_left = 1;
+  EXPECT_THAT(client_->ExportIsosurface({}, absl::Seconds(60), count), IsOk());
+  EXPECT_EQ(surfaces_.export_count, 2);
+  EXPECT_EQ(seen, 1);
 }
 
 TEST_F(ServiceClientTest, AnExportWhoseChunksComeIsReadToItsEnd) {
