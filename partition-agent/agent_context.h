@@ -23,9 +23,9 @@ namespace isoscope::agent {
 //
 // A frame holds a thread only while a step runs, not while it waits for the coordinator. At most
 // max_frames frames are in work at a time. Extractions have threads of their own, because a slow
-// reader holds one for as long as it reads. So have queries, which go through all blocks. Queries for
-// the values of labels read all samples: they have one thread of their own, behind which neither
-// histograms nor picks wait.
+// reader holds one for as long as it reads. So have queries, which go through all blocks. Queries
+// for the values of labels read all samples: they have one thread of their own, behind which
+// neither histograms nor picks wait.
 struct AgentContext {
   static constexpr int kMaxConcurrentExtractions = 4;
   static constexpr int kMaxQueuedExtractions = 16;

@@ -187,8 +187,8 @@ class AgentServerImpl final : public AgentServer {
       : options_(options), certificate_(options.transport.certificate_file), service_(options) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
-  // Finds what Open will open. Comes before Bind: an answer that named no dataset would be taken for
-  // that of an agent without any.
+  // Finds what Open will open. Comes before Bind: an answer that named no dataset would be taken
+  // for that of an agent without any.
   absl::Status Plan() {
     ISOSCOPE_ASSIGN_OR_RETURN(directories_, AllShardDirectories(options_));
     service_.opening()->Begin(directories_);

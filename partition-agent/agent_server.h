@@ -65,8 +65,8 @@ class AgentServer {
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
   // Reads the manifests of the shards, no table, then serves. Until Open has succeeded, health is
   // NOT_SERVING, DescribeShards tells the datasets and the progress, and other calls fail with
-  // UNAVAILABLE (ErrorReason::kAgentOpening). NOT_FOUND if a directory is not there or has no shard;
-  // other errors as rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
+  // UNAVAILABLE (ErrorReason::kAgentOpening). NOT_FOUND if a directory is not there or has no
+  // shard; other errors as rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Listen(const AgentServerOptions& options);
   // Calls Shutdown without grace.
   virtual ~AgentServer() = default;

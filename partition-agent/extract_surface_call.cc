@@ -1,7 +1,7 @@
 // An export's stream. Its single task runs on the extraction executor: it extracts batch by batch
-// and sends messages of about 256 KiB. Where batches give nothing to send for long, because the sums
-// alone are wanted or blocks have few triangles, an empty message tells that it works. A batch that
-// hangs tells nothing, so that the coordinator asks a replica.
+// and sends messages of about 256 KiB. Where batches give nothing to send for long, because the
+// sums alone are wanted or blocks have few triangles, an empty message tells that it works. A batch
+// that hangs tells nothing, so that the coordinator asks a replica.
 
 #include <cstddef>
 #include <memory>
@@ -187,7 +187,7 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
   std::int64_t triangle_count_ = 0;
   base::MonotonicTime last_sent_ = base::MonotonicNow();  // of the task
-  std::shared_ptr<ExtractSurfaceCall> self_;  // reset by OnDone
+  std::shared_ptr<ExtractSurfaceCall> self_;              // reset by OnDone
 };
 
 }  // namespace

@@ -3,8 +3,8 @@
 // the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels the streams,
 // which wakes the merge.
 //
-// From its admission to its end, an empty message now and then tells the client that the export goes
-// on, while nothing else is on its way.
+// From its admission to its end, an empty message now and then tells the client that the export
+// goes on, while nothing else is on its way.
 //
 // EndEarly cancels them too, and sends the client the reason. An alarm calls it for a client that
 // is too slow (pace_alarm), and the watch of a token that is withdrawn.
@@ -124,9 +124,8 @@ class IsosurfaceServiceImpl::ExportCall final
         self->timeout_.Start(kMaxLastWriteDuration);
       }
     }));
-    signs_.Start(options_.sign_of_life_interval, [this] {
-      outgoing_.PushIfIdle([this] { return BeginMessage(); });
-    });
+    signs_.Start(options_.sign_of_life_interval,
+                 [this] { outgoing_.PushIfIdle([this] { return BeginMessage(); }); });
     turn_.Schedule([self = shared_from_this()](const absl::Status& turn) { self->Run(turn); });
   }
 
@@ -282,9 +281,8 @@ class IsosurfaceServiceImpl::ExportCall final
           stream->Cancel();
         }
       });
-      return ExportSurface(volume, sources, first_vertex, [&](SurfaceChunk chunk) {
-        return Send(std::move(chunk));
-      });
+      return ExportSurface(volume, sources, first_vertex,
+                           [&](SurfaceChunk chunk) { return Send(std::move(chunk)); });
     }();
     std::vector<AgentFailure> failures;
     for (const std::unique_ptr<SurfaceStream>& stream : streams) {
@@ -392,7 +390,7 @@ class IsosurfaceServiceImpl::ExportCall final
   std::optional<CallerSlot> slot_;
   std::optional<WithdrawalWatch> watch_;
   CallTurn turn_;
-  rpc::ExportSpec spec_;            // set before Run
+  rpc::ExportSpec spec_;  // set before Run
   mutable base::Mutex begun_mutex_;
   v1::ExportIsosurfaceResponse begun_ ABSL_GUARDED_BY(begun_mutex_);  // its surface, and its origin
   // Kept until the client has the last chunk: many slow clients hold as many queues.

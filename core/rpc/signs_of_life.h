@@ -49,7 +49,8 @@ class SignsOfLife {
 
   // Waits for a `send` under way; no other follows.
   void Stop() {
-    std::unique_ptr<grpc::Alarm> last;  // destroyed without the lock: gRPC may wait for its callback
+    std::unique_ptr<grpc::Alarm>
+        last;  // destroyed without the lock: gRPC may wait for its callback
     const base::MutexLock lock(&state_->mutex);
     state_->is_stopped = true;
     state_->send = nullptr;

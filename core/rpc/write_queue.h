@@ -46,8 +46,8 @@ class WriteQueue {
     return true;
   }
 
-  // Queues what `make` returns if nothing is on its way or waits. Else, and once the queue is closed
-  // or finished, drops it. Never blocks. `make` is called with the queue's lock held.
+  // Queues what `make` returns if nothing is on its way or waits. Else, and once the queue is
+  // closed or finished, drops it. Never blocks. `make` is called with the queue's lock held.
   template <typename Make>
   void PushIfIdle(const Make& make) {
     base::MutexLock lock(&mutex_);
