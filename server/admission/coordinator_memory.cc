@@ -67,6 +67,16 @@ std::size_t LeastLimitFor(std::size_t bytes, bool has_trace) {
   return enough * base::kMiB;
 }
 
+// The frame with its region in the middle, where it has margins on all sides. A large picture is
+// asked for region by region, and the first one lies in a corner.
+frame::FrameSpec WithAllMargins(frame::FrameSpec spec) {
+  if (spec.region.has_value()) {
+    spec.region->x = (spec.viewport.width_px - spec.region->width_px) / 2;
+    spec.region->y = (spec.viewport.height_px - spec.region->height_px) / 2;
+  }
+  return spec;
+}
+
 double Mebibytes(std::size_t bytes) {
   return static_cast<double>(bytes) / static_cast<double>(base::kMiB);
 }
@@ -133,9 +143,10 @@ absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery
   }
   const view::Viewport size = frame::ImageSizeOf(spec);
   const int samples = spec.effects.samples();
-  std::size_t enough = LeastLimitFor(FrameBytes(spec, delivery), trace_bytes > 0);
+  const frame::FrameSpec largest = WithAllMargins(spec);
+  std::size_t enough = LeastLimitFor(FrameBytes(largest, delivery), trace_bytes > 0);
   if (agent_limit_ != nullptr) {
-    enough = std::max(enough, agent_limit_(spec));
+    enough = std::max(enough, agent_limit_(largest));
   }
   return absl::ResourceExhaustedError(absl::StrFormat(
       "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator; with its memory limit of "

@@ -1,8 +1,11 @@
 #include "server/admission/coordinator_memory.h"
 
+#include <cstdio>
 #include <optional>
+#include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -78,6 +81,37 @@ TEST(CoordinatorMemoryTest, AFrameThatCanNeverFitIsRefusedAtOnceWithTheLimit) {
                                        HasSubstr("8705 MiB"), HasSubstr("144 MiB"),
                                        HasSubstr("--memory-limit"))));
   }
+}
+
+// Symptom: a large picture is asked for region by region, and the limit that the refusal of its
+// first one named was too small for the next, which has margins on both sides.
+TEST(CoordinatorMemoryTest, TheLimitThatIsNamedIsEnoughWhereverTheRegionLies) {
+  frame::FrameSpec spec = SpecOf(26489, 1200);
+  spec.effects.silhouette = {.width_px = 16, .color = {}};
+  spec.region = view::Region{0, 0, 8886, 1024};
+  std::vector<int> asked;  // by the place of the region: what the agents need
+  const auto agent_limit = [&](const frame::FrameSpec& of_agents) {
+    asked.push_back(of_agents.region->x);
+    return std::size_t{0};
+  };
+  const absl::Status refused = CoordinatorMemory(CoordinatorMemory::kMinLimitBytes, agent_limit)
+                                   .CheckFits(spec, Delivery::kWhole);
+  EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("raise ")));
+  EXPECT_THAT(asked, ::testing::ElementsAre((26489 - 8886) / 2));
+  int named = 0;
+  const std::string sentence(refused.message());
+  ASSERT_EQ(std::sscanf(sentence.substr(sentence.find("--memory-limit to")).c_str(),
+                        "--memory-limit to %dMiB", &named),
+            1);
+  for (const int x : {0, 8886, 2 * 8886}) {
+    spec.region->x = x;
+    ISOSCOPE_EXPECT_OK(CoordinatorMemory(static_cast<std::size_t>(named) * kMiB)
+                           .CheckFits(spec, Delivery::kWhole));
+  }
+  spec.region = view::Region{8886, 88, 8886, 1024};  // with margins on all sides
+  EXPECT_FALSE(CoordinatorMemory(static_cast<std::size_t>(named - 1) * kMiB)
+                   .CheckFits(spec, Delivery::kWhole)
+                   .ok());
 }
 
 TEST(CoordinatorMemoryTest, ATraceCountsAndTheSmallestLimitTakesOneOfACommonFrame) {
