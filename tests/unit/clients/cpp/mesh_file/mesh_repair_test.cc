@@ -44,7 +44,8 @@ Repaired Repair(const MeshPiece& mesh) {
 // Tetrahedra of these vertices, turned outward, from points in general position.
 MeshPiece Tetrahedra(const std::vector<std::array<std::uint32_t, 4>>& solids) {
   MeshPiece mesh;
-  mesh.positions = {0, 0, 0, 0, 0, 1, 1, 0, 0.5F, 0, 1, 0.4F, -1, 0, 0.6F, 0, -1, 0.5F, 3, 3, 3};
+  mesh.positions = {0,    0, 0,  0,    0, 1, 1, 0,     0.5F, 0,    1,  0.4F, -1,  0,
+                    0.6F, 0, -1, 0.5F, 3, 3, 3, -0.5F, 1,    0.5F, -1, 0.5F, 0.5F};
   mesh.normals = std::vector<float>(mesh.positions.size(), 0);
   const auto at = [&](std::uint32_t vertex) {
     const float* const p = mesh.positions.data() + 3 * std::size_t{vertex};
@@ -78,6 +79,8 @@ TEST(MeshRepairTest, SolidsThatShareAnEdgeGetVerticesOfTheirOwn) {
     EXPECT_NEAR(*repaired.after.volume, *repaired.before.volume, 1e-12);
   }
   EXPECT_EQ(Repair(Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}})).vertex_count, 8);
+  // Four each, so none in the middle of the edge.
+  EXPECT_EQ(Repair(Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}, {0, 1, 7, 8}})).vertex_count, 12);
 }
 
 // Tetrahedron 0 1 2 3, and triangles back to back on its edge 0 1 (and on their edge 0 7): volumes
