@@ -5,6 +5,7 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "gtest/gtest.h"
 
 #include "tests/support/status_matchers.h"
@@ -129,6 +130,22 @@ TEST(AccessTokensTest, WhatIsWrongIsNamed) {
                          AllOf(HasSubstr("/etc/tokens"), HasSubstr(c.complaint))))
         << c.text;
   }
+}
+
+TEST(AccessTokensTest, AFileHasAtMostAThousandTokens) {
+  std::vector<std::string> entries;
+  for (std::size_t i = 0; i < kMaxAccessTokens; ++i) {
+    const std::string name = absl::StrCat("user ", i);
+    entries.push_back(absl::StrCat(R"({"name": ")", name, R"(", "sha256": ")",
+                                   absl::BytesToHexString(DigestOfToken(name)),
+                                   R"(", "datasets": ["*"]})"));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<AccessToken> tokens,
+                                ParseAccessTokens(File(absl::StrJoin(entries, ",")), "f"));
+  EXPECT_EQ(tokens.size(), std::size_t{1000});
+  entries.push_back(entries.front());
+  EXPECT_THAT(ParseAccessTokens(File(absl::StrJoin(entries, ",")), "f"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("1001 tokens")));
 }
 
 }  // namespace
