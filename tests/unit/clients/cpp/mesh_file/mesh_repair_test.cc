@@ -83,13 +83,13 @@ TEST(MeshRepairTest, SolidsThatShareAnEdgeGetVerticesOfTheirOwn) {
   EXPECT_EQ(Repair(Tetrahedra({{0, 1, 2, 3}, {0, 1, 4, 5}, {0, 1, 7, 8}})).vertex_count, 12);
 }
 
-// Tetrahedron 0 1 2 3, and triangles back to back on its edge 0 1 (and on their edge 0 7): volumes
+// Tetrahedron 0 1 2 3, and triangles back to back on its edge 0 1 (and on their edge 0 9): volumes
 // below are sums of tetrahedra around the edge, whose base is given by x and y alone.
 TEST(MeshRepairTest, FinsNearAnEdgeAreOpenedWithoutANewVertex) {
   MeshPiece mesh = Tetrahedra({{0, 1, 2, 3}});
   mesh.positions.insert(mesh.positions.end(), {-0.125F, -0.125F, 0.5F, -0.125F, -0.125F, 0.25F});
   mesh.normals.resize(mesh.positions.size());
-  mesh.triangles.insert(mesh.triangles.end(), {0, 1, 7, 1, 0, 7});
+  mesh.triangles.insert(mesh.triangles.end(), {0, 1, 9, 1, 0, 9});
   const Repaired one = Repair(mesh);
   EXPECT_EQ(one.crowded_edge_count, 1);
   EXPECT_TRUE(IsClosed(one.triangles));
@@ -98,7 +98,7 @@ TEST(MeshRepairTest, FinsNearAnEdgeAreOpenedWithoutANewVertex) {
   EXPECT_NEAR(*one.before.volume, 1.0 / 6, 1e-12);
   EXPECT_NEAR(*one.after.volume, (1 + 0.125 + 0.125) / 6, 1e-12);
 
-  mesh.triangles.insert(mesh.triangles.end(), {0, 7, 8, 7, 0, 8});
+  mesh.triangles.insert(mesh.triangles.end(), {0, 9, 10, 9, 0, 10});
   const Repaired two = Repair(mesh);
   EXPECT_EQ(two.crowded_edge_count, 2);
   EXPECT_TRUE(IsClosed(two.triangles));
