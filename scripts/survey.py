@@ -116,7 +116,8 @@ def outcome_of(code, errors):
         return "hung"
     if code == 0:
         return "opened"
-    if code != 1 or not errors.startswith("isoscope: "):
+    # Warnings may come before.
+    if code != 1 or not any(line.startswith("isoscope: ") for line in errors.splitlines()):
         return "crashed"
     return "not read" if any(words in errors for words in NOT_READ) else "refused"
 
