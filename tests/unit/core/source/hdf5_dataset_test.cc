@@ -6,6 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/hdf5_file.h"
 #include "hdf5.h"
 #include "tests/support/hdf5_file.h"
 #include "tests/support/status_matchers.h"
@@ -92,6 +93,12 @@ TEST_F(Hdf5DatasetTest, PlotOfNexusIsMeantByItsGroupAndByItsFile) {
 }
 
 TEST_F(Hdf5DatasetTest, MissingFilterIsNamedBeforeASampleIsRead) {
+  // Whatever plugins this machine has: the library would load each, and some leak as they go.
+  PrepareHdf5();
+  unsigned int folders = 0;
+  while (H5PLsize(&folders) >= 0 && folders > 0) {
+    ASSERT_GE(H5PLremove(folders - 1), 0);
+  }
   Create();
   const hsize_t dims[] = {2, 3, 4};
   const Hdf5Handle space(H5Screate_simple(3, dims, nullptr), H5Sclose);

@@ -56,6 +56,11 @@ TEST_F(Hdf5FiltersTest, FiltersOfTheLibraryAreThere) {
 }
 
 TEST_F(Hdf5FiltersTest, MissingOneIsNamedWithItsNumberItsNameAndWhatToDo) {
+  // Whatever plugins this machine has: the library would load each, and some leak as they go.
+  unsigned int folders = 0;
+  while (H5PLsize(&folders) >= 0 && folders > 0) {
+    ASSERT_GE(H5PLremove(folders - 1), 0);
+  }
   const Hdf5Handle known = Dataset({32026});
   EXPECT_THAT(CheckHdf5Filters(known.get()),
               StatusIs(kInvalid, AllOf(HasSubstr("filter 32026 (Blosc2), which is not installed"),
