@@ -18,10 +18,10 @@ namespace isoscope::source {
 // file.
 void FollowLinksToRegularFiles();
 
-// Why the external link `name` of a group leads nowhere: "c.h5: is a pipe (FIFO), expected ..." if
-// it names what is there but is no regular file; "in FILE, which is missing"
-// otherwise. "" if it is no
-// external link.
+// Why the external link `name` of a group leads nowhere. "c.h5: is a pipe (FIFO), expected ...": it
+// names what is there but is no regular file.
+// "in FILE, which is missing": it names what is not there.
+// "": it is no external link.
 std::string WhyLinkIsBroken(hid_t group, const std::string& name);
 
 // FAILED_PRECONDITION, with its name: a source of a virtual dataset is there, but is no regular

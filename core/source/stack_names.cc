@@ -94,6 +94,7 @@ absl::Status SeveralStacks(const std::string& path,
   std::string example;
   for (const std::vector<std::string>& files : stacks) {
     std::vector<SplitName> names;
+    names.reserve(files.size());
     for (const std::string& file : files) {
       names.push_back(Split(file));
     }
@@ -196,6 +197,7 @@ std::vector<std::vector<std::string>> StacksByNumber(const std::vector<std::stri
     groups[names[i].numbers[place]].push_back(files[i]);
   }
   std::vector<std::vector<std::string>> stacks;
+  stacks.reserve(groups.size());
   for (auto& [number, group] : groups) {
     stacks.push_back(std::move(group));
   }
@@ -204,6 +206,7 @@ std::vector<std::vector<std::string>> StacksByNumber(const std::vector<std::stri
 
 std::vector<std::int64_t> NumbersAt(const std::vector<SplitName>& names, std::size_t place) {
   std::vector<std::int64_t> numbers;
+  numbers.reserve(names.size());
   for (const SplitName& name : names) {
     numbers.push_back(name.numbers[place]);
   }
@@ -242,7 +245,7 @@ absl::Status CheckNumbers(const std::string& path, const std::vector<std::string
       continue;
     }
     // One number that is even will do; else the last one of the names tells what is wrong.
-    const absl::Status steps = CheckSteps(path, files, numbers);
+    absl::Status steps = CheckSteps(path, files, numbers);
     if (steps.ok()) {
       return steps;
     }
@@ -266,6 +269,7 @@ absl::Status CheckStackNames(const std::string& path, const std::vector<std::str
   }
   if (by_text.size() > 1) {
     std::vector<std::vector<std::string>> stacks;
+    stacks.reserve(by_text.size());
     for (auto& [text, group] : by_text) {
       stacks.push_back(std::move(group));
     }

@@ -13,6 +13,7 @@
 #include "tests/support/temp_dir.h"
 
 // libhdf5 does not free what it had read of a file that it then refuses.
+// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::source {

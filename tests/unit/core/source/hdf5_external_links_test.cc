@@ -24,6 +24,7 @@
 #include "tests/support/temp_dir.h"
 
 // libhdf5 does not free the parts of a file that it then refuses.
+// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::source {
@@ -36,6 +37,9 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 class Hdf5ExternalLinksTest : public ::testing::Test {
+ public:
+  ~Hdf5ExternalLinksTest() override { alarm(0); }
+
  protected:
   // A wait for the pipe ends the test, and does not hang it.
   Hdf5ExternalLinksTest() {
@@ -43,7 +47,6 @@ class Hdf5ExternalLinksTest : public ::testing::Test {
     PrepareHdf5();
     EXPECT_EQ(mkfifo(dir_.Sub("pipe.h5").c_str(), 0600), 0);
   }
-  ~Hdf5ExternalLinksTest() override { alarm(0); }
 
   Hdf5Handle Create(const std::string& name) {
     return {H5Fcreate(dir_.Sub(name).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose};

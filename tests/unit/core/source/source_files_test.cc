@@ -35,6 +35,7 @@
 #include "tests/unit/core/source/vti_bytes.h"
 
 // libhdf5 does not free the parts of a file that it then refuses.
+// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::source {
