@@ -184,7 +184,7 @@ class StartWatch {
         }
         base::LogInfo("shutdown", {{"signal", number == SIGINT ? "SIGINT" : "SIGTERM"},
                                    {"note", "while it started"}});
-        _exit(kSignalled + number);
+        _exit(0);  // as after any shutdown: the port may answer already
       }
     }
   }

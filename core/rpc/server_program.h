@@ -50,7 +50,7 @@ struct ServerProgram {
   std::function<absl::Duration()> announce_drain = nullptr;
   // Starts the server once all flags are read, and logs that it serves, unless `finish_start` does.
   // Returns an empty function if the flags asked for other work, which is then done. A signal
-  // meanwhile ends the process at once.
+  // meanwhile ends the process at once, with 0.
   std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start;
   // The rest of the start, if that takes long: it runs on a thread of its own while the server
   // answers already. An error ends the program as one of `start` does. It heeds `cancellation`,

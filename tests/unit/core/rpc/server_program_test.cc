@@ -1,5 +1,7 @@
 #include "core/rpc/server_program.h"
 
+#include <unistd.h>
+
 #include <csignal>
 #include <cstdlib>
 #include <functional>
@@ -10,6 +12,8 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "gtest/gtest.h"
 
 #include "core/base/log.h"
@@ -99,6 +103,17 @@ TEST(ServerProgramTest, TheFirstSignalDrainsTheServer) {
               ExitedWithCode(0),
               "listens on localhost:1\n(.*\n)*.*shutdown signal=SIGTERM drain_seconds=2.5\n"
               "drains for 2.5s\n.*test_stopped\n$");
+}
+
+TEST(ServerProgramTest, ASignalWhileItStartsIsAShutdown) {
+  for (const int number : {SIGTERM, SIGINT}) {
+    const auto start = [number](const ServerFlags& /*flags*/) -> absl::StatusOr<ServerShutdown> {
+      kill(getpid(), number);  // for whichever thread waits for it
+      absl::SleepFor(absl::Minutes(5));
+      return absl::InternalError("it went on");
+    };
+    EXPECT_EXIT(RunAndExit({}, start), ExitedWithCode(0), "shutdown signal=.*while it started");
+  }
 }
 
 TEST(ServerProgramTest, TheLogLevelChangesWhileItRuns) {
