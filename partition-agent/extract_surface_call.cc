@@ -1,7 +1,8 @@
 // An export's stream. Its single task runs on the extraction executor: it extracts batch by batch
 // and sends messages of about 256 KiB. Where batches give nothing to send for long, because the
-// sums alone are wanted or blocks have few triangles, an empty message tells that it works. A batch
-// that hangs tells nothing, so that the coordinator asks a replica.
+// sums alone are wanted or blocks have few triangles, an empty message tells that it works, as it
+// does while the task waits for others. A batch that hangs tells nothing, so that the coordinator
+// asks a replica.
 
 #include <cstddef>
 #include <memory>
@@ -24,6 +25,7 @@
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/request_context.h"
+#include "core/rpc/signs_of_life.h"
 #include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
 #include "core/volume/inside_rule.h"
@@ -74,7 +76,10 @@ class ExtractSurfaceCall final : public SurfaceReactor {
                            AgentContext::kMaxQueuedExtractions,
                            " wait, the most this agent takes: retry later")),
           rpc::UnaryTask::kBusyDelay));
+      return call.get();
     }
+    call->signs_.Start(agent->options.sign_of_life_interval,
+                       [call = call.get()] { call->PushSign(); });
     return call.get();
   }
 
@@ -86,7 +91,10 @@ class ExtractSurfaceCall final : public SurfaceReactor {
     outgoing_.Finish(absl::CancelledError("the coordinator cancelled the extraction"));
   }
 
-  void OnDone() override { const std::shared_ptr<ExtractSurfaceCall> last_use = std::move(self_); }
+  void OnDone() override {
+    signs_.Stop();
+    const std::shared_ptr<ExtractSurfaceCall> last_use = std::move(self_);
+  }
 
  private:
   ExtractSurfaceCall(AgentContext* agent, grpc::CallbackServerContext* context,
@@ -105,6 +113,8 @@ class ExtractSurfaceCall final : public SurfaceReactor {
             }) {}
 
   void Run() {
+    signs_.Stop();  // from here on a batch that ends tells it
+    last_sent_ = base::MonotonicNow();
     const base::MonotonicTime start = base::MonotonicNow();
     const absl::Status status =
         agent_.damages.ForCaller(base::OrNoMemory("the surface", [this] { return Extract(); }));
@@ -164,9 +174,13 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   // After each batch.
   void TellLife() {
     if (base::MonotonicNow() - last_sent_ >= agent_.options.sign_of_life_interval) {
-      outgoing_.PushIfIdle([] { return v1::ExtractSurfaceResponse(); });
+      PushSign();
       last_sent_ = base::MonotonicNow();
     }
+  }
+
+  void PushSign() {
+    outgoing_.PushIfIdle([] { return v1::ExtractSurfaceResponse(); });
   }
 
   absl::Status Send(v1::ExtractSurfaceResponse message) {
@@ -185,9 +199,10 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   const base::MonotonicTime arrival_ = base::MonotonicNow();
   base::Cancellation cancellation_;
   rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
+  rpc::SignsOfLife signs_;  // while the task waits
   std::int64_t triangle_count_ = 0;
-  base::MonotonicTime last_sent_ = base::MonotonicNow();  // of the task
-  std::shared_ptr<ExtractSurfaceCall> self_;              // reset by OnDone
+  base::MonotonicTime last_sent_;             // of the task
+  std::shared_ptr<ExtractSurfaceCall> self_;  // reset by OnDone
 };
 
 }  // namespace

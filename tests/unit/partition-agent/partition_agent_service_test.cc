@@ -25,6 +25,7 @@
 #include "core/solid/block_surface.h"
 #include "core/volume/label_values.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "partition-agent/agent_context.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
 #include "proto/message_checksum.h"
@@ -907,6 +908,46 @@ TEST_F(PartitionAgentServiceTest, BatchesWithNothingToSendTellThatTheAgentWorks)
       EXPECT_EQ(sign_count, 0);
     }
   }
+}
+
+// Symptom: an export that waited for others longer than the coordinator waits for a message ended
+// as one of an agent that is silent.
+TEST_F(PartitionAgentServiceTest, ExtractionsThatWaitForOthersTellThatTheAgentWorks) {
+  const SmallDataset large(1, {241, 241, 241});
+  sign_of_life_interval_ = absl::Milliseconds(20);
+  Start(large.directory());
+  const v1::ExtractSurfaceRequest request = SurfaceOf(large, {0});
+  struct Slow {  // nobody reads it on, so that its task waits
+    grpc::ClientContext context;
+    std::unique_ptr<grpc::ClientReader<v1::ExtractSurfaceResponse>> reader;
+  };
+  std::vector<std::unique_ptr<Slow>> slow;
+  for (int i = 0; i < AgentContext::kMaxConcurrentExtractions; ++i) {
+    slow.push_back(std::make_unique<Slow>());
+    slow.back()->reader = stub_->ExtractSurface(&slow.back()->context, request);
+    v1::ExtractSurfaceResponse first;
+    while (slow.back()->reader->Read(&first) && first.blocks_size() == 0) {
+    }
+    ASSERT_GT(first.blocks_size(), 0);
+  }
+  v1::ExtractSurfaceRequest sums_alone = request;
+  sums_alone.set_without_blocks(true);
+  grpc::ClientContext context;
+  const auto reader = stub_->ExtractSurface(&context, sums_alone);
+  v1::ExtractSurfaceResponse message;
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(reader->Read(&message)) << reader->Finish().error_message();
+    EXPECT_THAT(proto::CheckIntact(message), isoscope::testing::IsOk());
+    ASSERT_FALSE(message.has_sums()) << "it did not wait";
+  }
+  for (const auto& one : slow) {
+    one->context.TryCancel();
+    EXPECT_EQ(CodeOf(one->reader->Finish()), "CANCELLED");
+  }
+  while (reader->Read(&message)) {
+  }
+  EXPECT_TRUE(message.has_sums());
+  EXPECT_EQ(CodeOf(reader->Finish()), "OK");
 }
 
 // Blocks of 8 cells: a plane at x = 12 leaves out the first of each row, and cuts the second.
