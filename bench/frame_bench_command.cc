@@ -33,10 +33,10 @@
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "core/formats/open_request.h"
 #include "core/io/file.h"
 #include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
-#include "core/source/open_request.h"
 #include "core/source/volume_series.h"
 #include "core/store/shard_reader.h"
 

@@ -21,8 +21,8 @@
 #include "core/render/renderer.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
-#include "partition-agent/frame_task.h"
-#include "partition-agent/shard.h"
+#include "partition-agent/frame/frame_task.h"
+#include "partition-agent/shard/shard.h"
 
 namespace isoscope::bench {
 

@@ -78,7 +78,7 @@ endfunction()
 
 # isoscope_module(NAME isoscope_dicom SRCS entry.cc DEPS isoscope::dicom_child)
 #
-# Makes lib/isoscope/NAME.so, beside the folder of the programs, where core/source/decoder_module.cc looks for it.
+# Makes lib/isoscope/NAME.so, beside the folder of the programs, where core/source/child/decoder_module.cc looks for it.
 function(isoscope_module)
   cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
   add_library(${ARG_NAME} MODULE ${ARG_SRCS})
@@ -142,6 +142,49 @@ function(isoscope_test)
     set_tests_properties(${ARG_NAME} PROPERTIES
       ENVIRONMENT "LSAN_OPTIONS=suppressions=${leaks}:print_suppressions=0")
   endif()
+endfunction()
+
+# isoscope_room_tests(NAME formats_vtk_tests DEPS isoscope::formats PkgConfig::EXPAT)
+#
+# Makes one program of all sources FOO_test.cc of the folder, and one CTest entry FOO_test for each: it runs the suites of
+# that source alone, in a process of its own. Label: unit.
+function(isoscope_room_tests)
+  cmake_parse_arguments(ARG "" "NAME" "DEPS" ${ARGN})
+  file(GLOB sources CONFIGURE_DEPENDS *_test.cc)
+  add_executable(${ARG_NAME} ${sources})
+  target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${ARG_NAME} PRIVATE
+    ${ARG_DEPS} isoscope::test_support GTest::gmock GTest::gtest_main
+    isoscope::warnings isoscope::fp_strict isoscope::test_sanitizers isoscope::test_linker)
+  if(ISOSCOPE_PRECOMPILED_HEADERS)
+    target_precompile_headers(${ARG_NAME} REUSE_FROM isoscope_test_headers)
+  endif()
+  isoscope_test_of_label(unit ${ARG_NAME})
+  set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
+  set(timeout 300)
+  set(environment "")
+  if(ISOSCOPE_SANITIZE)
+    set(timeout 900)
+  endif()
+  if(ISOSCOPE_SANITIZE MATCHES address)
+    set(environment
+      "LSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/tests/support/leaks_of_libraries.supp:print_suppressions=0")
+  endif()
+  foreach(source IN LISTS sources)
+    # The suites: TEST(Suite, ...), TEST_F, TEST_P, TYPED_TEST.
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS "${source}")
+    file(STRINGS "${source}" lines REGEX "^(TYPED_)?TEST(_F|_P)?\\([A-Za-z0-9_]+,")
+    set(filter "")
+    foreach(line IN LISTS lines)
+      string(REGEX REPLACE "^[A-Z_]+\\(([A-Za-z0-9_]+),.*" "\\1" suite "${line}")
+      list(APPEND filter "${suite}.*" "*/${suite}.*" "${suite}/*")
+    endforeach()
+    list(REMOVE_DUPLICATES filter)
+    list(JOIN filter ":" filter)
+    cmake_path(GET source STEM name)
+    add_test(NAME ${name} COMMAND ${ARG_NAME} "--gtest_filter=${filter}")
+    set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT ${timeout} COST ${timeout} ENVIRONMENT "${environment}")
+  endforeach()
 endfunction()
 
 # isoscope_benchmark(NAME extract_benchmark SRCS extract_benchmark.cc DEPS isoscope::extract [TESTED REGEX])

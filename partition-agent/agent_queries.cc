@@ -12,10 +12,10 @@
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/series_convert.h"
-#include "partition-agent/point_gradients.h"
-#include "partition-agent/point_values.h"
-#include "partition-agent/shard_histogram.h"
-#include "partition-agent/shard_label_values.h"
+#include "partition-agent/shard/point_gradients.h"
+#include "partition-agent/shard/shard_histogram.h"
+#include "partition-agent/shard/shard_label_values.h"
+#include "partition-agent/supply/point_values.h"
 
 namespace isoscope::agent {
 

@@ -29,8 +29,8 @@
 #include "core/store/shard_reader.h"
 #include "partition-agent/opening.h"
 #include "partition-agent/partition_agent_service_impl.h"
-#include "partition-agent/series_shard.h"
-#include "partition-agent/shard.h"
+#include "partition-agent/shard/series_shard.h"
+#include "partition-agent/shard/shard.h"
 #include "partition-agent/shard_set.h"
 
 namespace isoscope::agent {

@@ -22,7 +22,7 @@
 #include "core/render/renderer.h"
 #include "core/rpc/signs_of_life.h"
 #include "core/rpc/transport.h"
-#include "partition-agent/agent_memory.h"
+#include "partition-agent/memory/agent_memory.h"
 
 namespace isoscope::agent {
 

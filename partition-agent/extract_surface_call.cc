@@ -30,7 +30,7 @@
 #include "core/rpc/write_queue.h"
 #include "core/volume/inside_rule.h"
 #include "partition-agent/agent_streams.h"
-#include "partition-agent/surface_extraction.h"
+#include "partition-agent/frame/surface_extraction.h"
 #include "proto/message_checksum.h"
 
 namespace isoscope::agent {

@@ -22,10 +22,10 @@
 #include "core/volume/block_set.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "partition-agent/agent_context.h"
-#include "partition-agent/frame_pipeline.h"
-#include "partition-agent/frame_task.h"
+#include "partition-agent/frame/frame_pipeline.h"
+#include "partition-agent/frame/frame_task.h"
 #include "partition-agent/frame_trace.h"
-#include "partition-agent/frames_in_work.h"
+#include "partition-agent/memory/frames_in_work.h"
 
 namespace isoscope::agent {
 

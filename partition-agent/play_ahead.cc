@@ -12,7 +12,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
-#include "partition-agent/low_priority.h"
+#include "partition-agent/memory/low_priority.h"
 
 namespace isoscope::agent {
 namespace {

@@ -32,11 +32,11 @@
 #include "core/base/mutex.h"
 #include "core/frame/frame_spec.h"
 #include "core/volume/block_layout.h"
-#include "partition-agent/agent_memory.h"
-#include "partition-agent/agent_resources.h"
-#include "partition-agent/play_detector.h"
+#include "partition-agent/memory/agent_memory.h"
+#include "partition-agent/memory/agent_resources.h"
+#include "partition-agent/play/play_detector.h"
+#include "partition-agent/play/step_ahead.h"
 #include "partition-agent/shard_set.h"
-#include "partition-agent/step_ahead.h"
 
 namespace isoscope::agent {
 

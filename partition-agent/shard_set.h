@@ -14,8 +14,8 @@
 #include "absl/time/time.h"
 #include "google/protobuf/repeated_field.h"
 
-#include "partition-agent/series_shard.h"
-#include "partition-agent/shard.h"
+#include "partition-agent/shard/series_shard.h"
+#include "partition-agent/shard/shard.h"
 
 namespace isoscope::agent {
 

@@ -23,9 +23,9 @@
 #include "core/http/tls_context.h"
 #include "core/rpc/certificate_watch.h"
 #include "core/rpc/host_port.h"
+#include "web-gateway/http/url.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/known_tokens.h"
-#include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {

@@ -13,7 +13,7 @@
 
 #include "core/base/metrics.h"
 #include "core/http/peer_address.h"
-#include "web-gateway/access.h"
+#include "web-gateway/http/access.h"
 
 namespace grpc {
 class Channel;

@@ -10,11 +10,11 @@
 #include "core/http/connections.h"
 #include "core/http/peer_address.h"
 #include "core/http/peer_stream.h"
-#include "web-gateway/access.h"
-#include "web-gateway/api.h"
-#include "web-gateway/coordinator_client.h"
+#include "web-gateway/api/api.h"
+#include "web-gateway/api/coordinator_client.h"
 #include "web-gateway/gateway_metrics.h"
 #include "web-gateway/gateway_server.h"
+#include "web-gateway/http/access.h"
 #include "web-gateway/known_tokens.h"
 
 namespace isoscope::gateway {

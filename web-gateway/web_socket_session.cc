@@ -25,9 +25,9 @@
 #include "core/base/log.h"
 #include "core/base/printable.h"
 #include "isoscope/v1/interact_service.pb.h"
-#include "web-gateway/frame_message.h"
+#include "web-gateway/api/frame_message.h"
+#include "web-gateway/api/interact_stream.h"
 #include "web-gateway/http_session.h"
-#include "web-gateway/interact_stream.h"
 
 namespace isoscope::gateway {
 namespace {

@@ -31,11 +31,11 @@
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/math/vec.h"
-#include "core/source/flow_file.h"
-#include "core/source/flow_generator.h"
-#include "core/source/generated_regions.h"
-#include "core/source/volume_file.h"
-#include "core/source/volume_generator.h"
+#include "core/synthetic/flow_file.h"
+#include "core/synthetic/flow_generator.h"
+#include "core/synthetic/generated_regions.h"
+#include "core/synthetic/volume_file.h"
+#include "core/synthetic/volume_generator.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
@@ -63,7 +63,7 @@ constexpr std::array<FieldRow, 7> kFields{{
      "a series of time steps: pressure, temperature and velocity of a vortex; see below"},
 }};
 
-// As the head of core/source/flow_generator.h has it.
+// As the head of core/synthetic/flow_generator.h has it.
 constexpr char kHelpOfFlow[] = R"(
 flow is a decaying vortex that is carried along with a warm cloud, on a grid of 1 m (its longest
 axis) around (0, 0, 0). It writes a ParaView collection, .pvd, and a .vti for each of N steps beside

@@ -20,11 +20,11 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
+#include "core/formats/format_table.h"
+#include "core/formats/open_request.h"
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
-#include "core/source/open_request.h"
-#include "core/source/series_format.h"
 #include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
@@ -188,7 +188,7 @@ Action RegisterPartitionFlags(FlagSet* set) {
       absl::StrCat(
           "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
           "several), file.vti[:array[:component]], file.h5:/dataset, 'pattern*.h5' of openPMD, ",
-          source::ListedSeriesFormats(),
+          source::ListedFormats(),
           ", a folder or a file of a DICOM series, a folder or 'pattern*.tif' of slices, or a "
           "raw file"));
   AddFlag(set, "-o,--output", "DIR", &flags->output, ParseText,

@@ -14,7 +14,7 @@
 #include "absl/strings/str_replace.h"
 #include <sys/stat.h>
 
-#include "web-gateway/http_message.h"
+#include "web-gateway/http/http_message.h"
 
 namespace isoscope::cli {
 namespace {

@@ -52,7 +52,7 @@
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "web-gateway/gateway_server.h"
-#include "web-gateway/url.h"
+#include "web-gateway/http/url.h"
 
 namespace isoscope::cli {
 namespace {

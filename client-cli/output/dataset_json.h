@@ -9,7 +9,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
-#include "core/source/value_range.h"
+#include "core/source/adapt/value_range.h"
 #include "core/source/volume_source.h"
 #include "core/store/shard_reader.h"
 #include "isoscope/v1/cluster_service.pb.h"

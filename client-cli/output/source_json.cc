@@ -14,7 +14,7 @@
 #include "core/base/units.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
-#include "core/source/series_format.h"
+#include "core/source/series_parts.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::cli {

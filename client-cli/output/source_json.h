@@ -11,9 +11,9 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "client-cli/output/dataset_json.h"
+#include "core/formats/dicom/dicom_folder.h"
 #include "core/math/vec.h"
-#include "core/source/dicom_folder.h"
-#include "core/source/value_range.h"
+#include "core/source/adapt/value_range.h"
 #include "core/source/volume_series.h"
 #include "core/volume/scalar_type.h"
 

@@ -18,7 +18,7 @@
 
 #include "client-cli/session/cache_entry.h"
 #include "core/base/units.h"
-#include "core/source/open_request.h"
+#include "core/formats/open_request.h"
 
 namespace isoscope::cli {
 

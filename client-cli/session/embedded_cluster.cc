@@ -20,8 +20,8 @@
 #include "core/frame/frame_spec.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/series_manifest.h"
-#include "partition-agent/agent_memory.h"
 #include "partition-agent/agent_server.h"
+#include "partition-agent/memory/agent_memory.h"
 #include "server/coordinator_server.h"
 
 namespace isoscope::cli {

@@ -14,7 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/progress_line.h"
-#include "core/source/series_format.h"
+#include "core/source/series_parts.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::cli {

@@ -10,9 +10,9 @@
 #include "absl/strings/string_view.h"
 
 #include "core/cli/command.h"
+#include "core/formats/open_request.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
-#include "core/source/open_request.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "core/store/manifest.h"

@@ -12,7 +12,7 @@
 
 #include "client-cli/session/source_flags.h"
 #include "core/cli/flag_set.h"
-#include "core/source/open_request.h"
+#include "core/formats/open_request.h"
 #include "core/source/series_selection.h"
 
 namespace isoscope::cli {

@@ -30,17 +30,17 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
+#include "core/formats/open_request.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/host_port.h"
-#include "core/source/open_request.h"
-#include "core/source/series_format.h"
+#include "core/source/series_parts.h"
 #include "core/source/series_selection.h"
 #include "core/source/source_stamps.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
-#include "partition-agent/shard.h"
+#include "partition-agent/shard/shard.h"
 
 namespace isoscope::cli {
 namespace {

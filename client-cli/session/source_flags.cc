@@ -19,14 +19,16 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
+#include "core/formats/dicom/dicom_folder.h"
+#include "core/formats/find_volume.h"
+#include "core/formats/format_table.h"
+#include "core/formats/label_names.h"
+#include "core/formats/refused_formats.h"
+#include "core/formats/source_labels.h"
+#include "core/formats/vtk/vtk_image.h"
 #include "core/io/file.h"
-#include "core/source/dicom_folder.h"
-#include "core/source/hdf5_source.h"
-#include "core/source/label_names.h"
-#include "core/source/refused_formats.h"
-#include "core/source/series_format.h"
-#include "core/source/source_labels.h"
-#include "core/source/vti_source.h"
+#include "core/source/bytes/raw_file.h"
+#include "core/source/hdf5/hdf5_path.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -209,10 +211,10 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& nam
 bool HasSelfDescribingName(const std::string& path) {
   source::Hdf5Path hdf5;
   source::PartPath vti;
-  if (source::SplitHdf5Path(path, &hdf5) || source::SplitVtiPath(path, &vti)) {
+  if (source::SplitHdf5Path(path, &hdf5) || source::SplitVtkImagePath(path, &vti)) {
     return true;
   }
-  if (source::FindSeriesFileByName(path).has_value()) {
+  if (source::FindFormatFileByName(path).has_value()) {
     return true;
   }
   const std::string name = absl::AsciiStrToLower(path);

@@ -13,10 +13,10 @@
 #include "absl/status/statusor.h"
 
 #include "core/cli/flag_set.h"
+#include "core/formats/open_request.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
-#include "core/source/adjusted_source.h"
-#include "core/source/open_request.h"
+#include "core/source/adapt/adjusted_source.h"
 #include "core/volume/label.h"
 #include "core/volume/scalar_type.h"
 

@@ -10,7 +10,7 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
-#include "core/source/series_format.h"
+#include "core/source/series_parts.h"
 #include "core/store/series_manifest.h"
 #include "core/volume/field_name.h"
 

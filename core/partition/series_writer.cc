@@ -21,7 +21,7 @@
 
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
-#include "core/source/magnitude_source.h"
+#include "core/source/adapt/magnitude_source.h"
 
 namespace isoscope::partition {
 namespace {

@@ -12,7 +12,6 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
-#include "core/source/grid_rules.h"
 #include "core/source/volume_source.h"
 
 namespace isoscope::source {
@@ -45,7 +44,7 @@ class VolumeSeries {
   }
 
   // Opens one component of one field at one step. All have the grid of the first: INVALID_ARGUMENT
-  // names file, field, step and what differs. Otherwise errors as OpenVolumeFile.
+  // names file, field, step and what differs. Otherwise errors of the format.
   // REQUIRES: indices in range.
   virtual absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component,
                                                              int step) = 0;
@@ -63,22 +62,6 @@ class VolumeSeries {
         absl::StrCat(name(), ": nothing tells what decides its samples"));
   }
 };
-
-struct SeriesOptions {
-  // The meaning of the axes of an array, slowest first, of the letters T C Z Y X: "TCZYX"; of the
-  // planes of a TIFF stack, of T C Z with counts: "TC3Z20" (stack_layout.h). Empty: as the file
-  // says.
-  std::string axes;
-  // A name of ListFormats (volume_source.h); empty: as name and content say.
-  std::string format{};
-  GridRules rules{};
-};
-
-// Opens all that the path names. A path that names one array, component or step of a file gives a
-// series of one field and one step, as does every format that holds no more. Errors as
-// OpenVolumeFile; where a choice is missing (the meaning of axes), the error lists the choices.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
-                                                               const SeriesOptions& options = {});
 
 }  // namespace isoscope::source
 

@@ -28,6 +28,7 @@
 #include "tests/support/draws.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/only_volume.h"
 #include "tests/support/random_options.h"
 #include "tests/support/scenes.h"
 #include "tests/support/skips.h"

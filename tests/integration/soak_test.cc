@@ -44,7 +44,7 @@
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
 #include "core/render/renderer_factory.h"
-#include "core/source/magnitude_source.h"
+#include "core/source/adapt/magnitude_source.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "core/store/series_manifest.h"

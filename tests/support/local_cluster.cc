@@ -14,7 +14,7 @@
 #include "core/base/task_arena.h"
 #include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
-#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/frame/frame_pipeline.h"
 #include "server/frame/agent_link.h"
 #include "tests/support/only_arena.h"
 

@@ -16,12 +16,12 @@
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/peer.h"
 #include "tests/fuzz/fuzz_input.h"
-#include "web-gateway/access.h"
-#include "web-gateway/frame_message.h"
-#include "web-gateway/json.h"
-#include "web-gateway/render_query.h"
-#include "web-gateway/served_selection.h"
-#include "web-gateway/url.h"
+#include "web-gateway/api/frame_message.h"
+#include "web-gateway/api/json.h"
+#include "web-gateway/api/render_query.h"
+#include "web-gateway/api/served_selection.h"
+#include "web-gateway/http/access.h"
+#include "web-gateway/http/url.h"
 
 namespace isoscope::fuzz {
 namespace {

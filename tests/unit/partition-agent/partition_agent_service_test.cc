@@ -27,7 +27,7 @@
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_context.h"
 #include "partition-agent/agent_server.h"
-#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/frame/frame_pipeline.h"
 #include "proto/message_checksum.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/status_matchers.h"

@@ -17,7 +17,7 @@
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_format.h"
 #include "core/view/camera.h"
-#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/frame/frame_pipeline.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/unit/core/partition/series_fixture.h"

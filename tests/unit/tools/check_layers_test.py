@@ -37,7 +37,7 @@ class CheckIncludeTest(unittest.TestCase):
             ("core/base/a.cc", "core/math/vec.h"),
             ("core/store/a.cc", "core/index/interval_tree.h"),
             ("core/rpc/a.cc", "server/frame/agent_link.h"),
-            ("server/a.cc", "partition-agent/shard.h"),
+            ("server/a.cc", "partition-agent/shard/shard.h"),
             ("partition-agent/a.cc", "server/frame/agent_link.h"),
             ("server/cluster/a.h", "server/coordinator_server.h"),
             ("server/cluster/a.h", "server/frame/b.h"),
@@ -92,7 +92,7 @@ class CheckLibmTest(unittest.TestCase):
             ("core/view/a.cc", "std::ldexp(std::floor(x), 3); shape.exp(2); image->log(x); MyExp(2);"),
             ("core/view/a.cc", "base::log(x); explog(3)"),
             ("client-cli/a.cc", "std::tan(x)"),
-            ("core/source/volume_generator.cc", "std::cos(x)"),
+            ("core/synthetic/volume_generator.cc", "std::cos(x)"),
         ]:
             self.assertIsNone(check_layers.check_libm(file, line), (file, line))
 

@@ -8,7 +8,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/string_view.h"
 
-#include "web-gateway/http_message.h"
+#include "web-gateway/http/http_message.h"
 
 namespace isoscope::gateway {
 

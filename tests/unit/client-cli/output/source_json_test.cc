@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/shell_word.h"
+#include "core/formats/open_volume.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

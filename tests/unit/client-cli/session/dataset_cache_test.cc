@@ -27,9 +27,9 @@
 
 #include "core/base/units.h"
 #include "core/cli/usage.h"
+#include "core/formats/open_request.h"
 #include "core/io/file.h"
 #include "core/io/work_folder.h"
-#include "core/source/open_request.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 

@@ -23,7 +23,7 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
-#include "tests/unit/core/source/vti_bytes.h"
+#include "tests/unit/core/formats/vtk/vti_bytes.h"
 
 namespace isoscope::cli {
 namespace {

@@ -16,7 +16,7 @@
 
 #include "core/io/file.h"
 #include "core/io/file_lock.h"
-#include "core/source/magnitude_source.h"
+#include "core/source/adapt/magnitude_source.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"

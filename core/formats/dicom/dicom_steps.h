@@ -1,0 +1,53 @@
+// The steps of a DICOM series with several images at each place.
+
+#ifndef ISOSCOPE_CORE_FORMATS_DICOM_DICOM_STEPS_H_
+#define ISOSCOPE_CORE_FORMATS_DICOM_DICOM_STEPS_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/formats/dicom/dicom_scan.h"
+#include "core/formats/dicom/dicom_values.h"
+#include "core/math/matrix.h"
+#include "core/math/vec.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::source {
+
+struct DicomSlice {
+  std::string path;
+  std::int64_t frame = -1;  // of a file of many frames; -1: the only one
+  std::int64_t width = 0;
+  std::int64_t height = 0;
+  volume::ScalarType type = volume::ScalarType::kUint8;
+  math::Vec3d origin;
+  math::Vec3d spacing;
+  math::Mat3d direction;
+  double position = 0;  // along the normal
+  DicomValues values;
+  bool is_on_patient = true;  // world axes are those of the patient
+  bool is_decoded = false;    // its pixels are compressed, or not where DicomScan finds them
+  DicomMoment moment;
+};
+
+struct DicomSteps {
+  std::vector<std::vector<DicomSlice>> steps;  // each by position; at least one
+  std::vector<double> times{};                 // none if there is one step
+  std::string time_unit{};
+};
+
+// Divides slices by what tells those of one place apart: the temporal position, the echo time, the
+// trigger time, the rank in the dimensions of a file, the number or time of the acquisition, the
+// time of the content or the number of the instance, the first that does so at every place. Echoes
+// and triggers give times in ms, acquisitions in s from the first one on; all else gives numbers,
+// in ms by the temporal resolution if there is one. Places with different numbers of images, or one
+// image each, make one step. INVALID_ARGUMENT: nothing tells them apart, or some steps lack a few
+// images (says how many).
+absl::StatusOr<DicomSteps> SplitDicomSteps(std::vector<DicomSlice> slices, const std::string& name);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_FORMATS_DICOM_DICOM_STEPS_H_

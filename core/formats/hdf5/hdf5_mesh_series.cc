@@ -1,0 +1,186 @@
+#include "core/formats/hdf5/hdf5_mesh_series.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/status_macros.h"
+#include "core/formats/hdf5/hdf5_dataset.h"
+#include "core/formats/hdf5/hdf5_mesh.h"
+#include "core/formats/hdf5/hdf5_storage.h"
+#include "core/source/child/walled_series.h"
+#include "core/source/grid/grid_faults.h"
+#include "core/source/hdf5/hdf5_file.h"
+#include "core/source/series_parts.h"
+#include "hdf5.h"
+
+namespace isoscope::source {
+namespace {
+
+// Samples of one value.
+class ConstantSource final : public VolumeSource {
+ public:
+  ConstantSource(std::string name, const Hdf5Constant& constant,
+                 const volume::GridGeometry& geometry)
+      : name_(std::move(name)), constant_(constant), geometry_(geometry) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override {
+    return constant_.is_single ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
+  }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const std::int64_t count = (end_row - begin_row) * geometry_.sample_dims.x;
+    const auto single = static_cast<float>(constant_.value);
+    for (std::int64_t i = 0; i < count; ++i) {
+      if (constant_.is_single) {
+        std::memcpy(out + i * 4, &single, 4);
+      } else {
+        std::memcpy(out + i * 8, &constant_.value, 8);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const std::string name_;
+  const Hdf5Constant constant_;
+  const volume::GridGeometry geometry_;
+};
+
+absl::Status WithName(const std::string& name, const absl::Status& status) {
+  return absl::Status(status.code(), absl::StrCat(name, ": ", status.message()));
+}
+
+absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file, OpenHdf5File(path));
+  auto meshes = FindHdf5Meshes(file.get());
+  if (!meshes.ok()) {
+    return WithName(path, meshes.status());
+  }
+  return meshes;
+}
+
+absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
+                                                        const std::string& part) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
+  if (!meshes.has_value()) {
+    return std::vector<std::string>();
+  }
+  // Whoever opens a volume gets the faults of its grid. NaN would not equal itself.
+  for (Hdf5MeshField& field : meshes->fields) {
+    GridFaults faults;
+    ReplaceFaults("", &field.geometry, &faults);
+  }
+  const Hdf5MeshField* chosen = nullptr;
+  std::ptrdiff_t most = 0;
+  for (const Hdf5MeshField& candidate : meshes->fields) {
+    const std::string& name = candidate.field.name;
+    if (name == part || absl::StartsWith(part, absl::StrCat(name, ":"))) {
+      chosen = &candidate;
+      break;
+    }
+    const auto alike = std::count_if(
+        meshes->fields.begin(), meshes->fields.end(),
+        [&](const Hdf5MeshField& other) { return other.geometry == candidate.geometry; });
+    if (alike > most) {
+      chosen = &candidate;
+      most = alike;
+    }
+  }
+  WalledFile file{
+      .times = meshes->times, .time_unit = meshes->time_unit, .length_unit = meshes->length_unit};
+  for (std::size_t i = 0; i < meshes->fields.size(); ++i) {
+    if (meshes->fields[i].geometry == chosen->geometry) {
+      file.fields.push_back(
+          {.field = meshes->fields[i].field, .number = static_cast<std::int64_t>(i)});
+    }
+  }
+  return WalledTexts(file);
+}
+
+// INVALID_ARGUMENT unless a dataset of these sizes has the samples of the field's grid.
+absl::Status CheckSamples(const Hdf5MeshField& field, const AxisOrder& axes,
+                          const std::vector<std::int64_t>& dims) {
+  const math::Index3& samples = field.geometry.sample_dims;
+  const auto fits = [&](std::size_t axis, std::int64_t size) {
+    return dims[axis] == size || (field.is_filled_up && dims[axis] > size);
+  };
+  if (dims.size() <= axes.x || !fits(axes.z, samples.z) || !fits(axes.y, samples.y) ||
+      !fits(axes.x, samples.x)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "it has not the %d x %d x %d samples of the first step: all steps must lie on one grid",
+        samples.z, samples.y, samples.x));
+  }
+  return volume::Validate(field.geometry);
+}
+
+// The constant that a volume is; not set if it is a dataset.
+std::optional<Hdf5Constant> FindConstantOf(const std::string& path, const Hdf5MeshVolume& volume) {
+  const Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  const Hdf5Handle object(H5Oopen(file.get(), volume.dataset.c_str(), H5P_DEFAULT), H5Oclose);
+  return FindHdf5Constant(object.get());
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
+                                                       const std::string& part) {
+  const auto [number, step, component] = ParseWalledPart(part);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
+  if (!meshes.has_value() || number >= static_cast<std::int64_t>(meshes->fields.size())) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
+  }
+  Hdf5MeshField field = meshes->fields[static_cast<std::size_t>(number)];
+  ISOSCOPE_RETURN_IF_ERROR(TakeGridByRules(path, GivenRules(part), &field.geometry));
+  const auto components = static_cast<std::int64_t>(field.field.components.size());
+  const std::int64_t index = step * components + component;
+  if (component >= components || index >= static_cast<std::int64_t>(field.volumes.size())) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
+  }
+  const Hdf5MeshVolume& wanted = field.volumes[static_cast<std::size_t>(index)];
+  const std::string wanted_name = absl::StrCat(path, ":", wanted.dataset);
+  if (const auto constant = FindConstantOf(path, wanted); constant.has_value()) {
+    const absl::Status valid = CheckSamples(field, wanted.axes, constant->dims);
+    if (!valid.ok()) {
+      return WithName(wanted_name, valid);
+    }
+    return std::make_unique<ConstantSource>(wanted_name, *constant, field.geometry);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenHdf5ByName(wanted_name));
+  const std::string name = named.parts.name();
+  ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
+  auto type = Hdf5SampleTypeOf(named.dataset.get());
+  const absl::Status valid =
+      type.ok() ? CheckSamples(field, wanted.axes, Hdf5DimsOf(named.dataset.get())) : type.status();
+  if (!valid.ok()) {
+    return WithName(name, valid);
+  }
+  return OpenHdf5Volume(std::move(named), *std::move(type), wanted.axes, wanted.step,
+                        wanted.component, field.geometry);
+}
+
+constexpr WalledLibrary kHdf5Meshes = {
+    .name = "HDF5", .open = OpenMesh, .find_files = nullptr, .describe = DescribeMeshes};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5MeshSeries(const std::string& file,
+                                                                 const std::string& part,
+                                                                 const GridRules& rules) {
+  const GridRules given{.has_spacing = rules.has_spacing,
+                        .has_origin = rules.has_origin,
+                        .has_direction = rules.has_direction};
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                            OpenWalledSeries(kHdf5Meshes, file, part, given));
+  return series == nullptr || part.empty() ? std::move(series)
+                                           : SelectPart(std::move(series), file, part);
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,35 @@
+// What a NeXus file plots by default, and along which axes: groups of the class NXdata. Calls the
+// HDF5 library: for the process that it runs in (walled_source.h).
+
+#ifndef ISOSCOPE_CORE_FORMATS_HDF5_NEXUS_DATA_H_
+#define ISOSCOPE_CORE_FORMATS_HDF5_NEXUS_DATA_H_
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "hdf5.h"
+
+namespace isoscope::source {
+
+// The dataset that a file plots by default: "/entry/data/counts". The attribute `default` leads
+// from the root to an entry, and on to a plot; where it is missing, the only group of that class is
+// taken. "" if the file does not say it.
+std::string FindNexusDefault(hid_t file);
+
+// The name of the dataset that a group plots: by its attribute `signal`, or by that of the dataset,
+// as older files have it. "" if the group is no NXdata, or names none.
+std::string FindNexusSignal(hid_t group);
+
+// The names of the datasets in the group with the coordinates along each axis of the dataset
+// `name`, slowest first; "" for an axis without. Empty if the group says nothing of it.
+// INVALID_ARGUMENT: coordinates that depend on several axes (names them). The message is to follow
+// a name and a colon.
+absl::StatusOr<std::vector<std::string>> FindNexusAxes(hid_t group, const std::string& name,
+                                                       std::size_t rank);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_FORMATS_HDF5_NEXUS_DATA_H_

@@ -1,0 +1,5 @@
+// What isoscope_vdb.so exports (vdb_series.cc).
+
+#include "core/formats/maps/vdb_child.h"
+
+extern "C" const void* IsoscopeVdbCalls() { return &isoscope::source::VdbCalls(); }

@@ -1,0 +1,320 @@
+// A page is stored in strips (a few whole rows) or tiles (rectangles, those at the right and lower
+// edge filled up), each compressed by itself:
+//
+//   strips of 4 rows        tiles of 4 x 4, of a page of 6 x 6
+//   +------------+          +----+----+
+//   | rows 0-3   |          |    |  ::|   ':' is no part of the page
+//   +------------+          +----+----+
+//   | rows 4-5   |          |    |  ::|
+//   +------------+          |::::|::::|
+//                           +----+----+
+//
+// Strips are decoded directly into their place, tiles through a buffer of one tile.
+//
+// libtiff inflates a whole strip or tile by libdeflate, and accepts one that is too short. Samples
+// of a damaged page would then be old memory. So zlib checks the data.
+//
+// libtiff writes its messages to standard error unless it is given functions: the last error goes
+// into the status, warnings (mostly private tags) are dropped.
+
+#include "core/formats/stacks/tiff_file.h"
+
+#include <algorithm>
+#include <cstdarg>
+#include <cstddef>
+#include <cstdio>
+#include <cstring>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/process_interrupt.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+
+namespace isoscope::source {
+namespace {
+
+// The largest decoded strip or tile. A larger one is taken for an attack.
+constexpr std::int64_t kMaxPieceBytes = 2 * base::kGiB;
+constexpr std::size_t kMaxTiffPages = 1'000'000;
+constexpr std::uint32_t kLsmInfoTag = 34412;
+
+// The last message of libtiff in this thread. It takes plain functions only.
+std::string& LastMessage() {
+  thread_local std::string message;
+  return message;
+}
+
+__attribute__((format(printf, 2, 0))) void KeepMessage(const char* /*module*/, const char* format,
+                                                       va_list arguments) {
+  char text[256];
+  std::vsnprintf(text, sizeof(text), format, arguments);
+  LastMessage() = text;
+}
+
+void DropMessage(const char* /*module*/, const char* /*format*/, va_list /*arguments*/) {}
+
+std::string TakeMessage() {
+  std::string message = std::exchange(LastMessage(), std::string());
+  return message.empty() ? "unknown error" : message;
+}
+
+bool ScalarTypeOf(unsigned bits, unsigned format, volume::ScalarType* type) {
+  const bool is_signed = format == SAMPLEFORMAT_INT;
+  if (format == SAMPLEFORMAT_IEEEFP) {
+    *type = bits == 32 ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
+    return bits == 32 || bits == 64;
+  }
+  if (format != SAMPLEFORMAT_UINT && !is_signed) {
+    return false;
+  }
+  switch (bits) {
+    case 8:
+      *type = is_signed ? volume::ScalarType::kInt8 : volume::ScalarType::kUint8;
+      return true;
+    case 16:
+      *type = is_signed ? volume::ScalarType::kInt16 : volume::ScalarType::kUint16;
+      return true;
+    case 32:
+      *type = is_signed ? volume::ScalarType::kInt32 : volume::ScalarType::kUint32;
+      return true;
+    default:
+      return false;
+  }
+}
+
+const char* NameOfPhotometric(std::uint16_t photometric) {
+  switch (photometric) {
+    case PHOTOMETRIC_RGB:
+      return "RGB";
+    case PHOTOMETRIC_PALETTE:
+      return "a palette";
+    case PHOTOMETRIC_MASK:
+      return "a mask";
+    case PHOTOMETRIC_SEPARATED:
+      return "CMYK";
+    case PHOTOMETRIC_YCBCR:
+      return "YCbCr";
+    case PHOTOMETRIC_CIELAB:
+      return "CIE L*a*b*";
+    case PHOTOMETRIC_MINISBLACK:
+    case PHOTOMETRIC_MINISWHITE:
+      return "greyscale";
+    default:
+      return "another kind";
+  }
+}
+
+absl::Status ColourError(const std::string& path, unsigned samples, std::uint16_t photometric) {
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "%s: a colour or palette image: %d samples a pixel, photometric interpretation %d (%s)%s; "
+      "expected greyscale, 1 sample a pixel: convert it, as ImageMagick does with `convert %s "
+      "-alpha off -colorspace Gray grey.tif`",
+      path, samples, photometric, NameOfPhotometric(photometric),
+      photometric == PHOTOMETRIC_PALETTE ? ", so that samples are numbers of colours" : "", path));
+}
+
+absl::Status ReadStrips(TIFF* tiff, const PageFormat& format, std::uint16_t plane,
+                        const std::string& path, char* out) {
+  const std::int64_t row_bytes =
+      std::int64_t{format.width} * static_cast<std::int64_t>(volume::SizeOf(format.type));
+  if (static_cast<std::int64_t>(TIFFScanlineSize64(tiff)) != row_bytes) {
+    return absl::DataLossError(absl::StrFormat("%s: rows of %d bytes, expected %d", path,
+                                               TIFFScanlineSize64(tiff), row_bytes));
+  }
+  std::uint32_t strip_rows = 0;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_ROWSPERSTRIP, &strip_rows);
+  strip_rows = std::min(std::max(strip_rows, 1U), format.height);
+  for (std::uint32_t y = 0; y < format.height; y += strip_rows) {
+    const std::int64_t bytes = std::min(strip_rows, format.height - y) * row_bytes;
+    if (TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), out,
+                             static_cast<tmsize_t>(bytes)) != bytes) {
+      return TiffDamage(path);
+    }
+    out += bytes;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ReadTiles(TIFF* tiff, const PageFormat& format, std::uint16_t plane,
+                       const std::string& path, char* out) {
+  const std::size_t sample_size = volume::SizeOf(format.type);
+  std::uint32_t tile_width = 0;
+  std::uint32_t tile_height = 0;
+  TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width);
+  TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height);
+  const auto tile_bytes = static_cast<std::int64_t>(TIFFTileSize64(tiff));
+  const std::int64_t tile_row_bytes =
+      std::int64_t{tile_width} * static_cast<std::int64_t>(sample_size);
+  if (tile_width == 0 || tile_height == 0 || tile_bytes > kMaxPieceBytes ||
+      tile_bytes != tile_row_bytes * tile_height) {
+    return absl::DataLossError(absl::StrFormat("%s: tiles of %d x %d samples in %d bytes", path,
+                                               tile_width, tile_height, tile_bytes));
+  }
+  std::vector<char> tile(static_cast<std::size_t>(tile_bytes));
+  for (std::uint32_t y = 0; y < format.height; y += tile_height) {
+    for (std::uint32_t x = 0; x < format.width; x += tile_width) {
+      if (TIFFReadTile(tiff, tile.data(), x, y, 0, plane) < 0) {
+        return TiffDamage(path);
+      }
+      const std::uint32_t rows = std::min(tile_height, format.height - y);
+      const std::size_t bytes = std::min(tile_width, format.width - x) * sample_size;
+      for (std::uint32_t row = 0; row < rows; ++row) {
+        std::memcpy(out + (std::size_t{y + row} * format.width + x) * sample_size,
+                    tile.data() + row * tile_row_bytes, bytes);
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The member TiffPages::raw_offset of the current page.
+std::uint64_t RawOffset(TIFF* tiff) {
+  std::uint16_t compression = COMPRESSION_NONE;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_COMPRESSION, &compression);
+  if (compression != COMPRESSION_NONE || TIFFIsTiled(tiff) != 0) {
+    return 0;
+  }
+  const std::uint64_t first = TIFFGetStrileOffset(tiff, 0);
+  // Without an offset a header of billions of strips would be walked through.
+  const std::uint32_t strips = first == 0 ? 0 : TIFFNumberOfStrips(tiff);
+  std::uint64_t end = first;
+  for (std::uint32_t strip = 0; strip < strips; ++strip) {
+    if (TIFFGetStrileOffset(tiff, strip) != end) {
+      return 0;
+    }
+    end += TIFFGetStrileByteCount(tiff, strip);
+  }
+  return first;
+}
+
+void ReadTiffHead(TIFF* tiff, TiffPages* pages) {
+  const char* description = nullptr;
+  if (TIFFGetField(tiff, TIFFTAG_IMAGEDESCRIPTION, &description) == 1 && description != nullptr) {
+    pages->description = description;
+  }
+  float x_resolution = 0;
+  float y_resolution = 0;
+  TIFFGetField(tiff, TIFFTAG_XRESOLUTION, &x_resolution);
+  TIFFGetField(tiff, TIFFTAG_YRESOLUTION, &y_resolution);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_RESOLUTIONUNIT, &pages->resolution_unit);
+  pages->x_resolution = static_cast<double>(x_resolution);
+  pages->y_resolution = static_cast<double>(y_resolution);
+  std::uint32_t count = 0;
+  const void* bytes = nullptr;
+  if (TIFFGetField(tiff, kLsmInfoTag, &count, &bytes) == 1 && bytes != nullptr) {
+    pages->lsm.assign(static_cast<const char*>(bytes), count);
+  }
+  pages->raw_offset = RawOffset(tiff);
+}
+
+}  // namespace
+
+bool IsTiff(absl::string_view head) {
+  const absl::string_view mark = head.substr(0, 4);
+  return mark == absl::string_view("II*\0", 4) || mark == absl::string_view("MM\0*", 4) ||
+         mark == absl::string_view("II+\0", 4) || mark == absl::string_view("MM\0+", 4);
+}
+
+absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
+  if (!io::PathExists(path)) {
+    return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a stack of many files
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));   // libtiff would wait for a writer
+  TIFFSetErrorHandler(KeepMessage);
+  TIFFSetWarningHandler(DropMessage);  // private tags
+  TakeMessage();
+  // m: no memory map, so that a cut file is an error and not a signal.
+  TiffFile tiff(TIFFOpen(path.c_str(), "rm"));
+  if (tiff == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": can't be read as TIFF: ", TakeMessage()));
+  }
+  return tiff;
+}
+
+absl::Status TiffDamage(const std::string& path) {
+  return absl::DataLossError(absl::StrFormat("%s: can't be decoded: %s", path, TakeMessage()));
+}
+
+absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, TiffColours colours) {
+  PageFormat page;
+  std::uint16_t bits = 1;
+  std::uint16_t samples = 1;
+  std::uint16_t format = SAMPLEFORMAT_UINT;
+  std::uint16_t photometric = PHOTOMETRIC_MINISBLACK;
+  std::uint16_t planar = PLANARCONFIG_CONTIG;
+  TIFFGetField(tiff, TIFFTAG_IMAGEWIDTH, &page.width);
+  TIFFGetField(tiff, TIFFTAG_IMAGELENGTH, &page.height);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_BITSPERSAMPLE, &bits);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLESPERPIXEL, &samples);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLEFORMAT, &format);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
+  TIFFGetField(tiff, TIFFTAG_PHOTOMETRIC, &photometric);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_ORIENTATION, &page.orientation);
+  if (page.orientation < ORIENTATION_TOPLEFT || page.orientation > ORIENTATION_LEFTBOT) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: orientation %d; expected 1 to 8", path, page.orientation));
+  }
+  const bool is_grey =
+      photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE;
+  if (colours == TiffColours::kForDisplay) {
+    page.planes = planar == PLANARCONFIG_SEPARATE ? samples : 1;
+    if (samples < 1 || (samples > 1 && planar != PLANARCONFIG_SEPARATE)) {
+      return ColourError(path, samples, photometric);
+    }
+  } else if (samples != 1 || !is_grey) {
+    return ColourError(path, samples, photometric);
+  }
+  if (!ScalarTypeOf(bits, format, &page.type)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: samples of %d bits, format %d; expected integers of 8, 16 or 32 bits or floats of 32 "
+        "or 64 bits",
+        path, bits, format));
+  }
+  return page;
+}
+
+absl::Status ReadTiffPlane(TIFF* tiff, const PageFormat& format, std::uint16_t plane,
+                           const std::string& path, char* out) {
+  std::uint16_t compression = COMPRESSION_NONE;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_COMPRESSION, &compression);
+  if (compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE) {
+    TIFFSetField(tiff, TIFFTAG_DEFLATE_SUBCODEC, DEFLATE_SUBCODEC_ZLIB);
+  }
+  return TIFFIsTiled(tiff) != 0 ? ReadTiles(tiff, format, plane, path, out)
+                                : ReadStrips(tiff, format, plane, path, out);
+}
+
+absl::StatusOr<TiffPages> ScanTiffPages(TIFF* tiff, const std::string& path) {
+  TiffPages pages;
+  while (true) {
+    std::uint32_t kind = 0;
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_SUBFILETYPE, &kind);
+    if (pages.offsets.empty()) {
+      ReadTiffHead(tiff, &pages);
+    }
+    if (pages.offsets.empty() || (kind & FILETYPE_REDUCEDIMAGE) == 0) {
+      pages.offsets.push_back(TIFFCurrentDirOffset(tiff));
+    }
+    if (pages.offsets.size() > kMaxTiffPages) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: more than %d pages", path, kMaxTiffPages));
+    }
+    if (TIFFLastDirectory(tiff) != 0) {  // libtiff forgets it if the next page can't be read
+      break;
+    }
+    if (TIFFReadDirectory(tiff) == 0) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: page %d can't be read: %s: the file is cut or damaged", path,
+                          pages.offsets.size() + 1, TakeMessage()));
+    }
+  }
+  return pages;
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,39 @@
+// The bytes of one array of a VTK ImageData file, decoded: base64 and zlib blocks undone.
+
+#ifndef ISOSCOPE_CORE_FORMATS_VTK_VTI_DATA_H_
+#define ISOSCOPE_CORE_FORMATS_VTK_VTI_DATA_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/formats/vtk/vti_header.h"
+#include "core/io/file.h"
+
+namespace isoscope::source {
+
+// Thread-compatible.
+class VtiData {
+ public:
+  virtual ~VtiData() = default;
+
+  // Bytes [offset, offset + size) of the array, in the byte order of the file. DATA_LOSS: damaged.
+  virtual absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) = 0;
+  // Memory while it is read: for compressed data one block as it is and decoded, and 8 bytes a
+  // block.
+  [[nodiscard]] virtual std::int64_t memory_bytes() const = 0;
+};
+
+// Opens the array, which must have `size` bytes. `file` must outlive the result.
+// INVALID_ARGUMENT: data as text ("ascii"); another compressor or encoding; another size than the
+// array says; the file ends before.
+absl::StatusOr<std::unique_ptr<VtiData>> OpenVtiData(const io::RandomAccessFile& file,
+                                                     const VtiHeader& header, const VtiArray& array,
+                                                     std::int64_t size);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_FORMATS_VTK_VTI_DATA_H_

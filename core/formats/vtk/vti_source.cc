@@ -1,0 +1,239 @@
+#include "core/formats/vtk/vti_source.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/formats/vtk/vti_choice.h"
+#include "core/formats/vtk/vti_data.h"
+#include "core/formats/vtk/vti_grid.h"
+#include "core/formats/vtk/vti_header.h"
+#include "core/io/file.h"
+#include "core/source/adapt/wide_source.h"
+#include "core/source/bytes/byte_order.h"
+#include "core/source/bytes/text_scanner.h"
+#include "core/source/bytes/text_source.h"
+
+namespace isoscope::source {
+namespace {
+
+// The bytes of interleaved components that are read at once, to pick one component. A single larger
+// tuple exceeds it.
+constexpr std::int64_t kTupleBytes = 64 * base::kKiB;
+
+class VtiSource final : public VolumeSource {
+ public:
+  VtiSource(const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
+            const VtiChoice& choice, bool is_big_endian, std::unique_ptr<io::RandomAccessFile> file,
+            std::unique_ptr<VtiData> data)
+      : geometry_(geometry),
+        type_(type),
+        name_(std::move(name)),
+        components_(choice.array.components),
+        component_(choice.component),
+        is_big_endian_(is_big_endian),
+        file_(std::move(file)),
+        data_(std::move(data)) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] std::int64_t memory_bytes() const override {
+    return data_->memory_bytes() + (components_ > 1 ? std::max(kTupleBytes, tuple_bytes()) : 0);
+  }
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const math::Index3& dims = geometry_.sample_dims;
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
+    const std::int64_t begin = begin_row * dims.x;
+    const std::int64_t count = (end_row - begin_row) * dims.x;
+    if (components_ == 1) {
+      ISOSCOPE_RETURN_IF_ERROR(data_->ReadAt(
+          begin * sample_bytes(), static_cast<std::size_t>(count * sample_bytes()), out));
+    } else {
+      ISOSCOPE_RETURN_IF_ERROR(ReadComponent(begin, count, out));
+    }
+    if (is_big_endian_) {
+      SwapBytes(volume::SizeOf(type_), static_cast<std::size_t>(count), out);
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  [[nodiscard]] std::int64_t sample_bytes() const {
+    return static_cast<std::int64_t>(volume::SizeOf(type_));
+  }
+  [[nodiscard]] std::int64_t tuple_bytes() const { return components_ * sample_bytes(); }
+
+  // The component of `count` tuples from `begin` on.
+  absl::Status ReadComponent(std::int64_t begin, std::int64_t count, char* out) {
+    const std::int64_t tuples_at_once = std::max<std::int64_t>(kTupleBytes / tuple_bytes(), 1);
+    const auto size = volume::SizeOf(type_);
+    while (count > 0) {
+      const std::int64_t tuples = std::min(count, tuples_at_once);
+      tuples_.resize(static_cast<std::size_t>(tuples * tuple_bytes()));
+      ISOSCOPE_RETURN_IF_ERROR(
+          data_->ReadAt(begin * tuple_bytes(), tuples_.size(), tuples_.data()));
+      const char* from = tuples_.data() + component_ * sample_bytes();
+      for (std::int64_t i = 0; i < tuples; ++i) {
+        std::memcpy(out, from + i * tuple_bytes(), size);
+        out += size;
+      }
+      begin += tuples;
+      count -= tuples;
+    }
+    return absl::OkStatus();
+  }
+
+  const volume::GridGeometry geometry_;
+  const volume::ScalarType type_;
+  const std::string name_;
+  const std::int64_t components_;  // of a tuple
+  const std::int64_t component_;   // the one that is read
+  const bool is_big_endian_;
+  const std::unique_ptr<io::RandomAccessFile> file_;
+  const std::unique_ptr<VtiData> data_;
+  std::vector<char> tuples_;
+};
+
+// `file` is that of the header.
+absl::StatusOr<std::unique_ptr<VolumeSource>> Open(std::unique_ptr<io::RandomAccessFile> file,
+                                                   const VtiHeader& header, const VtiChoice& choice,
+                                                   const volume::GridGeometry& geometry,
+                                                   const std::string& name) {
+  const std::optional<WideType> wide =
+      choice.array.type == "Int64"    ? std::optional<WideType>(WideType::kInt64)
+      : choice.array.type == "UInt64" ? std::optional<WideType>(WideType::kUint64)
+                                      : std::nullopt;
+  volume::ScalarType type = volume::ScalarType::kFloat64;
+  if (wide.has_value()) {
+    type = CarrierType(*wide);
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(type, VtiTypeOf(choice.array, file->path()));
+  }
+  const std::int64_t sample_count = math::Volume(geometry.sample_dims);
+  if (sample_count > std::numeric_limits<std::int64_t>::max() / 16 / choice.array.components) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(file->path(), ": more samples than any file holds"));
+  }
+  if (choice.array.format == "ascii") {
+    return MakeTextSource(geometry,
+                          {.file = file->path(),
+                           .offset = choice.array.inline_start,
+                           .type = type,
+                           .wide = wide,
+                           .components = choice.array.components,
+                           .component = choice.component,
+                           .ends_at_tag = true},
+                          name);
+  }
+  const std::int64_t size =
+      sample_count * choice.array.components * static_cast<std::int64_t>(volume::SizeOf(type));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtiData> data,
+                            OpenVtiData(*file, header, choice.array, size));
+  std::unique_ptr<VolumeSource> source = std::make_unique<VtiSource>(
+      geometry, type, name, choice, header.is_big_endian, std::move(file), std::move(data));
+  if (wide.has_value()) {
+    return MakeWideSource(std::move(source), *wide);
+  }
+  return source;
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiArray(const std::string& file,
+                                                           const VtiHeader& header,
+                                                           const VtiChoice& choice,
+                                                           const volume::GridGeometry& geometry,
+                                                           const std::string& name) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> opened,
+                            io::OpenRandomAccessFile(file));
+  return Open(std::move(opened), header, choice, geometry, name);
+}
+
+absl::StatusOr<std::vector<double>> ReadVtiNumbers(const io::RandomAccessFile& file,
+                                                   const VtiHeader& header, const VtiArray& array,
+                                                   std::int64_t count) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type, VtiTypeOf(array, file.path()));
+  std::vector<double> numbers;
+  if (array.format == "ascii") {
+    TextScanner scanner(&file, array.inline_start);
+    bool is_at_tag = false;
+    while (static_cast<std::int64_t>(numbers.size()) < count) {
+      ISOSCOPE_ASSIGN_OR_RETURN(absl::string_view word, scanner.NextWord());
+      is_at_tag = absl::StrContains(word, '<');
+      word = word.substr(0, word.find('<'));
+      double number = 0;
+      if (!absl::SimpleAtod(word, &number)) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: array \"%s\": number %d is \"%s\"; expected %d numbers",
+                            file.path(), array.name, numbers.size(), word.substr(0, 64), count));
+      }
+      numbers.push_back(number);
+      if (is_at_tag && static_cast<std::int64_t>(numbers.size()) < count) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: array \"%s\": %d numbers; expected %d", file.path(), array.name,
+                            numbers.size(), count));
+      }
+    }
+    return numbers;
+  }
+  const std::size_t size = volume::SizeOf(type);
+  const std::int64_t bytes_size = count * static_cast<std::int64_t>(size);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtiData> data,
+                            OpenVtiData(file, header, array, bytes_size));
+  std::string bytes(static_cast<std::size_t>(bytes_size), '\0');
+  ISOSCOPE_RETURN_IF_ERROR(data->ReadAt(0, bytes.size(), bytes.data()));
+  if (header.is_big_endian) {
+    SwapBytes(size, static_cast<std::size_t>(count), bytes.data());
+  }
+  volume::VisitScalarType(type, [&]<typename T>() {
+    for (std::size_t i = 0; i < bytes.size(); i += sizeof(T)) {
+      numbers.push_back(static_cast<double>(base::LoadLittleEndian<T>(&bytes[i])));
+    }
+  });
+  return numbers;
+}
+
+absl::StatusOr<std::optional<double>> ReadVtiTime(const std::string& file,
+                                                  const VtiHeader& header) {
+  if (!header.time_value.has_value()) {
+    return std::nullopt;
+  }
+  const VtiArray& array = *header.time_value;
+  double time = std::numeric_limits<double>::quiet_NaN();
+  if (array.format == "ascii") {
+    if (!absl::SimpleAtod(absl::StripAsciiWhitespace(array.text), &time)) {
+      time = std::numeric_limits<double>::quiet_NaN();
+    }
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
+                              io::OpenRandomAccessFile(file));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> times,
+                              ReadVtiNumbers(*opened, header, array, 1));
+    time = times[0];
+  }
+  if (!std::isfinite(time)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: its TimeValue is %s; expected a finite number", file,
+        array.format == "ascii" ? absl::StrCat("\"", array.text, "\"") : absl::StrCat(time)));
+  }
+  return time;
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,176 @@
+#include "core/source/adapt/pieces_source.h"
+
+#include <algorithm>
+#include <list>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::size_t kOpenPieces = 16;
+constexpr std::int64_t kPieceRowBytes = 256 * base::kKiB;
+constexpr std::size_t kMaxLeftBoxes = 65'536;
+
+struct IndexBox {
+  math::Index3 begin;
+  math::Index3 end;
+};
+
+// Appends `box` without `piece` to `left`, as boxes that do not overlap.
+void Subtract(IndexBox box, const SamplePiece& piece, std::vector<IndexBox>* left) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (piece.begin[axis] >= box.end[axis] || piece.end[axis] <= box.begin[axis]) {
+      left->push_back(box);
+      return;
+    }
+    if (piece.begin[axis] > box.begin[axis]) {
+      left->push_back(box);
+      left->back().end[axis] = piece.begin[axis];
+      box.begin[axis] = piece.begin[axis];
+    }
+    if (piece.end[axis] < box.end[axis]) {
+      left->push_back(box);
+      left->back().begin[axis] = piece.end[axis];
+      box.end[axis] = piece.end[axis];
+    }
+  }
+}
+
+class PiecesSource final : public VolumeSource {
+ public:
+  PiecesSource(const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
+               std::vector<SamplePiece> pieces, std::int64_t piece_bytes, OpenPiece open)
+      : geometry_(geometry),
+        type_(type),
+        name_(std::move(name)),
+        pieces_(std::move(pieces)),
+        piece_bytes_(piece_bytes),
+        open_(std::move(open)) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] std::int64_t memory_bytes() const override {
+    const auto open = static_cast<std::int64_t>(std::min(kOpenPieces, pieces_.size()));
+    return open * piece_bytes_ +
+           std::max(kPieceRowBytes, geometry_.sample_dims.x * sample_bytes()) +
+           static_cast<std::int64_t>(pieces_.size() * sizeof(SamplePiece));
+  }
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const math::Index3& dims = geometry_.sample_dims;
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
+    while (begin_row < end_row) {
+      const std::int64_t z = begin_row / dims.y;
+      const std::int64_t y = begin_row % dims.y;
+      const std::int64_t end_y = std::min(dims.y, y + end_row - begin_row);
+      // The first piece is the last that is written.
+      for (std::size_t piece = pieces_.size(); piece-- > 0;) {
+        ISOSCOPE_RETURN_IF_ERROR(ReadPiece(piece, z, y, end_y, out));
+      }
+      out += (end_y - y) * dims.x * sample_bytes();
+      begin_row += end_y - y;
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  struct Opened {
+    std::size_t piece;
+    std::unique_ptr<VolumeSource> source;
+  };
+
+  [[nodiscard]] std::int64_t sample_bytes() const {
+    return static_cast<std::int64_t>(volume::SizeOf(type_));
+  }
+
+  // Reads a piece's part of rows [begin_y, end_y) of plane z, which `out` holds.
+  absl::Status ReadPiece(std::size_t index, std::int64_t z, std::int64_t begin_y,
+                         std::int64_t end_y, char* out) {
+    const SamplePiece& piece = pieces_[index];
+    std::int64_t y = std::max(begin_y, piece.begin.y);
+    const std::int64_t stop = std::min(end_y, piece.end.y);
+    if (z < piece.begin.z || z >= piece.end.z || y >= stop || piece.begin.x >= piece.end.x) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(VolumeSource * source, Source(index));
+    const math::Index3& dims = source->geometry().sample_dims;
+    const std::int64_t row_bytes = dims.x * sample_bytes();
+    const std::int64_t rows_at_once = std::max<std::int64_t>(kPieceRowBytes / row_bytes, 1);
+    const auto size = static_cast<std::size_t>((piece.end.x - piece.begin.x) * sample_bytes());
+    while (y < stop) {
+      const std::int64_t rows = std::min(rows_at_once, stop - y);
+      rows_.resize(static_cast<std::size_t>(rows * row_bytes));
+      const std::int64_t first_row = (z - piece.first.z) * dims.y + y - piece.first.y;
+      ISOSCOPE_RETURN_IF_ERROR(source->ReadRows(first_row, first_row + rows, rows_.data()));
+      const char* from = rows_.data() + (piece.begin.x - piece.first.x) * sample_bytes();
+      for (std::int64_t i = 0; i < rows; ++i, ++y, from += row_bytes) {
+        std::copy_n(
+            from, size,
+            out + ((y - begin_y) * geometry_.sample_dims.x + piece.begin.x) * sample_bytes());
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<VolumeSource*> Source(std::size_t piece) {
+    const auto found = std::find_if(opened_.begin(), opened_.end(),
+                                    [&](const Opened& opened) { return opened.piece == piece; });
+    if (found != opened_.end()) {
+      opened_.splice(opened_.begin(), opened_, found);
+      return opened_.front().source.get();
+    }
+    if (opened_.size() == kOpenPieces) {
+      opened_.pop_back();
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source, open_(piece));
+    opened_.push_front({.piece = piece, .source = std::move(source)});
+    return opened_.front().source.get();
+  }
+
+  const volume::GridGeometry geometry_;
+  const volume::ScalarType type_;
+  const std::string name_;
+  const std::vector<SamplePiece> pieces_;
+  const std::int64_t piece_bytes_;
+  const OpenPiece open_;
+  std::list<Opened> opened_;  // the last used first
+  std::vector<char> rows_;    // of one piece
+};
+
+}  // namespace
+
+absl::StatusOr<std::optional<math::Index3>> FindGap(const math::Index3& dims,
+                                                    const std::vector<SamplePiece>& pieces) {
+  std::vector<IndexBox> left{{.begin = {}, .end = dims}};
+  std::vector<IndexBox> rest;
+  for (const SamplePiece& piece : pieces) {
+    rest.clear();
+    for (const IndexBox& box : left) {
+      Subtract(box, piece, &rest);
+    }
+    if (rest.size() > kMaxLeftBoxes) {
+      return absl::ResourceExhaustedError(absl::StrCat(pieces.size(),
+                                                       " pieces lie in no order: more than ",
+                                                       kMaxLeftBoxes, " boxes between them"));
+    }
+    left.swap(rest);
+  }
+  return left.empty() ? std::nullopt : std::optional<math::Index3>(left.front().begin);
+}
+
+std::unique_ptr<VolumeSource> MakePiecesSource(const volume::GridGeometry& geometry,
+                                               volume::ScalarType type, std::string name,
+                                               std::vector<SamplePiece> pieces,
+                                               std::int64_t piece_bytes, OpenPiece open) {
+  return std::make_unique<PiecesSource>(geometry, type, std::move(name), std::move(pieces),
+                                        piece_bytes, std::move(open));
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,97 @@
+#include "core/source/adapt/value_range.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/volume/min_max.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::int64_t kPortionBytes = 8 * base::kMiB;
+
+// Adds samples of which some are not finite, one by one.
+template <typename T>
+void AddOneByOne(const char* samples, std::size_t count, ValueRange* range) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto value = static_cast<double>(base::LoadLittleEndian<T>(samples + i * sizeof(T)));
+    if (std::isfinite(value)) {
+      range->span.min = std::min(range->span.min, value + 0.0);
+      range->span.max = std::max(range->span.max, value + 0.0);
+    } else if (!std::isnan(value)) {
+      ++range->infinite_count;
+    }
+  }
+}
+
+template <typename T>
+void AddSamples(const char* samples, std::size_t count, ValueRange* range) {
+  volume::MinMax<T> min_max;
+  min_max.AddRow(samples, count);
+  const volume::ScalarSpan span = min_max.Get();
+  if (span.min > span.max) {
+    return;  // NaN alone
+  }
+  if (!std::isfinite(span.min) || !std::isfinite(span.max)) {
+    AddOneByOne<T>(samples, count, range);
+    return;
+  }
+  range->span.min = std::min(range->span.min, span.min);
+  range->span.max = std::max(range->span.max, span.max);
+}
+
+}  // namespace
+
+absl::StatusOr<ValueRange> FindValueRange(
+    VolumeSource* source, const std::function<void(std::int64_t, std::int64_t)>& progress,
+    const base::Cancellation& cancellation) {
+  const math::Index3& dims = source->geometry().sample_dims;
+  const std::int64_t row_count = dims.y * dims.z;
+  const auto row_bytes = dims.x * static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
+  const std::int64_t portion_rows =
+      std::clamp<std::int64_t>(kPortionBytes / row_bytes, 1, row_count);
+  const auto portion =
+      std::make_unique_for_overwrite<char[]>(static_cast<std::size_t>(portion_rows * row_bytes));
+  return volume::VisitScalarType(
+      source->scalar_type(), [&]<typename T>() -> absl::StatusOr<ValueRange> {
+        ValueRange range;
+        for (std::int64_t row = 0; row < row_count;) {
+          ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+          const std::int64_t end = std::min(row + portion_rows, row_count);
+          ISOSCOPE_RETURN_IF_ERROR(source->ReadRows(row, end, portion.get()));
+          AddSamples<T>(portion.get(), static_cast<std::size_t>((end - row) * dims.x), &range);
+          row = end;
+          if (progress) {
+            progress(row * row_bytes, row_count * row_bytes);
+          }
+        }
+        return range;
+      });
+}
+
+std::string MiddleIsovalue(const volume::ScalarSpan& span) {
+  if (!(span.min < span.max)) {
+    return "";
+  }
+  // Halves first: the sum of large numbers would overflow.
+  const double middle = span.min / 2 + span.max / 2;
+  for (const int digits : {6, 9, 17}) {
+    const std::string text = absl::StrFormat("%.*g", digits, middle);
+    double number = 0;
+    if (absl::SimpleAtod(text, &number) && volume::IsActive(span, number)) {
+      return text;
+    }
+  }
+  return absl::StrFormat("%.17g", span.max);  // neighbours, or as small as numbers get
+}
+
+}  // namespace isoscope::source

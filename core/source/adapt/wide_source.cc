@@ -1,0 +1,129 @@
+#include "core/source/adapt/wide_source.h"
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::int64_t kMaxExact = std::int64_t{1} << 53;
+
+// In place. Returns the index of the first value that is out of range, else `count`.
+template <typename Integer>
+std::size_t WidenIntegers(std::size_t count, char* samples) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto value = base::LoadLittleEndian<Integer>(samples + i * sizeof(Integer));
+    bool is_exact = value <= static_cast<Integer>(kMaxExact);
+    if constexpr (std::is_signed_v<Integer>) {
+      is_exact = is_exact && value >= -kMaxExact;
+    }
+    if (!is_exact) {
+      return i;
+    }
+    base::StoreLittleEndian(static_cast<double>(value), samples + i * sizeof(double));
+  }
+  return count;
+}
+
+// The value of an IEEE 754 binary16: sign, 5 bits of exponent, 10 of fraction.
+float HalfValue(std::uint16_t half) {
+  constexpr std::uint32_t kInfinityExponent = 0xffU << 23;
+  const std::uint32_t sign = static_cast<std::uint32_t>(half & 0x8000U) << 16;
+  const std::uint32_t exponent = (half >> 10) & 0x1fU;
+  const std::uint32_t fraction = half & 0x3ffU;
+  if (exponent == 0) {  // zero, or fraction * 2^-24
+    const float magnitude = static_cast<float>(fraction) * 0x1p-24F;
+    return std::bit_cast<float>(std::bit_cast<std::uint32_t>(magnitude) | sign);
+  }
+  const std::uint32_t wide = exponent == 0x1f ? kInfinityExponent : (exponent + 127 - 15) << 23;
+  return std::bit_cast<float>(sign | wide | (fraction << 13));
+}
+
+class WideSource final : public VolumeSource {
+ public:
+  WideSource(std::unique_ptr<VolumeSource> stored, WideType type)
+      : stored_(std::move(stored)), type_(type) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override {
+    return stored_->geometry();
+  }
+  [[nodiscard]] volume::ScalarType scalar_type() const override {
+    return type_ == WideType::kFloat16 ? volume::ScalarType::kFloat32
+                                       : volume::ScalarType::kFloat64;
+  }
+  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
+    return stored_->patient_frame();
+  }
+  [[nodiscard]] const std::string& name() const override { return stored_->name(); }
+  [[nodiscard]] bool is_seekable() const override { return stored_->is_seekable(); }
+  [[nodiscard]] std::int64_t memory_bytes() const override { return stored_->memory_bytes(); }
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const auto count = static_cast<std::size_t>((end_row - begin_row) * geometry().sample_dims.x);
+    if (type_ == WideType::kFloat16) {
+      // In the tail of `out`: no sample is written over before it was read.
+      char* const halves = out + count * (sizeof(float) - sizeof(std::uint16_t));
+      ISOSCOPE_RETURN_IF_ERROR(stored_->ReadRows(begin_row, end_row, halves));
+      for (std::size_t i = 0; i < count; ++i) {
+        const auto half = base::LoadLittleEndian<std::uint16_t>(halves + i * 2);
+        base::StoreLittleEndian(HalfValue(half), out + i * sizeof(float));
+      }
+      return absl::OkStatus();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(stored_->ReadRows(begin_row, end_row, out));
+    const std::size_t widened = type_ == WideType::kInt64
+                                    ? WidenIntegers<std::int64_t>(count, out)
+                                    : WidenIntegers<std::uint64_t>(count, out);
+    return widened == count ? absl::OkStatus()
+                            : OutOfRange(begin_row, widened, out + widened * sizeof(double));
+  }
+
+ private:
+  [[nodiscard]] absl::Status OutOfRange(std::int64_t begin_row, std::size_t index,
+                                        const char* sample) const {
+    const math::Index3& dims = geometry().sample_dims;
+    const std::int64_t row = begin_row + static_cast<std::int64_t>(index) / dims.x;
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: the sample at (%d, %d, %d) is %s; 64-bit integers are stored as float64, which is "
+        "exact up to 2^53 = 9007199254740992 on either side of 0: subtract an offset, or scale it",
+        name(), static_cast<std::int64_t>(index) % dims.x, row % dims.y, row / dims.y,
+        type_ == WideType::kInt64 ? absl::StrCat(base::LoadLittleEndian<std::int64_t>(sample))
+                                  : absl::StrCat(base::LoadLittleEndian<std::uint64_t>(sample))));
+  }
+
+  const std::unique_ptr<VolumeSource> stored_;
+  const WideType type_;
+};
+
+}  // namespace
+
+std::optional<WideType> WideTypeFromName(absl::string_view name) {
+  if (name == "int64") {
+    return WideType::kInt64;
+  }
+  if (name == "uint64") {
+    return WideType::kUint64;
+  }
+  return name == "float16" ? std::optional<WideType>(WideType::kFloat16) : std::nullopt;
+}
+
+volume::ScalarType CarrierType(WideType type) {
+  return type == WideType::kFloat16 ? volume::ScalarType::kUint16 : volume::ScalarType::kFloat64;
+}
+
+std::unique_ptr<VolumeSource> MakeWideSource(std::unique_ptr<VolumeSource> stored, WideType type) {
+  ISOSCOPE_CHECK(stored->scalar_type() == CarrierType(type));
+  return std::make_unique<WideSource>(std::move(stored), type);
+}
+
+}  // namespace isoscope::source

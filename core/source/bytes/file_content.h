@@ -1,0 +1,36 @@
+// What a file is by its first bytes, if no reader takes it.
+
+#ifndef ISOSCOPE_CORE_SOURCE_BYTES_FILE_CONTENT_H_
+#define ISOSCOPE_CORE_SOURCE_BYTES_FILE_CONTENT_H_
+
+#include <cstddef>
+#include <optional>
+#include <string>
+
+#include "absl/strings/string_view.h"
+
+namespace isoscope::source {
+
+// So many bytes tell.
+inline constexpr std::size_t kContentBytes = 1024;
+
+// Advice for kinds of files, behind RefusedSentence.
+inline constexpr char kStackAdvice[] =
+    "slices are a folder of such files or a pattern, with names that say their format";
+inline constexpr char kMeshAdvice[] =
+    "a mesh, not a volume: isoscope makes meshes (isoscope export) and reads what they are made of";
+inline constexpr char kResampleAdvice[] =
+    "resample it, as ParaView's filter \"Resample To Image\" does, and save it as .vti";
+inline constexpr char kServeAdvice[] = "in Python, isoscope.serve(array) takes its array";
+
+// "NAME, which is not read: ADVICE".
+std::string RefusedSentence(absl::string_view name, absl::string_view advice);
+
+// A sentence without its end that names what an existing regular file is by its first bytes, and
+// says what to do: a Git LFS pointer, a web page, an archive, a picture, a mesh, a format of
+// others. Not set for content that a reader takes, and for what has no mark. Opens no special file.
+std::optional<std::string> DescribeContent(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_BYTES_FILE_CONTENT_H_

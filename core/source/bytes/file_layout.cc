@@ -1,0 +1,181 @@
+#include "core/source/bytes/file_layout.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/adapt/rescale.h"
+#include "core/source/adapt/slice_source.h"
+#include "core/source/bytes/byte_order.h"
+#include "core/source/bytes/file_source.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::int64_t kMaxFileSteps = 100'000;
+constexpr std::size_t kMaxFileFields = 1000;
+constexpr std::int64_t kMaxFileComponents = 4096;
+
+class LayoutSeries final : public VolumeSeries {
+ public:
+  LayoutSeries(std::string path, const std::string& field, FileLayout layout)
+      : path_(std::move(path)), layout_(std::move(layout)) {
+    std::vector<std::string> components = {""};
+    if (layout_.components > 1) {
+      components.clear();
+      for (std::int64_t i = 0; i < layout_.components; ++i) {
+        components.push_back(layout_.components == 3 ? std::string(1, "xyz"[i]) : absl::StrCat(i));
+      }
+    }
+    for (const std::string& name :
+         layout_.fields.empty() ? std::vector<std::string>{field} : layout_.fields) {
+      fields_.push_back({.name = name, .unit = layout_.sample_unit, .components = components});
+    }
+    times_ = layout_.times;
+    const bool has_interval = times_.empty() && layout_.steps > 1;
+    for (std::int64_t i = 0; has_interval && i < layout_.steps; ++i) {
+      times_.push_back(static_cast<double>(i) * layout_.interval);
+    }
+  }
+
+  [[nodiscard]] const std::string& name() const override { return path_; }
+  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
+  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
+  [[nodiscard]] const std::string& time_unit() const override { return layout_.time_unit; }
+  [[nodiscard]] const std::string& length_unit() const override { return layout_.length_unit; }
+
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
+    return OpenLayoutVolume(layout_,
+                            (field * layout_.components + component) * layout_.steps + step, path_);
+  }
+
+ private:
+  const std::string path_;
+  const FileLayout layout_;
+  std::vector<SourceField> fields_;
+  std::vector<double> times_;  // grows in the constructor only
+};
+
+// The planes of one volume.
+class StoredSliceReader final : public SliceReader {
+ public:
+  StoredSliceReader(std::unique_ptr<io::RandomAccessFile> file, const SampleLocation& location,
+                    std::vector<StoredSlice> slices, std::size_t sample_count, bool is_rescaled)
+      : file_(std::move(file)),
+        type_(location.stored_type),
+        is_big_endian_(location.is_big_endian),
+        slices_(std::move(slices)),
+        sample_count_(sample_count),
+        is_rescaled_(is_rescaled) {}
+
+  absl::Status ReadSlice(std::int64_t z, char* out) override {
+    const StoredSlice& slice = slices_[static_cast<std::size_t>(z)];
+    const std::size_t stored_size = volume::SizeOf(type_);
+    const std::size_t size = volume::SizeOf(is_rescaled_ ? RescaledType(type_) : type_);
+    char* const stored = out + sample_count_ * (size - stored_size);
+    ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(slice.offset, sample_count_ * stored_size, stored));
+    if (is_big_endian_) {
+      SwapBytes(stored_size, sample_count_, stored);
+    }
+    if (is_rescaled_) {
+      Rescale(type_, sample_count_, slice.rescaling.slope, slice.rescaling.intercept, stored, out);
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const std::unique_ptr<io::RandomAccessFile> file_;
+  const volume::ScalarType type_;
+  const bool is_big_endian_;
+  const std::vector<StoredSlice> slices_;
+  const std::size_t sample_count_;  // of a slice
+  const bool is_rescaled_;
+};
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const FileLayout& layout,
+                                                         std::int64_t volume,
+                                                         const std::string& path) {
+  const math::Index3& dims = layout.geometry.sample_dims;
+  const volume::ScalarType type = layout.location.stored_type;
+  const bool is_rescaled =
+      std::any_of(layout.slices.begin(), layout.slices.end(),
+                  [](const StoredSlice& s) { return s.rescaling != Rescaling(); });
+  const auto first = layout.slices.begin() + volume * dims.z;
+  std::vector<StoredSlice> slices(first, first + dims.z);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(layout.location.files.front()));
+  const std::int64_t bytes = dims.x * dims.y * static_cast<std::int64_t>(volume::SizeOf(type));
+  for (const StoredSlice& slice : slices) {
+    if (slice.offset < 0 || bytes > file->size_bytes() ||
+        slice.offset > file->size_bytes() - bytes) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: a slice of %d x %d samples of %s at byte %d needs %d bytes, the "
+                          "file has %d: it is cut; copy it again",
+                          file->path(), dims.x, dims.y, volume::NameOf(type), slice.offset,
+                          slice.offset + bytes, file->size_bytes()));
+    }
+  }
+  return MakeSliceSource(
+      layout.geometry, is_rescaled ? RescaledType(type) : type, path,
+      std::make_unique<StoredSliceReader>(std::move(file), layout.location, std::move(slices),
+                                          static_cast<std::size_t>(dims.x * dims.y), is_rescaled),
+      layout.patient_frame);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string& path,
+                                                               const std::string& field,
+                                                               FileLayout layout,
+                                                               const GridRules& rules) {
+  if (layout.shear.has_value() && !rules.ignores_shear) {
+    return ShearError(*layout.shear, path);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(layout.faults.Check(rules, path));
+  if (layout.steps > kMaxFileSteps) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: %d steps of time; expected at most %d",
+                                                      path, layout.steps, kMaxFileSteps));
+  }
+  if (layout.fields.size() > kMaxFileFields) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: %d fields; expected at most %d", path,
+                                                      layout.fields.size(), kMaxFileFields));
+  }
+  if (layout.components > kMaxFileComponents) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: %d components; expected at most %d",
+                                                      path, layout.components, kMaxFileComponents));
+  }
+  return std::make_unique<LayoutSeries>(path, field, std::move(layout));
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenLayoutVolume(const FileLayout& layout,
+                                                               std::int64_t volume,
+                                                               const std::string& path) {
+  ISOSCOPE_CHECK(volume >= 0 && volume < layout.volume_count());
+  if (!layout.slices.empty()) {
+    return OpenSlices(layout, volume, path);
+  }
+  SampleLocation location = layout.location;
+  (location.components > 1 ? location.component : location.volume) = volume;
+  if (!layout.rescalings.empty()) {
+    const Rescaling& rescaling = layout.rescalings[static_cast<std::size_t>(volume)];
+    location.slope = rescaling.slope;
+    location.intercept = rescaling.intercept;
+    location.is_always_rescaled =
+        std::any_of(layout.rescalings.begin(), layout.rescalings.end(),
+                    [](const Rescaling& each) { return each != Rescaling(); });
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
+                            MakeFileSource(layout.geometry, location, path, layout.patient_frame));
+  if (layout.wide.has_value()) {
+    return MakeWideSource(std::move(source), *layout.wide);
+  }
+  return source;
+}
+
+}  // namespace isoscope::source

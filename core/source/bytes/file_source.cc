@@ -1,0 +1,303 @@
+// Reading rows takes up to four steps:
+//
+// 1. StoredBytes::Read finds the file of the first byte, opens it, and reads or decodes up to the
+//    end of that file; then it goes on with the next file.
+// 2. Big-endian samples are swapped in place.
+// 3. With a slope or an intercept, samples are widened: the stored ones are read into the tail of
+//    the output, and rescaled from front to back (rescale.h).
+//
+// An encoded file can only be read forwards. Reading before its position starts it over, so such
+// a source is not seekable. CheckFiles compares sizes at the start, where files show them.
+
+#include "core/source/bytes/file_source.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+#include "core/source/adapt/rescale.h"
+#include "core/source/bytes/byte_order.h"
+#include "core/source/bytes/decoded_stream.h"
+
+namespace isoscope::source {
+namespace {
+
+// The tuples read at once to pick one component; more only if a single tuple is larger.
+constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
+
+// The bytes that may stand before samples at the end of an encoded file, which are decoded to find
+// out.
+constexpr std::int64_t kMaxSkipBytes = base::kGiB;
+
+bool IsRescaled(const SampleLocation& location) {
+  return location.is_always_rescaled || location.slope != 1 || location.intercept != 0;
+}
+
+// The samples' bytes as they are stored, in one or several files. Holds one of them open.
+class StoredBytes {
+ public:
+  // `size` bytes in all.
+  StoredBytes(SampleLocation location, std::int64_t size)
+      : location_(std::move(location)),
+        bytes_per_file_(size / static_cast<std::int64_t>(location_.files.size())) {}
+
+  [[nodiscard]] const SampleLocation& location() const { return location_; }
+
+  // INVALID_ARGUMENT if an uncompressed file is too short.
+  absl::Status CheckFiles(const volume::GridGeometry& geometry);
+
+  // Bytes [begin, begin + size).
+  absl::Status Read(std::int64_t begin, std::size_t size, char* out) {
+    while (size > 0) {
+      ISOSCOPE_RETURN_IF_ERROR(Open(static_cast<std::size_t>(begin / bytes_per_file_)));
+      const std::int64_t within = begin % bytes_per_file_;
+      const std::size_t take = std::min(size, static_cast<std::size_t>(bytes_per_file_ - within));
+      ISOSCOPE_RETURN_IF_ERROR(location_.is_encoded()
+                                   ? Decode(within, take, out)
+                                   : file_->ReadAt(offset() + within, take, out));
+      begin += static_cast<std::int64_t>(take);
+      size -= take;
+      out += take;
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  absl::Status Open(std::size_t index) {
+    if (file_ != nullptr && index == open_index_) {
+      return absl::OkStatus();
+    }
+    stream_ = nullptr;  // released before its file
+    file_ = nullptr;
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, io::OpenRandomAccessFile(location_.files[index]));
+    open_index_ = index;
+    return absl::OkStatus();
+  }
+
+  // Returns the offset of the first sample in the open file.
+  [[nodiscard]] std::int64_t offset() const {
+    return location_.at_file_end ? std::max<std::int64_t>(file_->size_bytes() - bytes_per_file_, 0)
+                                 : location_.offset;
+  }
+
+  // Decodes `size` bytes from `begin` of the open file's samples.
+  absl::Status Decode(std::int64_t begin, std::size_t size, char* out) {
+    if (stream_ == nullptr) {
+      stream_ = MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
+                                  location_.offset);
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t skip, DecodedSkip());
+    const std::int64_t position = skip + begin;
+    if (position < stream_->position()) {
+      stream_->Rewind();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(stream_->Skip(position - stream_->position()).status());
+    std::size_t got = 0;
+    if (stream_->position() == position) {
+      ISOSCOPE_ASSIGN_OR_RETURN(got, stream_->Read(size, out));
+    }
+    if (got < size) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: the header promises %d bytes of samples, the %s (%d bytes of file) ends after %d: "
+          "the file is cut; copy it again",
+          file_->path(), bytes_per_file_,
+          location_.encoding == SampleEncoding::kText || location_.encoding == SampleEncoding::kHex
+              ? "text"
+              : "compressed data",
+          file_->size_bytes(), std::max<std::int64_t>(stream_->position() - skip, 0)));
+    }
+    if (begin + static_cast<std::int64_t>(size) == bytes_per_file_) {
+      return stream_->VerifyEnd();
+    }
+    return absl::OkStatus();
+  }
+
+  // Returns the decoded bytes before the samples of the open file. If the samples are its last
+  // bytes, it is decoded once to count them. REQUIRES: stream_ is set.
+  absl::StatusOr<std::int64_t> DecodedSkip() {
+    if (!location_.at_file_end) {
+      return location_.decoded_skip;
+    }
+    if (const auto known = end_skips_.find(open_index_); known != end_skips_.end()) {
+      return known->second;
+    }
+    stream_->Rewind();
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t size,
+                              stream_->Skip(bytes_per_file_ + kMaxSkipBytes + 1));
+    ISOSCOPE_RETURN_IF_ERROR(stream_->VerifyEnd());
+    if (size < bytes_per_file_ || size > bytes_per_file_ + kMaxSkipBytes) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: %s%d bytes of compressed data; expected %d bytes of samples at their end, and at "
+          "most %d before",
+          file_->path(), size < bytes_per_file_ ? "" : "more than ",
+          std::min(size, bytes_per_file_ + kMaxSkipBytes), bytes_per_file_, kMaxSkipBytes));
+    }
+    return end_skips_.emplace(open_index_, size - bytes_per_file_).first->second;
+  }
+
+  SampleLocation location_;
+  std::int64_t bytes_per_file_;
+  std::map<std::size_t, std::int64_t> end_skips_;  // of DecodedSkip, by file
+  std::size_t open_index_ = 0;
+  std::unique_ptr<io::RandomAccessFile> file_;
+  std::unique_ptr<DecodedStream> stream_;
+};
+
+absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
+  std::size_t longer_count = 0;
+  std::size_t first_longer = 0;
+  for (std::size_t i = location_.files.size(); i-- > 0;) {  // the first one stays open
+    ISOSCOPE_RETURN_IF_ERROR(Open(i));
+    if (location_.is_encoded()) {
+      continue;  // its size does not tell the length
+    }
+    const std::int64_t file_size = file_->size_bytes();
+    if (offset() > file_size || file_size - offset() < bytes_per_file_) {
+      const math::Index3& dims = geometry.sample_dims;
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: %d x %d x %d samples of %s%s%s after %d header bytes need %d bytes, the file has %d",
+          file_->path(), dims.x, dims.y, dims.z, volume::NameOf(location_.stored_type),
+          location_.volume_count * location_.components == 1
+              ? ""
+              : absl::StrFormat(", %d volumes of %d components,", location_.volume_count,
+                                location_.components),
+          location_.files.size() == 1 ? ""
+                                      : absl::StrFormat(" in %d files", location_.files.size()),
+          offset(), offset() + bytes_per_file_, file_size));
+    }
+    if (file_size - offset() > bytes_per_file_ && !location_.has_more_behind) {
+      ++longer_count;
+      first_longer = i;
+    }
+  }
+  if (longer_count > 0) {
+    ISOSCOPE_RETURN_IF_ERROR(Open(first_longer));
+    base::LogWarning("trailing_bytes_ignored", {{"file", base::OwnText{file_->path()}},
+                                                {"expected_bytes", offset() + bytes_per_file_},
+                                                {"found_bytes", file_->size_bytes()},
+                                                {"files", longer_count}});
+  }
+  return absl::OkStatus();
+}
+
+class FileSource final : public VolumeSource {
+ public:
+  FileSource(const volume::GridGeometry& geometry, StoredBytes stored, std::string name,
+             std::optional<volume::PatientFrame> patient_frame)
+      : geometry_(geometry),
+        patient_frame_(std::move(patient_frame)),
+        type_(IsRescaled(stored.location()) ? RescaledType(stored.location().stored_type)
+                                            : stored.location().stored_type),
+        name_(std::move(name)),
+        stored_(std::move(stored)) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
+  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
+    return patient_frame_;
+  }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+
+  [[nodiscard]] bool is_seekable() const override { return !location().is_encoded(); }
+  [[nodiscard]] std::int64_t memory_bytes() const override {
+    return DecodedStreamBytes(location().encoding) +
+           (location().components > 1 ? std::max(kStoredTupleBytes, tuple_bytes()) : 0);
+  }
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const math::Index3& dims = geometry_.sample_dims;
+    const std::int64_t row_count = dims.y * dims.z;
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
+    const std::size_t stored_size = volume::SizeOf(location().stored_type);
+    const auto count = static_cast<std::size_t>((end_row - begin_row) * dims.x);
+    const std::int64_t begin =
+        location().volume * math::Volume(dims) + begin_row * dims.x;  // of tuples
+    char* stored = out + count * (volume::SizeOf(type_) - stored_size);
+    ISOSCOPE_RETURN_IF_ERROR(location().components == 1
+                                 ? stored_.Read(begin * tuple_bytes(), count * stored_size, stored)
+                                 : ReadComponent(begin, count, stored));
+    if (location().is_big_endian) {
+      SwapBytes(stored_size, count, stored);
+    }
+    if (IsRescaled(location())) {
+      Rescale(location().stored_type, count, location().slope, location().intercept, stored, out);
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  [[nodiscard]] const SampleLocation& location() const { return stored_.location(); }
+  [[nodiscard]] std::int64_t tuple_bytes() const {
+    return location().components *
+           static_cast<std::int64_t>(volume::SizeOf(location().stored_type));
+  }
+
+  // The component of `count` tuples from `begin` on, as it is stored.
+  absl::Status ReadComponent(std::int64_t begin, std::size_t count, char* out) {
+    const std::size_t size = volume::SizeOf(location().stored_type);
+    const auto step = static_cast<std::size_t>(tuple_bytes());
+    const auto at_once =
+        static_cast<std::size_t>(std::max<std::int64_t>(kStoredTupleBytes / tuple_bytes(), 1));
+    while (count > 0) {
+      const std::size_t tuples = std::min(count, at_once);
+      tuples_.resize(tuples * step);
+      ISOSCOPE_RETURN_IF_ERROR(stored_.Read(begin * tuple_bytes(), tuples_.size(), tuples_.data()));
+      const char* from = tuples_.data() + static_cast<std::size_t>(location().component) * size;
+      for (std::size_t i = 0; i < tuples; ++i) {
+        out = std::copy_n(from + i * step, size, out);
+      }
+      begin += static_cast<std::int64_t>(tuples);
+      count -= tuples;
+    }
+    return absl::OkStatus();
+  }
+
+  const volume::GridGeometry geometry_;
+  const std::optional<volume::PatientFrame> patient_frame_;
+  const volume::ScalarType type_;
+  const std::string name_;
+  StoredBytes stored_;
+  std::vector<char> tuples_;  // of several components
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
+    const volume::GridGeometry& geometry, const SampleLocation& location, const std::string& name,
+    const std::optional<volume::PatientFrame>& patient_frame) {
+  const absl::Status valid = volume::Validate(geometry);
+  if (!valid.ok()) {
+    return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
+  }
+  const std::int64_t sample_count = math::Volume(geometry.sample_dims);
+  const auto stored_size = static_cast<std::int64_t>(volume::SizeOf(location.stored_type));
+  constexpr std::int64_t kMaxSamples = std::numeric_limits<std::int64_t>::max() / 16;
+  if (sample_count > kMaxSamples ||
+      location.volume_count > kMaxSamples / sample_count / location.components) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d samples: more than any file holds", name, sample_count));
+  }
+  const std::int64_t stored_count = sample_count * location.volume_count * location.components;
+  if (location.files.empty() ||
+      stored_count % static_cast<std::int64_t>(location.files.size()) != 0) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d samples in %d files; expected as many in each", name, stored_count,
+                        location.files.size()));
+  }
+  StoredBytes stored(location, stored_count * stored_size);
+  ISOSCOPE_RETURN_IF_ERROR(stored.CheckFiles(geometry));
+  return std::make_unique<FileSource>(geometry, std::move(stored), name, patient_frame);
+}
+
+}  // namespace isoscope::source

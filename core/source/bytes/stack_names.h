@@ -1,0 +1,23 @@
+// Whether the names of files say that they are the slices of one stack.
+
+#ifndef ISOSCOPE_CORE_SOURCE_BYTES_STACK_NAMES_H_
+#define ISOSCOPE_CORE_SOURCE_BYTES_STACK_NAMES_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+
+namespace isoscope::source {
+
+// Names of one stack are equal but for a number, which goes up in even steps: a01.png, a02.png, ...
+// Further numbers may go up with it, as times do. `files`: two or more, in natural order
+// (named_files.h); `path` is the folder or pattern that gave them.
+//
+// INVALID_ARGUMENT: a number is missing, there twice or not even; names of several stacks; names
+// without a number. Says which, and how to take them: by a pattern, or as neighbours with --axes Z.
+absl::Status CheckStackNames(const std::string& path, const std::vector<std::string>& files);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_BYTES_STACK_NAMES_H_

@@ -1,0 +1,82 @@
+#include "core/source/bytes/text_header.h"
+
+#include <algorithm>
+#include <memory>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::int64_t kMaxTextHeaderBytes = 4 * base::kMiB;
+
+}  // namespace
+
+absl::StatusOr<std::string> ReadTextHeader(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(path));
+  std::string text(static_cast<std::size_t>(std::min(file->size_bytes(), kMaxTextHeaderBytes)),
+                   '\0');
+  ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, text.size(), text.data()));
+  return text;
+}
+
+bool NextLine(absl::string_view text, std::size_t* position, absl::string_view* line) {
+  if (*position >= text.size()) {
+    return false;
+  }
+  const std::size_t end = text.find('\n', *position);
+  if (end == absl::string_view::npos) {
+    *line = text.substr(*position);
+    *position = text.size();
+  } else {
+    *line = text.substr(*position, end - *position);
+    *position = end + 1;
+  }
+  *line = absl::StripSuffix(*line, "\r");
+  return true;
+}
+
+void HeaderFields::Set(absl::string_view key, absl::string_view value) {
+  fields_[absl::AsciiStrToLower(absl::StripAsciiWhitespace(key))] =
+      std::string(absl::StripAsciiWhitespace(value));
+}
+
+std::string HeaderFields::Get(const std::string& key) const {
+  const auto found = fields_.find(key);
+  return found == fields_.end() ? "" : found->second;
+}
+
+absl::StatusOr<std::int64_t> HeaderFields::GetInteger(const std::string& key,
+                                                      std::int64_t fallback) const {
+  const std::string text = Get(key);
+  std::int64_t value = fallback;
+  if (!text.empty() && !absl::SimpleAtoi(text, &value)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: header field \"%s\" is \"%s\"; expected an integer", path_, key, text));
+  }
+  return value;
+}
+
+absl::StatusOr<std::vector<std::int64_t>> HeaderFields::GetIntegers(const std::string& key) const {
+  const std::string text = Get(key);
+  std::vector<std::int64_t> values;
+  for (const absl::string_view word :
+       absl::StrSplit(text, absl::ByAnyChar(" \t"), absl::SkipEmpty())) {
+    if (!absl::SimpleAtoi(word, &values.emplace_back())) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: header field \"%s\" is \"%s\"; expected integers", path_, key, text));
+    }
+  }
+  return values;
+}
+
+}  // namespace isoscope::source

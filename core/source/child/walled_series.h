@@ -1,0 +1,58 @@
+// A series whose library runs in a child process (walled_source.h), from the texts in which the
+// child describes it.
+
+#ifndef ISOSCOPE_CORE_SOURCE_CHILD_WALLED_SERIES_H_
+#define ISOSCOPE_CORE_SOURCE_CHILD_WALLED_SERIES_H_
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/source/adapt/resampled_source.h"
+#include "core/source/child/walled_source.h"
+#include "core/source/grid/axis_distances.h"
+#include "core/source/grid/grid_rules.h"
+#include "core/source/volume_series.h"
+
+namespace isoscope::source {
+
+// All that a child says of a file.
+struct WalledFile {
+  struct Field {
+    SourceField field;
+    std::int64_t number = 0;  // by which the child knows it
+  };
+  std::vector<Field> fields{};
+  std::vector<double> times{};
+  std::string time_unit{};
+  std::string length_unit{};
+  AxisDistances distances{};  // of the grid of all fields, if it is not even
+};
+
+// For the child: texts "key=value", none empty.
+std::vector<std::string> WalledTexts(const WalledFile& file);
+// For the child: the number of the field, the step and the component of the part by which the
+// series asks for a volume. REQUIRES: such a part.
+std::array<std::int64_t, 3> ParseWalledPart(const std::string& part);
+// For the child: what of the grid the user gives, as has_spacing, by the last word of such a part;
+// and that word.
+GridRules GivenRules(absl::string_view part);
+std::string GivenWord(const GridRules& rules);
+
+// For the parent: the series of `library.describe`, which takes `part`, opened by `library.open`.
+// Nothing in the texts is taken for granted: DATA_LOSS if they make no sense. Null if there are
+// none. If the rules resample, `library.open` takes grids that are not even, and the volumes are
+// resampled here. Errors also as DescribeWalled; those of opening a volume also as ResampleSource.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
+                                                               const std::string& file,
+                                                               const std::string& part,
+                                                               const GridRules& rules = {});
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_CHILD_WALLED_SERIES_H_

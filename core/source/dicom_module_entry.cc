@@ -1,7 +1,0 @@
-// What isoscope_dicom.so exports (dicom_module.h).
-
-#include "core/source/dicom_child.h"
-
-extern "C" void IsoscopeDecodeDicom(const void* request_bytes, void* answer_bytes, char* shared) {
-  isoscope::source::DecodeDicomInChild(request_bytes, answer_bytes, shared);
-}

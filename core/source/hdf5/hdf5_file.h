@@ -1,0 +1,31 @@
+// Opening an HDF5 file to read it. Calls the library: for the process that it runs in
+// (walled_source.h).
+
+#ifndef ISOSCOPE_CORE_SOURCE_HDF5_HDF5_FILE_H_
+#define ISOSCOPE_CORE_SOURCE_HDF5_HDF5_FILE_H_
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/source/hdf5/hdf5_handle.h"
+
+namespace isoscope::source {
+
+// Makes the library ready: it prints no errors, loads filters as PrepareHdf5Filters
+// (hdf5_filters.h) says, and follows links as FollowLinksToRegularFiles (hdf5_external_links.h)
+// does. For whoever opens files by another library that calls HDF5.
+void PrepareHdf5();
+
+// Opens a file. NOT_FOUND: no such file. UNAVAILABLE: locked, or marked as open for writing (says
+// what to do). DATA_LOSS: cut. INVALID_ARGUMENT: no HDF5 file (says what it is, if that is known),
+// or damaged.
+absl::StatusOr<Hdf5Handle> OpenHdf5File(const std::string& path);
+
+// What the library said of a file that it did not open, as an error.
+absl::Status Hdf5OpenError(const std::string& path, const std::string& said);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_HDF5_HDF5_FILE_H_

@@ -1,0 +1,23 @@
+// The task of one agent for one frame. No wire types.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_FRAME_FRAME_TASK_H_
+#define ISOSCOPE_PARTITION_AGENT_FRAME_FRAME_TASK_H_
+
+#include <cstdint>
+
+#include "core/frame/frame_spec.h"
+
+namespace isoscope::agent {
+
+struct FrameTask {
+  std::int64_t frame_number = 0;  // the coordinator's
+  frame::FrameSpec spec;          // with its camera
+  // The agent casts share agent_index of agent_count equal shares of the rays.
+  int agent_index = 0;
+  int agent_count = 1;
+  bool report_active_blocks = true;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_FRAME_FRAME_TASK_H_

@@ -1,0 +1,123 @@
+// Splits the memory limit of the agents of a process into fixed memory, memory of the steps in
+// work, and caches.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_MEMORY_AGENT_MEMORY_H_
+#define ISOSCOPE_PARTITION_AGENT_MEMORY_AGENT_MEMORY_H_
+
+#include <atomic>
+#include <cstddef>
+#include <memory>
+#include <optional>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/executor.h"
+#include "core/base/memory_budget.h"
+#include "core/base/mutex.h"
+#include "core/render/layer_pass.h"
+#include "core/view/camera.h"
+#include "partition-agent/cache/block_cache.h"
+#include "partition-agent/memory/frames_in_work.h"
+#include "partition-agent/memory/idle_toucher.h"
+#include "partition-agent/shard/series_shard.h"
+
+namespace isoscope::agent {
+
+// Thread-safe. Outlives the agents that use it.
+class AgentMemory {
+ public:
+  // Returns a quarter of the memory that the process may use, at least 1 GiB.
+  static std::size_t DefaultLimitBytes();
+  static constexpr std::size_t kMinLimitBytes = std::size_t{96} << 20;
+
+  // This many steps that each draw with all threads have room, whatever they draw.
+  static constexpr int kDefaultStepCount = 2;
+
+  // step_count: steps that run at a time. With more than the default each may take less for meshes
+  // and reads.
+  // REQUIRES: limit_bytes >= kMinLimitBytes. The cache keeps nothing before Settle.
+  explicit AgentMemory(std::size_t limit_bytes, int step_count = kDefaultStepCount);
+
+  // A frame that is expected: its steps draw this. max_layers: as for ReserveStep.
+  struct ExpectedStep {
+    view::Viewport viewport;
+    int max_layers = 0;
+  };
+
+  // Gives the cache the memory that neither the process holds nor frames need. Begins to touch it
+  // while no frames are in work. Call it once all shards are open. FAILED_PRECONDITION if no memory
+  // is left; the message has the least limit that is enough, also for the expected step.
+  absl::Status Settle(const std::optional<ExpectedStep>& expected = std::nullopt);
+
+  // Limits of a renderer: unused images and buffers, unused layers, and meshes whose pixels are not
+  // shaded yet.
+  [[nodiscard]] std::size_t unused_image_bytes() const { return limit_bytes_ / 16; }
+  [[nodiscard]] std::size_t unused_layer_bytes() const { return limit_bytes_ / 32; }
+  [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / (8 * step_count_); }
+
+  // The open scalar volumes of all series. Whoever takes it before Settle has the cache leave room
+  // for them.
+  [[nodiscard]] std::shared_ptr<OpenVolumes> TakeOpenVolumes() {
+    has_series_.store(true);
+    return open_volumes_;
+  }
+
+  // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
+  // limit with the default number of steps, at most 16 MiB (more does not pay), at least one disk
+  // run.
+  [[nodiscard]] std::size_t read_bytes() const;
+
+  // Returns the least limit that has room for a step, in whole MiB.
+  static std::size_t LeastLimitFor(const view::Viewport& viewport, int max_layers, int step_count);
+
+  // Reserves the memory of one step, read_bytes() included. Waits for other steps.
+  // RESOURCE_EXHAUSTED if the viewport is too large for the limit; the message has the least limit
+  // that is enough.
+  //
+  // max_layers: FrameSpec::max_layers of a frame with translucent surfaces; 0 for others
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(
+      const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers = 0);
+
+  // Returns the number of steps of this kind that have room at a time.
+  [[nodiscard]] std::size_t RoomFor(const view::Viewport& viewport, int max_layers) const;
+
+  // Reserves the memory of reads alone, for work ahead of frames. Errors: of the cancellation.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveReads(
+      const base::Cancellation& cancellation) {
+    return steps_.Reserve(read_bytes(), cancellation);
+  }
+  // Returns the threads of the process for work ahead of frames, one each, made at the first call.
+  struct AheadThreads {
+    std::shared_ptr<base::Executor> reading;  // waits for the disk, computes little
+    std::shared_ptr<base::Executor> making;   // waits for frames to end, then uses the arena
+  };
+  AheadThreads TakeAheadThreads() ABSL_LOCKS_EXCLUDED(ahead_mutex_);
+  [[nodiscard]] FramesInWork* frames() { return &frames_; }
+  [[nodiscard]] const OpenVolumes& open_volumes() const { return *open_volumes_; }
+
+  [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
+  [[nodiscard]] BlockCache* cache() { return &cache_; }
+  [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
+
+ private:
+  [[nodiscard]] std::size_t StepBytes(const view::Viewport& viewport, int max_layers) const;
+
+  const std::size_t limit_bytes_;
+  const std::size_t step_count_;  // at least the default
+  std::atomic<bool> has_series_{false};
+  const std::shared_ptr<OpenVolumes> open_volumes_;
+  base::MemoryBudget steps_;
+  BlockCache cache_;
+  render::LayerRenderer layers_;
+  FramesInWork frames_;
+  base::Mutex ahead_mutex_;
+  AheadThreads ahead_threads_ ABSL_GUARDED_BY(ahead_mutex_);
+  std::unique_ptr<IdleToucher> toucher_;  // last: its thread uses the members above
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_MEMORY_AGENT_MEMORY_H_

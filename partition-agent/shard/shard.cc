@@ -1,0 +1,121 @@
+#include "partition-agent/shard/shard.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+#include "core/store/shard_format.h"
+#include "core/volume/scalar_span.h"
+
+namespace isoscope::agent {
+namespace {
+
+// Holds the upper levels of a tree of millions of blocks. Other pages are read when they are
+// needed.
+constexpr std::int64_t kPageCacheBytes = 4 * base::kMiB;
+
+// A query of the tree reads a page for each 170 blocks that it finds. Of this many blocks that one
+// is asked for whose query finds the fewest.
+constexpr std::int64_t kCandidateCount = 8;
+
+// A block to ask the tree for: the first of the shard, or of some others that lie far apart, that
+// an isovalue finds. Of those the one whose greatest value finds the fewest blocks. Not set: none
+// is found by any isovalue. O(blocks), in memory.
+std::optional<std::uint32_t> BlockToAskFor(const store::ShardReader& reader) {
+  std::optional<std::uint32_t> best;
+  std::int64_t fewest = 0;
+  const std::int64_t count = reader.block_count();
+  const auto span_of = [&](std::int64_t ordinal) {
+    return reader.ranges().Get(reader.block_id(static_cast<std::uint32_t>(ordinal)));
+  };
+  const std::int64_t step = std::max<std::int64_t>(count / kCandidateCount, 1);
+  std::int64_t begin = 0;
+  while (begin < count) {
+    std::int64_t ordinal = begin;
+    volume::ScalarSpan span = span_of(ordinal);
+    while (ordinal + 1 < count && (!std::isfinite(span.max) || !volume::IsActive(span, span.max))) {
+      span = span_of(++ordinal);
+    }
+    if (!std::isfinite(span.max) || !volume::IsActive(span, span.max)) {
+      break;  // nor does any behind it
+    }
+    std::int64_t found = 0;
+    for (std::int64_t other = 0; other < count && (!best.has_value() || found < fewest); ++other) {
+      found += volume::IsActive(span_of(other), span.max) ? 1 : 0;
+    }
+    if (!best.has_value() || found < fewest) {
+      best = static_cast<std::uint32_t>(ordinal);
+      fewest = found;
+    }
+    begin = std::max(begin + step, ordinal + 1);
+  }
+  return best;
+}
+
+// Checks that the tree belongs to the shard's blocks. The trees of two shards can agree in size and
+// head. But a block is in one shard only. So any answer of another shard's tree names blocks that
+// do not have these ordinals, and lacks those that do.
+absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_path) {
+  const store::ShardReader& reader = *shard.reader;
+  const std::optional<std::uint32_t> ordinal = BlockToAskFor(reader);
+  if (!ordinal.has_value()) {
+    return absl::OkStatus();
+  }
+  const volume::ScalarSpan span = reader.ranges().Get(reader.block_id(*ordinal));
+  ISOSCOPE_ASSIGN_OR_RETURN(const index::QueryResult result, shard.tree->Query(span.max));
+  bool has_block = false;
+  for (const index::BlockInterval& interval : result.active) {
+    if (interval.ordinal >= reader.block_count() ||
+        reader.block_id(interval.ordinal) != interval.block_id) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: names block %d at place %d, where the shard holds another: it is "
+                          "of another shard; "
+                          "copy the whole shard directory again",
+                          tree_path, interval.block_id, interval.ordinal));
+    }
+    has_block = has_block || interval.ordinal == *ordinal;
+  }
+  if (!has_block) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: lacks block %d at place %d: it is of another shard; copy the whole shard directory "
+        "again",
+        tree_path, reader.block_id(*ordinal), *ordinal));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+std::uint32_t NextShardNumber() {
+  static std::atomic<std::uint32_t> next_number{0};
+  return next_number.fetch_add(1);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
+                                                       std::uint32_t number,
+                                                       const store::OpenFile& open_file) {
+  auto shard = std::make_shared<Shard>();
+  shard->number = number;
+  ISOSCOPE_ASSIGN_OR_RETURN(shard->reader, store::ShardReader::Open(directory, open_file));
+  shard->shapes = std::make_shared<const extract::BlockShapes>(shard->reader->layout());
+  const std::string tree_path = directory + "/" + store::kIntervalTreeFileName;
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> file, open_file(tree_path));
+  ISOSCOPE_ASSIGN_OR_RETURN(shard->tree,
+                            index::IntervalTree::Open(std::move(file), kPageCacheBytes));
+  if (shard->tree->interval_count() > shard->reader->block_count()) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: holds %d intervals, its shard %d blocks; copy the whole shard directory again",
+        tree_path, shard->tree->interval_count(), shard->reader->block_count()));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckTreeIsOfBlocks(*shard, tree_path));
+  return shard;
+}
+
+}  // namespace isoscope::agent

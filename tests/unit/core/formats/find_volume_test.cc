@@ -1,0 +1,122 @@
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/formats/open_volume.h"
+#include "core/source/volume_series.h"
+#include "tests/support/only_volume.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+#include "tests/unit/core/formats/vtk/vti_bytes.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::isoscope::testing::Noise;
+using ::isoscope::testing::ReadAll;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::TempDir;
+using ::isoscope::testing::VtiBytes;
+using ::isoscope::testing::WriteFile;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using volume::ScalarType;
+
+constexpr math::Index3 kDims{4, 3, 2};
+
+class FindVolumeTest : public ::testing::Test {
+ protected:
+  std::string Write(const std::string& name, const std::string& bytes) {
+    WriteFile(dir_.Sub(name), bytes);
+    return dir_.Sub(name);
+  }
+  TempDir dir_;
+};
+
+TEST_F(FindVolumeTest, WhateverIsOneVolumeIsASeriesOfOneFieldAndOneStep) {
+  const std::string samples = Noise(kDims, ScalarType::kInt16);
+  testing::NiftiHeader nifti;
+  nifti.dims = kDims;
+  for (const std::string& path :
+       {Write("head.nrrd", testing::NrrdHeader(kDims, "short", "raw") + samples),
+        Write("head.mha", testing::MetaHeader(kDims, "MET_SHORT", "LOCAL") + samples),
+        Write("head.nii.gz", testing::Gzip(testing::NiftiHeaderBytes(nifti) + samples))}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
+    EXPECT_EQ(series->name(), path);
+    ASSERT_EQ(series->fields().size(), 1u);
+    EXPECT_EQ(series->fields()[0].name, "head");
+    EXPECT_THAT(series->fields()[0].components, ElementsAre(""));
+    EXPECT_EQ(series->fields()[0].unit, "");
+    EXPECT_THAT(series->times(), IsEmpty());
+    EXPECT_EQ(series->step_count(), 1);
+    EXPECT_EQ(series->time_unit() + series->length_unit(), "");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plain, OpenVolumeFile(path));
+    for (int round = 0; round < 2; ++round) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
+      EXPECT_EQ(volume->geometry(), plain->geometry());
+      EXPECT_EQ(volume->patient_frame().has_value(), plain->patient_frame().has_value());
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
+      EXPECT_TRUE(read == samples);
+    }
+  }
+}
+
+TEST_F(FindVolumeTest, VtkFilesAreSeriesByTheirEnding) {
+  const std::string image = Write(
+      "a.VTI",
+      VtiBytes({.extent = "0 3 0 2 0 1",
+                .fields = {{.name = "p", .type = "UInt8", .samples = std::string(24, 'p')},
+                           {.name = "q", .type = "UInt8", .samples = std::string(24, 'q')}}}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto both, OpenVolumeSeries(image));
+  EXPECT_EQ(both->fields().size(), 2u);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeSeries(image + ":q"));
+  ASSERT_EQ(one->fields().size(), 1u);
+  EXPECT_EQ(one->fields()[0].name, "q");
+  const std::string pvd = Write("run.pvd",
+                                "<VTKFile><Collection><DataSet timestep=\"3\" file=\"a.VTI\"/>"
+                                "</Collection></VTKFile>");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto steps, OpenVolumeSeries(pvd));
+  EXPECT_THAT(steps->times(), ElementsAre(3));
+  const std::string pieces = Write(
+      "a.pvti",
+      "<VTKFile><PImageData WholeExtent=\"0 3 0 2 0 1\" Origin=\"10 20 30\" Spacing=\"0.5 2 4\">"
+      "<PPointData><PDataArray type=\"UInt8\" Name=\"q\"/></PPointData>"
+      "<Piece Extent=\"0 3 0 2 0 1\" Source=\"a.VTI\"/></PImageData></VTKFile>");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tiled, OpenVolumeSeries(pieces));
+  EXPECT_EQ(tiled->fields()[0].name, "q");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, tiled->Open(0, 0, 0));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 2));
+  EXPECT_EQ(read, std::string(24, 'q'));
+  // A single volume of it, and its files, also as a step.
+  for (const std::string& path : {pieces, pieces + ":q"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto only, OpenVolumeFile(path));
+    EXPECT_EQ(only->geometry(), volume->geometry());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
+    EXPECT_THAT(files, ElementsAre(pieces, image));
+  }
+  const std::string tiled_pvd =
+      Write("tiled.pvd",
+            "<VTKFile><Collection><DataSet timestep=\"3\" file=\"a.pvti\"/>"
+            "</Collection></VTKFile>");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(tiled_pvd));
+  EXPECT_THAT(files, ElementsAre(tiled_pvd, pieces, image));
+}
+
+TEST_F(FindVolumeTest, ErrorsAreThoseOfTheFormat) {
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("none.nrrd")),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.nrrd")));
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("none.pvd")),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.pvd")));
+  EXPECT_THAT(OpenVolumeSeries(Write("a.txt", "text")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("unknown kind of file")));
+  EXPECT_THAT(OpenVolumeSeries(Write("a.nrrd", "NRRD0004\n"), {.axes = "TZYX"}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--axes TZYX")));
+}
+
+}  // namespace
+}  // namespace isoscope::source

@@ -1,0 +1,310 @@
+// The HTTP interface in front of a coordinator of a script: what of its answers reaches users and
+// caches.
+
+#include "web-gateway/api/api.h"
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/synchronization/notification.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+
+#include "core/base/monotonic_time.h"
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/web-gateway/header_of.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class Cluster final : public v1::ClusterService::Service {
+ public:
+  grpc::Status GetClusterStatus(grpc::ServerContext* /*context*/,
+                                const v1::GetClusterStatusRequest* /*request*/,
+                                v1::GetClusterStatusResponse* response) override {
+    *response = status;
+    return grpc::Status::OK;
+  }
+
+  v1::GetClusterStatusResponse status;
+};
+
+class Datasets final : public v1::DatasetService::Service {
+ public:
+  grpc::Status ListDatasets(grpc::ServerContext* /*context*/,
+                            const v1::ListDatasetsRequest* /*request*/,
+                            v1::ListDatasetsResponse* response) override {
+    v1::Dataset& dataset = *response->add_datasets();
+    dataset.set_name("head");
+    dataset.set_dataset_id(dataset_id);
+    v1::GridGeometry& geometry = *dataset.mutable_geometry();
+    geometry.mutable_sample_dims()->set_x(9);
+    geometry.mutable_sample_dims()->set_y(9);
+    geometry.mutable_sample_dims()->set_z(9);
+    geometry.mutable_spacing()->set_x(1);
+    geometry.mutable_spacing()->set_y(1);
+    geometry.mutable_spacing()->set_z(1);
+    for (int step = 0; step < step_count; ++step) {
+      v1::TimeStep& time = *dataset.add_time_steps();
+      time.set_number(step);
+      time.set_value(step * 0.5);
+      time.set_volumes_digest(absl::StrCat("digest of step ", step, step > 0 ? later_samples : ""));
+    }
+    for (const char* const name : {"pressure", "velocity"}) {
+      if (step_count == 0) {
+        break;
+      }
+      v1::Field& field = *dataset.add_fields();
+      field.set_name(name);
+      v1::FieldComponent& component = *field.add_components();
+      component.mutable_value_range()->set_max(step_count);
+      for (int step = 0; step < step_count; ++step) {
+        field.add_time_steps(step);
+      }
+    }
+    return grpc::Status::OK;
+  }
+  grpc::Status GetHistogram(grpc::ServerContext* /*context*/,
+                            const v1::GetHistogramRequest* request,
+                            v1::GetHistogramResponse* response) override {
+    if (request->has_selection()) {
+      *response->mutable_selection() = request->selection();
+    }
+    return grpc::Status::OK;
+  }
+
+  std::string dataset_id = "0123";
+  int step_count = 0;         // of two fields, if there are steps
+  std::string later_samples;  // of the steps after the first
+};
+
+class Surfaces final : public v1::IsosurfaceService::Service {
+ public:
+  grpc::Status RenderIsosurfaceStream(
+      grpc::ServerContext* /*context*/, const v1::RenderIsosurfaceStreamRequest* request,
+      grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* writer) override {
+    ++picture_count;
+    v1::RenderIsosurfaceStreamResponse message;
+    message.mutable_part()->set_png("a picture");
+    if (request->request().has_selection()) {
+      *message.mutable_part()->mutable_selection() = request->request().selection();
+      message.mutable_part()->set_time(request->request().selection().time_step() * 0.5);
+    }
+    writer->Write(message);
+    return grpc::Status::OK;
+  }
+
+  int picture_count = 0;
+};
+
+class ApiTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    v1::AgentStatus& agent = *cluster_.status.add_agents();
+    agent.set_address("10.0.0.7:50052");
+    agent.set_state(v1::AgentStatus::STATE_REACHABLE);
+    agent.set_picture_revision("cpu 1");
+    agent.add_shards()->set_dataset_id("0123");
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&cluster_);
+    builder.RegisterService(&datasets_);
+    builder.RegisterService(&surfaces_);
+    server_ = builder.BuildAndStart();
+    client_ = std::make_unique<CoordinatorClient>(
+        CoordinatorClientOptions{.channel = server_->InProcessChannel({})});
+    api_ = std::make_unique<Api>(ApiOptions{.max_pictures = 2}, client_.get());
+  }
+  // An answer comes before its call has ended.
+  void TearDown() override { client_->AwaitCalls(); }
+
+  HttpResponse Get(const std::string& target, const std::string& if_none_match = "",
+                   const std::string& token = "") {
+    AwaitPlaces();
+    HttpRequest request;
+    request.target = *ParseTarget(target);
+    request.if_none_match = if_none_match;
+    request.token = token;
+    HttpResponse response;
+    absl::Notification answered;
+    api_->Answer(std::move(request), std::make_shared<RequestScope>(), [&](HttpResponse answer) {
+      response = std::move(answer);
+      answered.Notify();
+    });
+    answered.WaitForNotification();
+    return response;
+  }
+
+  // An answer comes shortly before its place is free.
+  void AwaitPlaces() {
+    const base::MonotonicTime limit = base::MonotonicNow() + absl::Seconds(20);
+    while (api_->pictures_in_work() > 0 && base::MonotonicNow() < limit) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+  }
+
+  Cluster cluster_;
+  Datasets datasets_;
+  Surfaces surfaces_;
+  std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<CoordinatorClient> client_;
+  std::unique_ptr<Api> api_;
+};
+
+TEST_F(ApiTest, TheStatusTellsUsersNothingOfOtherUsersFrames) {
+  v1::FrameInWork& frame = *cluster_.status.add_frames();
+  frame.set_dataset("head");
+  frame.set_client("ipv4:192.0.2.99:4711");
+  const HttpResponse response = Get("/v1/status");
+  EXPECT_EQ(response.status, 200);
+  EXPECT_THAT(response.body, HasSubstr("10.0.0.7"));
+  EXPECT_THAT(response.body, Not(HasSubstr("192.0.2.99")));
+  EXPECT_THAT(response.body, Not(HasSubstr("frames")));
+}
+
+TEST_F(ApiTest, ACachedPictureIsGoodUntilItsRequestItsDataOrTheAgentsPixelsChange) {
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  const HttpResponse first = Get(target);
+  ASSERT_EQ(first.status, 200) << first.body;
+  EXPECT_EQ(first.body, "a picture");
+  const std::string etag = HeaderOf(first, "ETag");
+  EXPECT_EQ(Get(target, etag).status, 304);
+  EXPECT_EQ(surfaces_.picture_count, 1);
+  EXPECT_EQ(Get("/v1/datasets/head/render?isovalue=2&width=8&height=8", etag).status, 200);
+  // Another driver, or a later version: other pixels of the same request.
+  cluster_.status.mutable_agents(0)->set_picture_revision("cpu 2");
+  const HttpResponse other = Get(target, etag);
+  EXPECT_EQ(other.status, 200);
+  EXPECT_NE(HeaderOf(other, "ETag"), etag);
+  cluster_.status.mutable_agents(0)->set_picture_revision("cpu 1");
+  EXPECT_EQ(Get(target, etag).status, 304);
+  datasets_.dataset_id = "4567";
+  cluster_.status.mutable_agents(0)->mutable_shards(0)->set_dataset_id("4567");
+  EXPECT_EQ(Get(target, etag).status, 200);
+}
+
+// An agent that is gone, or that serves another dataset, draws none of its pixels.
+TEST_F(ApiTest, ThePictureRevisionIsOfAnAgentThatAnswersAndHasTheDataset) {
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  const std::string etag = HeaderOf(Get(target), "ETag");
+  v1::AgentStatus gone = cluster_.status.agents(0);
+  gone.set_state(v1::AgentStatus::STATE_UNREACHABLE);
+  gone.set_picture_revision("egl of long ago");
+  v1::AgentStatus other = cluster_.status.agents(0);
+  other.mutable_shards(0)->set_dataset_id("89ab");
+  other.set_picture_revision("egl of another dataset");
+  const v1::AgentStatus agent = cluster_.status.agents(0);
+  cluster_.status.clear_agents();
+  for (const v1::AgentStatus& one : {gone, other, agent}) {
+    *cluster_.status.add_agents() = one;
+  }
+  EXPECT_EQ(HeaderOf(Get(target), "ETag"), etag);
+}
+
+TEST_F(ApiTest, NoSharedCacheKeepsWhatATokenWasShownFor) {
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  EXPECT_EQ(HeaderOf(Get(target), "Cache-Control"), "public, no-cache");
+  EXPECT_EQ(HeaderOf(Get(target, "", "secret"), "Cache-Control"), "private, no-cache");
+  EXPECT_EQ(HeaderOf(Get("/v1/datasets/0123/render?isovalue=1&width=8&height=8"), "Cache-Control"),
+            "public, max-age=31536000, immutable");
+}
+
+// Steps come, and the dataset keeps its id.
+TEST_F(ApiTest, APictureOfAStepIsGoodUntilAnotherStepIsMeant) {
+  datasets_.step_count = 3;
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8&field=velocity";
+  const HttpResponse last = Get(target);
+  ASSERT_EQ(last.status, 200) << last.body;
+  EXPECT_EQ(HeaderOf(last, "X-Isoscope-Selection"), R"({"field":"velocity","timeStep":2})");
+  EXPECT_EQ(HeaderOf(last, "X-Isoscope-Time"), "1.0");
+  const std::string etag = HeaderOf(last, "ETag");
+  const auto status = [&](const std::string& asked) { return Get(asked, etag).status; };
+  EXPECT_EQ(status(absl::StrCat(target, "&step=2")), 304);
+  EXPECT_EQ(status(absl::StrCat(target, "&time=0.9")), 304);
+  EXPECT_EQ(status(absl::StrCat(target, "&step=1")), 200);
+  EXPECT_EQ(status("/v1/datasets/head/render?isovalue=1&width=8&height=8"), 200);
+  datasets_.step_count = 4;
+  EXPECT_EQ(status(target), 200) << "another step is the last one";
+  EXPECT_EQ(status(absl::StrCat(target, "&step=2")), 304);
+}
+
+// Two series whose first steps are equal have one dataset id.
+TEST_F(ApiTest, APictureOfAStepIsOfItsVolumes) {
+  datasets_.step_count = 4;
+  const auto etag_of = [&](int step) {
+    return HeaderOf(
+        Get(absl::StrCat("/v1/datasets/0123/render?isovalue=1&width=8&height=8&step=", step)),
+        "ETag");
+  };
+  const std::string first = etag_of(0);
+  const std::string third = etag_of(3);
+  EXPECT_NE(first, third);
+  datasets_.later_samples = "of another run";
+  EXPECT_EQ(etag_of(0), first);
+  EXPECT_NE(etag_of(3), third);
+}
+
+TEST_F(ApiTest, ColorsWithoutARangeAreGoodUntilTheRangeOfAllStepsChanges) {
+  datasets_.step_count = 3;
+  const std::string step = "/v1/datasets/head/render?isovalue=1&width=8&height=8&step=0&color-by=";
+  const std::string open = HeaderOf(Get(absl::StrCat(step, "velocity")), "ETag");
+  const std::string given = HeaderOf(Get(absl::StrCat(step, "velocity:magma:0,1")), "ETag");
+  datasets_.step_count = 4;
+  EXPECT_EQ(Get(absl::StrCat(step, "velocity"), open).status, 200);
+  EXPECT_EQ(Get(absl::StrCat(step, "velocity:magma:0,1"), given).status, 304);
+}
+
+TEST_F(ApiTest, OnlyWhatTheDatasetIdNamesIsImmutable) {
+  datasets_.step_count = 3;
+  const struct {
+    const char* parameters;
+    const char* cache_control;
+  } cases[] = {{"", "public, no-cache"},
+               {"&step=last", "public, no-cache"},
+               {"&time=0", "public, no-cache"},
+               {"&step=0&color-by=velocity", "public, no-cache"},
+               {"&step=2", "public, no-cache"},  // the id names the first step alone
+               {"&step=3", "no-store"},
+               {"&field=hue", "no-store"},
+               {"&step=0", "public, max-age=31536000, immutable"},
+               {"&step=0&color-by=velocity:magma:0,1", "public, max-age=31536000, immutable"}};
+  for (const auto& c : cases) {
+    const std::string target =
+        absl::StrCat("/v1/datasets/0123/render?isovalue=1&width=8&height=8", c.parameters);
+    EXPECT_EQ(HeaderOf(Get(target), "Cache-Control"), c.cache_control) << target;
+  }
+}
+
+TEST_F(ApiTest, HistogramsAreOfAFieldAndAStep) {
+  datasets_.step_count = 3;
+  EXPECT_EQ(Get("/v1/datasets/head/histogram?bins=8&field=velocity:x&step=1").body,
+            R"({"selection":{"field":"velocity:x","timeStep":1}})");
+  EXPECT_EQ(Get("/v1/datasets/head/histogram").body, "{}");
+  EXPECT_EQ(Get("/v1/datasets/head/histogram?step=x").status, 400);
+  EXPECT_EQ(Get("/v1/datasets/head/histogram?isovalue=1").status, 400);
+}
+
+TEST_F(ApiTest, PlacesForPicturesComeBackHoweverTheyEnd) {
+  for (const char* const target :
+       {"/v1/datasets/head/render?isovalue=1&width=8&height=8",
+        "/v1/datasets/none/render?isovalue=1", "/v1/datasets/head/render?isovalue=x"}) {
+    EXPECT_NE(Get(target).status, 429);
+    AwaitPlaces();
+    ASSERT_EQ(api_->pictures_in_work(), 0) << target;
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::gateway

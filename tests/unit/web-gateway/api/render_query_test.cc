@@ -1,0 +1,262 @@
+#include "web-gateway/api/render_query.h"
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::gateway {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using ::testing::Not;
+using testing::StatusIs;
+namespace v1 = isoscope::v1;
+
+v1::Dataset MakeDataset() {
+  v1::Dataset dataset;
+  dataset.set_name("head");
+  v1::GridGeometry* const geometry = dataset.mutable_geometry();
+  geometry->mutable_sample_dims()->set_x(11);
+  geometry->mutable_sample_dims()->set_y(11);
+  geometry->mutable_sample_dims()->set_z(11);
+  geometry->mutable_spacing()->set_x(1);
+  geometry->mutable_spacing()->set_y(1);
+  geometry->mutable_spacing()->set_z(1);
+  return dataset;
+}
+
+v1::Dataset MakeSeries() {
+  v1::Dataset dataset = MakeDataset();
+  dataset.add_fields()->set_name("pressure");
+  return dataset;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceRequest> Parse(const std::string& query) {
+  const absl::StatusOr<Target> target = ParseTarget(absl::StrCat("/?", query));
+  EXPECT_THAT(target, IsOk());
+  return RenderRequestFromQuery(target->query, MakeDataset());
+}
+
+TEST(RenderQueryTest, ParametersAreTheFlagsOfTheCommandLine) {
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> request = Parse(
+      "isovalue=60&width=640&height=480&azimuth=30&elevation=-10&zoom=2&fit=surface&"
+      "background=1,1,1&samples=4&clip_plane=0,0,1,2&clip-plane=1,0,0,-3&clip-box=0,5,0,5,0,5&"
+      "color-by=z:turbo&light=1,1,1:2&ambient-occlusion=&silhouette=3:1,0,0&max_layers=4&"
+      "culling=none&region=1,2,30,40");
+  ASSERT_THAT(request, IsOk());
+  EXPECT_EQ(request->dataset(), "head");
+  EXPECT_EQ(request->surfaces(0).isovalue(), 60);  // color-by needs a surface
+  EXPECT_EQ(request->viewport().width_px(), 640);
+  EXPECT_EQ(request->viewport().height_px(), 480);
+  EXPECT_EQ(request->camera_fit(), v1::CAMERA_FIT_SURFACE);
+  EXPECT_EQ(request->background_color().red(), 1);
+  EXPECT_EQ(request->samples(), 4);
+  EXPECT_EQ(request->clip().half_spaces_size(), 2);
+  EXPECT_TRUE(request->clip().has_box());
+  EXPECT_EQ(request->lights_size(), 1);
+  EXPECT_TRUE(request->has_ambient_occlusion());
+  EXPECT_EQ(request->silhouette().width_px(), 3);
+  EXPECT_EQ(request->max_layers(), 4);
+  EXPECT_EQ(request->culling(), v1::CULLING_NONE);
+  EXPECT_EQ(request->region().width_px(), 30);
+  EXPECT_NE(request->camera().eye().x(), 5);  // turned
+  EXPECT_FALSE(request->has_output());
+}
+
+TEST(RenderQueryTest, SurfacesAreInTheOrderOfTheAddress) {
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> request =
+      Parse("surface=60:1,0,0:0.5&surface=30&format=jpeg&quality=80");
+  ASSERT_THAT(request, IsOk());
+  ASSERT_EQ(request->surfaces_size(), 2);
+  EXPECT_EQ(request->surfaces(0).isovalue(), 60);
+  EXPECT_EQ(request->surfaces(0).color().alpha(), 0.5F);
+  EXPECT_EQ(request->surfaces(1).isovalue(), 30);
+  EXPECT_EQ(request->output().image_format(), v1::OutputOptions::IMAGE_FORMAT_JPEG);
+  EXPECT_EQ(request->output().jpeg_quality(), 80);
+}
+
+v1::Dataset MakeSegmentation() {
+  v1::Dataset dataset = MakeDataset();
+  for (const auto& [value, name] : {std::pair{0, "air"}, {3, "left lung"}, {7, "liver"}}) {
+    v1::Label* const label = dataset.add_labels();
+    label->set_value(value);
+    label->set_name(name);
+  }
+  dataset.mutable_labels(1)->mutable_color()->set_green(1);
+  return dataset;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceRequest> ParseLabels(const std::string& query) {
+  return RenderRequestFromQuery(ParseTarget(absl::StrCat("/?", query))->query, MakeSegmentation());
+}
+
+TEST(RenderQueryTest, LabelsAreSurfacesByTheNamesOfTheDataset) {
+  const auto all = ParseLabels("labels=all&width=8");
+  ASSERT_THAT(all, IsOk());
+  ASSERT_EQ(all->surfaces_size(), 2);  // not the air, whose value is 0
+  EXPECT_THAT(all->surfaces(0).labels(), ElementsAre(3));
+  EXPECT_EQ(all->surfaces(0).color().green(), 1);
+  EXPECT_EQ(all->surfaces(0).color().red(), 0);
+  EXPECT_THAT(all->surfaces(1).labels(), ElementsAre(7));
+  const auto sets = ParseLabels("isovalue=60&label=Left%20Lung::0.5&label=3,5-6,liver:red");
+  ASSERT_THAT(sets, IsOk());
+  ASSERT_EQ(sets->surfaces_size(), 3);
+  EXPECT_EQ(sets->surfaces(0).isovalue(), 60);
+  EXPECT_THAT(sets->surfaces(1).labels(), ElementsAre(3));
+  EXPECT_EQ(sets->surfaces(1).color().alpha(), 0.5F);
+  EXPECT_EQ(sets->surfaces(1).color().green(), 1);
+  EXPECT_THAT(sets->surfaces(2).labels(), ElementsAre(3, 5, 6, 7));
+  EXPECT_EQ(sets->surfaces(2).color().red(), 1);
+}
+
+TEST(RenderQueryTest, WrongLabelsAreNamedInTheWordsOfAnAddress) {
+  const auto expect = [](const absl::StatusOr<v1::RenderIsosurfaceRequest>& request,
+                         const std::string& said) {
+    EXPECT_THAT(request.status(), StatusIs(absl::StatusCode::kInvalidArgument,
+                                           AllOf(HasSubstr(said), Not(HasSubstr("--label")))));
+  };
+  expect(ParseLabels("label=livr"), "did you mean 'liver'?");
+  expect(ParseLabels("labels=3,7"), "'3,7' is not all; label 3,7 draws the surface of a set");
+  expect(ParseLabels("labels=all&label=3"), "leave label out");
+  expect(Parse("labels=all"), "a gateway does not list them: give label with values");
+  expect(Parse("label=liver"), "dataset 'head' has no names of labels");
+}
+
+TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {
+  const auto parse = [](const std::string& query) {
+    return RenderRequestFromQuery(ParseTarget(absl::StrCat("/?isovalue=1&", query))->query,
+                                  MakeSeries());
+  };
+  const auto frame = parse("field=velocity:x&time=0.25&color_by=temperature:magma:1,2");
+  ASSERT_THAT(frame, IsOk());
+  EXPECT_EQ(frame->selection().ShortDebugString(), "field: \"velocity:x\" time: 0.25");
+  EXPECT_EQ(frame->surfaces(0).color_by().ShortDebugString(),
+            "quantity: QUANTITY_FIELD color_map: COLOR_MAP_MAGMA range { min: 1 max: 2 } field: "
+            "\"temperature\"");
+  EXPECT_EQ(parse("component=y&step=last")->selection().ShortDebugString(),
+            "component: \"y\" time_step: -1");
+  EXPECT_FALSE(parse("width=8")->has_selection());
+  const auto missing = parse("color_by=temperature&nan-color=teal");
+  ASSERT_THAT(missing, IsOk());
+  EXPECT_EQ(missing->nan_color().alpha(), 1);
+  EXPECT_EQ(missing->nan_color().red(), 0);
+  EXPECT_FALSE(frame->has_nan_color());
+}
+
+TEST(RenderQueryTest, TheSelectionOfAHistogramIsTakenOutOfItsParameters) {
+  QueryParameters query = {{"bins", "8"}, {"field", "velocity"}, {"step", "3"}, {"x", "1"}};
+  const auto selection = TakeSelection(&query);
+  ASSERT_THAT(selection, IsOk());
+  EXPECT_EQ((*selection)->ShortDebugString(), "field: \"velocity\" time_step: 3");
+  EXPECT_EQ(query, (QueryParameters{{"bins", "8"}, {"x", "1"}}));
+  EXPECT_FALSE(TakeSelection(&query)->has_value());
+  query = {{"time", "1"}, {"step", "3"}};
+  EXPECT_THAT(TakeSelection(&query).status(), StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+TEST(RenderQueryTest, DepthIsAPlaneWithoutAPicture) {
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> request = Parse("isovalue=60&format=depth");
+  ASSERT_THAT(request, IsOk());
+  EXPECT_EQ(request->output().image_format(), v1::OutputOptions::IMAGE_FORMAT_NONE);
+  EXPECT_TRUE(request->output().depth());
+}
+
+TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
+  const struct {
+    std::string query;
+    std::vector<std::string> said;
+  } cases[] = {
+      {"", {"isovalue", "missing"}},
+      {"isovalue=abc", {"isovalue", "'abc'", "finite number"}},
+      {"isovalue=nan", {"isovalue", "'nan'"}},
+      {"isovalue=", {"isovalue", "no value"}},
+      {"isovalue=1&isovalue=2", {"isovalue", "2 times"}},
+      {"clip-plane=1&isovalue=1", {"clip-plane", "'1'"}},
+      {"isovalue=60&width=0", {"width", "'0'", "1 to 65536"}},
+      {"isovalue=60&width=65537", {"width", "65537"}},
+      {"isovalue=60&height=-1", {"height", "'-1'"}},
+      {"isovalue=60&azimuth=x", {"azimuth"}},
+      {"isovalue=60&zoom=0", {"zoom", "above 0"}},
+      {"isovalue=60&view=side", {"view", "'side'", "front"}},
+      {"isovalue=60&view=anterior", {"patient"}},
+      {"isovalue=60&fit=all", {"fit", "surface"}},
+      {"isovalue=60&eye=1,2,3&azimuth=3", {"eye", "azimuth"}},
+      {"isovalue=60&format=gif", {"format", "'gif'", "png, jpeg, depth"}},
+      {"isovalue=60&format=jpeg&quality=0", {"quality", "1 to 100"}},
+      {"isovalue=60&quality=90", {"quality", "format=jpeg"}},
+      {"isovalue=60&samples=5", {"samples", "1, 4, 9, 16"}},
+      {"isovalue=60&surface=70", {"surface", "isovalue"}},
+      {"isovalue=60&background=2,0,0", {"background"}},
+      {"isovalu=60", {"'isovalu'", "did you mean 'isovalue'"}},
+      {"isovalue=60&help=1", {"'help'"}},
+      {"isovalue=60&=1", {"''"}},
+      {"isovalue=60&--width=5", {"'--width'"}},
+      {"isovalue=60&output=x.png", {"'output'"}},
+      {"isovalue=60&field=", {"field", "no value"}},
+      {"isovalue=60&field=velocity:", {"field", "'velocity:'", "NAME:COMPONENT"}},
+      {"isovalue=60&step=-1", {"step", "'-1'", "first or last"}},
+      {"isovalue=60&step=1:9:2", {"step", "'1:9:2'"}},
+      {"isovalue=60&time=now", {"time", "'now'"}},
+      {"isovalue=60&time=1&step=2", {"time and step exclude each other"}},
+      {"isovalue=60&nan-color=red", {"nan-color is the colour of missing samples", "color-by"}},
+      {"isovalue=60&color-by=hue", {"color-by", "'hue'", "gradient", "no other fields"}},
+  };
+  for (const auto& c : cases) {
+    const absl::Status status = Parse(c.query).status();
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument)) << c.query;
+    for (const std::string& said : c.said) {
+      EXPECT_THAT(std::string(status.message()), HasSubstr(said)) << c.query;
+    }
+    if (c.query.find("--") == std::string::npos) {
+      EXPECT_THAT(std::string(status.message()), Not(HasSubstr("--"))) << c.query;
+    }
+  }
+}
+
+TEST(RenderQueryTest, NoParameterReadsOrWritesAFileOfTheGateway) {
+  for (const char* name : {"camera", "save-camera", "save_camera", "like", "output", "depth",
+                           "normal", "stats", "config"}) {
+    EXPECT_THAT(Parse(absl::StrCat("isovalue=60&", name, "=/tmp/x")).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no parameter")))
+        << name;
+  }
+}
+
+TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
+  const absl::StatusOr<MeshQuery> one =
+      MeshQueryFromQuery({{"isovalue", "60"}, {"clip_box", "0,1,0,1,0,1"}}, MakeDataset());
+  ASSERT_THAT(one, IsOk());
+  EXPECT_EQ(one->request.dataset(), "head");
+  EXPECT_EQ(one->request.isovalue(), 60);
+  EXPECT_TRUE(one->request.clip().has_box());
+  ASSERT_EQ(one->surfaces.size(), 1U);
+  const absl::StatusOr<MeshQuery> two =
+      MeshQueryFromQuery({{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
+  ASSERT_THAT(two, IsOk());
+  EXPECT_EQ(two->request.surfaces_size(), 2);
+  EXPECT_EQ(two->surfaces[0].color->alpha, 1);
+  const absl::StatusOr<MeshQuery> of_a_step =
+      MeshQueryFromQuery({{"isovalue", "1"}, {"field", "velocity:z"}, {"step", "2"}}, MakeSeries());
+  ASSERT_THAT(of_a_step, IsOk());
+  EXPECT_EQ(of_a_step->request.selection().ShortDebugString(),
+            "field: \"velocity:z\" time_step: 2");
+  for (const QueryParameters& wrong :
+       {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"time", "2"}, {"step", "2"}},
+        QueryParameters{{"isovalue", "1"}, {"surface", "2"}},
+        QueryParameters{{"isovalue", "1"}, {"width", "2"}}}) {
+    EXPECT_THAT(MeshQueryFromQuery(wrong, MakeDataset()).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::gateway

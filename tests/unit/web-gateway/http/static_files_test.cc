@@ -1,0 +1,91 @@
+#include "web-gateway/http/static_files.h"
+
+#include <regex>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_split.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/unit/web-gateway/header_of.h"
+
+namespace isoscope::gateway {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+HttpResponse Get(const std::vector<std::string>& segments, const std::string& if_none_match = "") {
+  return ServeStaticFile({.target = {.segments = segments}, .if_none_match = if_none_match});
+}
+
+TEST(StaticFilesTest, TheRootIsThePage) {
+  const HttpResponse page = Get({});
+  EXPECT_EQ(page.status, 200);
+  EXPECT_EQ(page.content_type, "text/html; charset=utf-8");
+  EXPECT_THAT(page.body, HasSubstr("<title>"));
+  EXPECT_EQ(page.body, Get({"index.html"}).body);
+}
+
+TEST(StaticFilesTest, TheModulesOfTheViewLieInAFolder) {
+  const HttpResponse module = Get({"view", "camera.js"});
+  EXPECT_EQ(module.status, 200);
+  EXPECT_EQ(module.content_type, "text/javascript; charset=utf-8");
+  EXPECT_EQ(Get({"view"}).status, 404);
+  EXPECT_EQ(Get({"camera.js"}).status, 404);
+}
+
+// Each import of each file is served: a module that the build forgets leaves the page empty.
+TEST(StaticFilesTest, EveryImportIsServed) {
+  size_t imports = 0;
+  for (const StaticFile& file : StaticFiles()) {
+    const std::vector<std::string> folder = absl::StrSplit(file.name, '/');
+    std::string text(file.content);
+    static const std::regex import("from '\\./([^']+)'");
+    for (std::sregex_iterator it(text.begin(), text.end(), import), end; it != end; ++it) {
+      std::vector<std::string> path(folder.begin(), folder.end() - 1);
+      for (absl::string_view segment : absl::StrSplit((*it)[1].str(), '/')) {
+        path.emplace_back(segment);
+      }
+      EXPECT_EQ(Get(path).status, 200) << file.name << " imports " << (*it)[1];
+      ++imports;
+    }
+  }
+  EXPECT_GT(imports, 50);
+}
+
+TEST(StaticFilesTest, NothingInlineMayRun) {
+  const std::string policy = HeaderOf(Get({}), "Content-Security-Policy");
+  EXPECT_THAT(policy, HasSubstr("default-src 'none'"));
+  EXPECT_THAT(policy, HasSubstr("script-src 'self';"));
+  EXPECT_THAT(policy, HasSubstr("worker-src 'self' blob:"));
+  EXPECT_THAT(policy, Not(HasSubstr("unsafe")));
+}
+
+TEST(StaticFilesTest, AFileThatTheBrowserHasIsNotSentAgain) {
+  const std::string etag = HeaderOf(Get({}), "ETag");
+  const HttpResponse again = Get({}, etag);
+  EXPECT_EQ(again.status, 304);
+  EXPECT_EQ(again.body, "");
+  EXPECT_EQ(HeaderOf(again, "ETag"), etag);
+}
+
+TEST(StaticFilesTest, OtherPathsAreNotFound) {
+  for (const std::vector<std::string>& segments : {std::vector<std::string>{"absent.js"},
+                                                   {"index.html", "x"},
+                                                   {"../index.html"},
+                                                   {"web", "x"}}) {
+    EXPECT_EQ(Get(segments).status, 404) << segments[0];
+  }
+}
+
+TEST(StaticFilesTest, TypesBySuffix) {
+  EXPECT_EQ(ContentTypeOf("a.js"), "text/javascript; charset=utf-8");
+  EXPECT_EQ(ContentTypeOf("a.css"), "text/css; charset=utf-8");
+  EXPECT_EQ(ContentTypeOf("a.svg"), "image/svg+xml");
+  EXPECT_EQ(ContentTypeOf("a"), "application/octet-stream");
+}
+
+}  // namespace
+}  // namespace isoscope::gateway

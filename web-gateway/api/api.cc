@@ -1,0 +1,447 @@
+// Every request about a dataset takes the same steps:
+//
+//   1  ListDatasets: finds the dataset that the address names, by name or by id
+//   2  for a picture: GetClusterStatus, for the picture revision of its agents; with the id of
+//      the dataset and the request it makes the ETag, and the work may end here with 304
+//   3  the call itself
+//
+// An Exchange is one request in work. The functions that wait for answers hold it.
+
+#include "web-gateway/api/api.h"
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+#include "clients/cpp/connection/like_picture.h"
+#include "clients/cpp/connection/mesh_export.h"
+#include "clients/cpp/mesh_file/mesh_field.h"
+#include "core/base/retry_delay.h"
+#include "core/base/status_macros.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "web-gateway/api/json.h"
+#include "web-gateway/api/mesh_answer.h"
+#include "web-gateway/api/picture_answer.h"
+#include "web-gateway/api/render_query.h"
+#include "web-gateway/http/etag.h"
+#include "web-gateway/http/static_files.h"
+#include "web-gateway/http/url.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+constexpr char kGet[] = "GET, HEAD";
+
+HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allowed) {
+  HttpResponse response =
+      ErrorResponse(absl::InvalidArgumentError(absl::StrCat("the method is ", Quoted(method),
+                                                            ": this address takes ", allowed)),
+                    405);
+  response.headers.emplace_back("Allow", allowed);
+  return response;
+}
+
+class Exchange : public std::enable_shared_from_this<Exchange> {
+ public:
+  Exchange(const ApiOptions& options, CoordinatorClient* client, std::atomic<int>* pictures,
+           MeshBudget* meshes, HttpRequest request, std::shared_ptr<RequestScope> cancellation,
+           Api::Respond respond)
+      : options_(options),
+        client_(client),
+        pictures_(pictures),
+        meshes_(meshes),
+        request_(std::move(request)),
+        call_{.scope = std::move(cancellation), .token = request_.token},
+        respond_(std::move(respond)) {}
+  ~Exchange() {
+    if (is_picture_) {
+      pictures_->fetch_sub(1);
+    }
+  }
+  Exchange(const Exchange&) = delete;
+  Exchange& operator=(const Exchange&) = delete;
+
+  void Route() {
+    const std::vector<std::string>& path = request_.target.segments;
+    if (path.empty() || path[0] != "v1") {
+      const bool is_health = path.size() == 1 && path[0] == "healthz";
+      if (request_.method != "GET") {
+        Respond(MethodNotAllowed(request_.method, kGet));
+      } else if (is_health) {
+        AnswerHealth();
+      } else {
+        Respond(ServeStaticFile(request_));
+      }
+      return;
+    }
+    if (path.size() == 2) {
+      RouteCluster(path[1]);
+    } else if (path.size() >= 3 && path[1] == "datasets") {
+      RouteDataset(path.size() == 3 ? "" : absl::StrJoin(path.begin() + 3, path.end(), "/"));
+    } else {
+      RespondUnknown();
+    }
+  }
+
+ private:
+  using Self = std::shared_ptr<Exchange>;
+
+  void Respond(HttpResponse response) { std::exchange(respond_, nullptr)(std::move(response)); }
+  void RespondError(const absl::Status& status) { Respond(ErrorResponse(status)); }
+  void RespondUnknown() {
+    RespondError(absl::NotFoundError(absl::StrCat(
+        "there is nothing at ",
+        Quoted(absl::StrCat("/", absl::StrJoin(request_.target.segments, "/"))),
+        ": /v1/capabilities, /v1/status, /v1/datasets, and below /v1/datasets/NAME: histogram, "
+        "render, pick, mesh.glb")));
+  }
+
+  // Answers with the message, or with an error.
+  template <typename Message>
+  std::function<void(absl::StatusOr<Message>)> AnswerWithJson() {
+    return [self = shared_from_this()](absl::StatusOr<Message> message) {
+      if (message.ok()) {
+        self->Respond(JsonResponse(ToJson(*message)));
+      } else {
+        self->RespondError(message.status());
+      }
+    };
+  }
+
+  // Returns true for GET and HEAD; else answers 405.
+  bool TakesGet() {
+    if (request_.method == "GET") {
+      return true;
+    }
+    Respond(MethodNotAllowed(request_.method, kGet));
+    return false;
+  }
+
+  // Returns true if the address has no parameters left; else answers 400.
+  bool TakesNoParameters() {
+    if (request_.target.query.empty()) {
+      return true;
+    }
+    RespondError(absl::InvalidArgumentError(
+        absl::StrCat("there is no parameter ", Quoted(request_.target.query[0].first), " here")));
+    return false;
+  }
+
+  void AnswerHealth() {
+    client_->GetCapabilities(
+        call_, [self = shared_from_this()](
+                   const absl::StatusOr<v1::GetCapabilitiesResponse>& capabilities) {
+          HttpResponse response;
+          response.content_type = "text/plain; charset=utf-8";
+          response.headers = {{"Cache-Control", "no-store"}};
+          // A coordinator that requires the user's token is healthy, too.
+          const bool is_well =
+              capabilities.ok() ||
+              (self->options_.passes_tokens && absl::IsUnauthenticated(capabilities.status()));
+          response.status = is_well ? 200 : 503;
+          response.body = is_well ? "ok\n" : absl::StrCat(capabilities.status().message(), "\n");
+          self->Respond(std::move(response));
+        });
+  }
+
+  void RouteCluster(const std::string& name) {
+    if (name != "capabilities" && name != "status" && name != "datasets") {
+      RespondUnknown();
+    } else if (!TakesGet() || !TakesNoParameters()) {
+      return;
+    } else if (name == "capabilities") {
+      client_->GetCapabilities(call_, AnswerWithJson<v1::GetCapabilitiesResponse>());
+    } else if (name == "status") {
+      client_->GetClusterStatus(call_, [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
+                                           absl::StatusOr<v1::GetClusterStatusResponse> status) {
+        if (status.ok()) {
+          status->clear_frames();  // they name addresses of other users
+        }
+        answer(std::move(status));
+      });
+    } else {
+      client_->ListDatasets(call_, AnswerWithJson<v1::ListDatasetsResponse>());
+    }
+  }
+
+  void RouteDataset(const std::string& rest) {
+    using Step = void (Exchange::*)();
+    Step step = nullptr;
+    bool is_picture = true;
+    if (rest.empty() || rest == "histogram") {
+      step = rest.empty() ? &Exchange::AnswerDataset : &Exchange::AnswerHistogram;
+      is_picture = false;
+    } else if (rest == "render") {
+      step = request_.method == "POST" ? &Exchange::RenderPosted : &Exchange::RenderQueried;
+    } else if (rest == "pick") {
+      step = &Exchange::Pick;
+    } else if (rest == "mesh.glb") {
+      step = &Exchange::AnswerMesh;
+    } else {
+      RespondUnknown();
+      return;
+    }
+    const bool takes_post = rest == "pick" || rest == "render";
+    if (!(request_.method == "GET" && rest != "pick") &&
+        !(request_.method == "POST" && takes_post)) {
+      Respond(MethodNotAllowed(request_.method, rest == "pick"     ? "POST"
+                                                : rest == "render" ? "GET, HEAD, POST"
+                                                                   : kGet));
+      return;
+    }
+    if (is_picture && !CountPicture()) {
+      return;
+    }
+    FindDataset(step);
+  }
+
+  // Takes one of the places for pictures; answers 429 if there is none.
+  bool CountPicture() {
+    is_picture_ = true;  // given back by the destructor
+    if (pictures_->fetch_add(1) < options_.max_pictures) {
+      return true;
+    }
+    RespondError(
+        base::WithRetryDelay(absl::ResourceExhaustedError(absl::StrCat(
+                                 options_.max_pictures,
+                                 " pictures and meshes are in work, which is the gateway's limit "
+                                 "(--max-pictures): ask again later")),
+                             absl::Seconds(1)));
+    return false;
+  }
+
+  void FindDataset(void (Exchange::*next)()) {
+    client_->ListDatasets(call_, [self = shared_from_this(),
+                                  next](absl::StatusOr<v1::ListDatasetsResponse> list) {
+      const absl::Status status = list.ok() ? self->TakeDataset(std::move(*list)) : list.status();
+      if (status.ok()) {
+        ((*self).*next)();
+      } else {
+        self->RespondError(status);
+      }
+    });
+  }
+
+  absl::Status TakeDataset(v1::ListDatasetsResponse list) {
+    const std::string& name = request_.target.segments[2];
+    std::vector<std::string> names;
+    v1::Dataset* by_id = nullptr;
+    for (v1::Dataset& dataset : *list.mutable_datasets()) {
+      if (dataset.name() == name) {
+        dataset_ = std::move(dataset);
+        return absl::OkStatus();
+      }
+      if (dataset.dataset_id() == name) {
+        by_id = &dataset;
+      }
+      names.push_back(dataset.name());
+    }
+    if (by_id != nullptr) {
+      dataset_ = std::move(*by_id);
+      is_by_id_ = true;
+      return absl::OkStatus();
+    }
+    return absl::NotFoundError(
+        absl::StrCat("there is no dataset ", Quoted(name), "; ",
+                     names.empty() ? "none is served"
+                                   : absl::StrCat("there are: ", absl::StrJoin(names, ", "))));
+  }
+
+  void AnswerDataset() {
+    if (TakesNoParameters()) {
+      Respond(JsonResponse(ToJson(dataset_)));
+    }
+  }
+
+  void AnswerHistogram() {
+    v1::GetHistogramRequest request;
+    request.set_dataset(dataset_.name());
+    const std::string bins = request_.target.TakeParameter("bins");
+    constexpr int kMaxBins = 4096;
+    int count = 0;
+    if (!bins.empty() && (!absl::SimpleAtoi(bins, &count) || count < 1 || count > kMaxBins)) {
+      RespondError(absl::InvalidArgumentError(
+          absl::StrCat("bins is ", Quoted(bins), ": a whole number from 1 to ", kMaxBins)));
+      return;
+    }
+    request.set_max_bin_count(count);
+    const absl::StatusOr<std::optional<v1::FieldSelection>> selection =
+        TakeSelection(&request_.target.query);
+    if (!selection.ok()) {
+      RespondError(selection.status());
+      return;
+    }
+    if (selection->has_value()) {
+      *request.mutable_selection() = **selection;
+    }
+    if (TakesNoParameters()) {
+      client_->GetHistogram(std::move(request), call_, AnswerWithJson<v1::GetHistogramResponse>());
+    }
+  }
+
+  // Sets the dataset of the address in a frame of the body.
+  absl::Status SetDataset(v1::RenderIsosurfaceRequest* frame) {
+    if (!frame->dataset().empty() && frame->dataset() != dataset_.name()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("dataset is ", Quoted(frame->dataset()), ", but the address names ",
+                       Quoted(dataset_.name()), ": leave it out of the body"));
+    }
+    frame->set_dataset(dataset_.name());
+    return absl::OkStatus();
+  }
+
+  void Pick() {
+    v1::PickSurfaceRequest request;
+    if (!TakesNoParameters()) {
+      return;
+    }
+    absl::Status status = FromJson(request_.body, &request);
+    if (status.ok()) {
+      status = SetDataset(request.mutable_frame());
+    }
+    if (!status.ok()) {
+      RespondError(status);
+      return;
+    }
+    client_->PickSurface(std::move(request), call_, AnswerWithJson<v1::PickSurfaceResponse>());
+  }
+
+  void RenderPosted() {
+    if (!TakesNoParameters()) {
+      return;
+    }
+    absl::Status status = FromJson(request_.body, &render_);
+    if (status.ok()) {
+      status = SetDataset(&render_);
+    }
+    if (status.ok()) {
+      status = CheckAnswerable(render_);
+    }
+    if (!status.ok()) {
+      RespondError(status);
+      return;
+    }
+    Render({{"Cache-Control", "no-store"}});
+  }
+
+  void RenderQueried() {
+    absl::StatusOr<v1::RenderIsosurfaceRequest> render =
+        RenderRequestFromQuery(request_.target.query, dataset_);
+    if (!render.ok()) {
+      RespondError(render.status());
+      return;
+    }
+    render_ = *std::move(render);
+    client_->GetClusterStatus(
+        call_,
+        [self = shared_from_this()](const absl::StatusOr<v1::GetClusterStatusResponse>& cluster) {
+          if (cluster.ok()) {
+            self->RenderUnlessKnown(client::PictureRevisionOf(*cluster, self->dataset_));
+          } else {
+            self->RespondError(cluster.status());
+          }
+        });
+  }
+
+  void RenderUnlessKnown(const std::string& picture_revision) {
+    const PictureCaching caching =
+        CachingOf(dataset_, picture_revision, is_by_id_,
+                  options_.is_private || !request_.token.empty(), &render_);
+    if (caching.etag.empty() || !MatchesEtag(request_.if_none_match, caching.etag)) {
+      Render(caching.headers);
+      return;
+    }
+    HttpResponse response;
+    response.status = 304;
+    response.headers = caching.headers;
+    Respond(std::move(response));
+  }
+
+  void Render(std::vector<std::pair<std::string, std::string>> headers) {
+    client_->Render(render_, call_,
+                    [self = shared_from_this(), headers = std::move(headers)](
+                        absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
+                      self->Respond(rendered.ok() ? PictureResponse(self->render_, headers,
+                                                                    *std::move(rendered))
+                                                  : ErrorResponse(rendered.status()));
+                    });
+  }
+
+  void AnswerMesh() {
+    absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
+    if (!query.ok()) {
+      RespondError(query.status());
+      return;
+    }
+    const std::optional<client::MeshField> field = client::PinSelection(dataset_, &query->request);
+    absl::StatusOr<std::unique_ptr<MeshAnswer>> mesh = MeshAnswer::Begin(
+        query->surfaces, field, request_.caller, options_.max_mesh_bytes, meshes_);
+    if (!mesh.ok()) {
+      RespondError(mesh.status());
+      return;
+    }
+    mesh_ = *std::move(mesh);
+    client_->Export(
+        query->request, call_,
+        // The answer of a HEAD is known with the first piece: the export ends there.
+        [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) {
+          self->has_mesh_begun_ = true;
+          return self->request_.is_head ? absl::CancelledError("the answer is known")
+                                        : self->mesh_->Add(chunk);
+        },
+        [self = shared_from_this()](const absl::Status& exported) {
+          absl::StatusOr<HttpResponse> response = self->MeshResponse(exported);
+          self->mesh_.reset();  // an answer that failed removes its file first
+          self->Respond(response.ok() ? *std::move(response) : ErrorResponse(response.status()));
+        });
+  }
+
+  // `exported`: how the export ended. A HEAD has ended it with the first piece.
+  absl::StatusOr<HttpResponse> MeshResponse(const absl::Status& exported) {
+    if (!request_.is_head || (!exported.ok() && !has_mesh_begun_)) {
+      return exported.ok() ? mesh_->Finish() : exported;
+    }
+    if (!has_mesh_begun_) {  // the mesh is empty
+      ISOSCOPE_ASSIGN_OR_RETURN(const HttpResponse empty, mesh_->Finish());
+      RemoveTemporaryFile(empty.file_path);
+    }
+    HttpResponse response = MeshAnswer::Header();
+    response.has_unknown_length = true;
+    return response;
+  }
+
+  const ApiOptions options_;
+  CoordinatorClient* const client_;
+  std::atomic<int>* const pictures_;
+  MeshBudget* const meshes_;
+  HttpRequest request_;
+  const CallOptions call_;
+  Api::Respond respond_;
+  bool is_picture_ = false;
+
+  v1::Dataset dataset_;
+  bool is_by_id_ = false;
+  v1::RenderIsosurfaceRequest render_;
+  std::unique_ptr<MeshAnswer> mesh_;
+  bool has_mesh_begun_ = false;
+};
+
+}  // namespace
+
+void Api::Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond) {
+  std::make_shared<Exchange>(options_, client_, &pictures_in_work_, &meshes_, std::move(request),
+                             std::move(cancellation), std::move(respond))
+      ->Route();
+}
+
+}  // namespace isoscope::gateway

@@ -1,0 +1,59 @@
+// The HTTP interface without its transport (docs/gateway.md): takes requests, calls the
+// coordinator, and returns answers.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_API_API_H_
+#define ISOSCOPE_WEB_GATEWAY_API_API_H_
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+
+#include "web-gateway/api/coordinator_client.h"
+#include "web-gateway/api/mesh_budget.h"
+#include "web-gateway/api/request_scope.h"
+#include "web-gateway/http/http_message.h"
+
+namespace isoscope::gateway {
+
+struct ApiOptions {
+  // Pictures, picks and meshes in work at a time; more are answered with 429.
+  int max_pictures = 16;
+  // Meshes of a caller, until they are sent; more are answered with 429.
+  int max_caller_meshes = 2;
+  // Disk space of all meshes, until they are sent; a mesh that needs more is answered with 429.
+  std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
+  // True if answers are for one user, so that no shared cache keeps them.
+  bool is_private = false;
+  // True if users' tokens are the coordinator's.
+  bool passes_tokens = false;
+};
+
+// Thread-safe.
+class Api {
+ public:
+  using Respond = std::function<void(HttpResponse)>;
+
+  // `client` outlives it, and all calls have ended before it is destroyed. Its answers are sent, or
+  // dropped, before that.
+  Api(ApiOptions options, CoordinatorClient* client)
+      : options_(options),
+        client_(client),
+        meshes_(options.max_caller_meshes, options.max_mesh_bytes) {}
+
+  // Answers: calls `respond` once, on this thread or on one of gRPC's. When the cancellation fires,
+  // the work stops, and the answer follows soon.
+  void Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond);
+
+  [[nodiscard]] int pictures_in_work() const { return pictures_in_work_.load(); }
+
+ private:
+  const ApiOptions options_;
+  CoordinatorClient* const client_;
+  MeshBudget meshes_;
+  std::atomic<int> pictures_in_work_{0};
+};
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_API_API_H_
