@@ -100,6 +100,7 @@ UNTESTED_HEADERS = {
     "core/source/volume_source.h": "the contract, by every reader's test",
     "core/source/volume_series.h": "the contract, by every reader's test",
     "core/source/series_parts.h": "inside of find_volume_test and located_series_test",
+    "core/formats/stacks/png_slice.h": "inside of image_slices_test",
     "core/source/bytes/raw_file.h": "inside of open_volume_test",
     "core/source/bytes/file_content.h": "inside of refused_formats_test",
     "core/source/grid/axis_distances.h": "one type",
