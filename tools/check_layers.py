@@ -158,7 +158,6 @@ UNTESTED_HEADERS = {
     "core/formats/medical/itk_header.h": "inside of volume_source_test",
     "core/source/bytes/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
-    "core/frame/color.h": "plain data",
     "core/render/fragment_shader.h": "inside of renderer_test and layer_pass_test",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
     "core/render/gl_objects.h": "inside of renderer_test",
