@@ -11,7 +11,6 @@
 #include "core/formats/format_table.h"
 #include "core/formats/medical/sample_format.h"
 #include "core/source/bytes/sample_location.h"
-#include "core/source/grid/grid_rules.h"
 
 namespace isoscope::source {
 
@@ -23,7 +22,7 @@ enum class SourceKind {
   kVtkImage,     // a .vti or .pvti
   kPvd,          // a collection of VTK images
   kFormatFile,   // a file of a format of the table
-  kSampleFile,   // NIfTI, NRRD or MetaImage
+  kSampleFile,   // NRRD or MetaImage
 };
 
 struct FoundVolume {
@@ -33,7 +32,7 @@ struct FoundVolume {
   std::vector<std::string> files{};
   FormatFile format_file{};  // of a kFormatFile
   // Of a kSampleFile:
-  FileFormat sample_format = FileFormat::kNifti;
+  FileFormat sample_format = FileFormat::kNrrd;
   SampleLocation location{};
 
   // Whether the source names its fields.
@@ -43,9 +42,8 @@ struct FoundVolume {
 // NOT_FOUND: nothing there. INVALID_ARGUMENT: unknown kind of file (lists those known, and says how
 // to read it as raw); a format that does not exist; a folder without a volume, or with several
 // kinds. FAILED_PRECONDITION: a pipe or a device. `format` forces one of those that FormatNames
-// lists; "": name and content decide. The rules may choose our own reader of NIfTI.
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format = "",
-                                       const GridRules& rules = {});
+// lists; "": name and content decide.
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format = "");
 
 // Whether the path names a DICOM series: a folder that holds one and no TIFF files, or a file of
 // it.

@@ -96,9 +96,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSampleFile(const std::string& 
   ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header,
                             ReadImageHeader(found.sample_format, found.files.front()));
   SampleLocation location = found.location;
-  if (found.sample_format != FileFormat::kNifti) {
-    location.stored_type = header.type;
-  }
+  location.stored_type = header.type;
   return MakeFileSource(header.geometry, location, path, header.patient_frame);
 }
 
@@ -145,7 +143,7 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
 
 absl::StatusOr<std::vector<std::string>> FilesOfFound(const std::string& path,
                                                       const SeriesOptions& options) {
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, options.format, options.rules));
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, options.format));
   switch (found.kind) {
     case SourceKind::kHdf5:
       return FilesOfHdf5(path, found, options);
@@ -226,7 +224,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFoundVolume(const std::string&
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
-  const auto found = FindVolume(path, options.format, options.rules);
+  const auto found = FindVolume(path, options.format);
   return found.ok() ? OpenFoundVolume(path, *found, options)
                     : ExplainByContent(path, found.status());
 }

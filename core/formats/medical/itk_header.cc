@@ -9,18 +9,14 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "itkMetaDataObject.h"
 #include "itkMetaImageIO.h"
-#include "itkNiftiImageIO.h"
 #include "itkNrrdImageIO.h"
 
 #include "core/base/status_macros.h"
 #include "core/formats/medical/meta_image_grid.h"
-#include "core/formats/medical/nifti_layout.h"
 #include "core/source/bytes/text_header.h"
 #include "core/source/child/itk_types.h"
 #include "core/source/child/silent_libraries.h"
@@ -30,8 +26,6 @@ namespace {
 
 absl::string_view NameOf(FileFormat format) {
   switch (format) {
-    case FileFormat::kNifti:
-      return "NIfTI";
     case FileFormat::kNrrd:
       return "NRRD";
     case FileFormat::kMetaImage:
@@ -42,24 +36,12 @@ absl::string_view NameOf(FileFormat format) {
 
 itk::ImageIOBase::Pointer MakeImageIo(FileFormat format) {
   switch (format) {
-    case FileFormat::kNifti: {
-      auto io = itk::NiftiImageIO::New();
-      // ANALYZE 7.5 has no agreed orientation.
-      io->SetLegacyAnalyze75Mode(itk::NiftiImageIOEnums::Analyze75Flavor::AnalyzeReject);
-      return io.GetPointer();
-    }
     case FileFormat::kNrrd:
       return itk::NrrdImageIO::New().GetPointer();
     case FileFormat::kMetaImage:
       return itk::MetaImageIO::New().GetPointer();
   }
   return nullptr;
-}
-
-// A text that ITK keeps about the file; "" if it keeps none of that name.
-std::string MetaDataOf(const itk::ImageIOBase& io, const std::string& key) {
-  std::string text;
-  return itk::ExposeMetaData(io.GetMetaDataDictionary(), key, text) ? text : "";
 }
 
 // The field "space" of an NRRD header in lower case; "" if there is none. ITK keeps only the space
@@ -77,17 +59,8 @@ std::string NrrdSpaceOf(const std::string& path) {
 }
 
 // Whether the file defines how its world, which ITK has converted to LPS, lies in the patient.
-bool HasPatientFrame(FileFormat format, const itk::ImageIOBase& io, const std::string& path) {
+bool HasPatientFrame(FileFormat format, const std::string& path) {
   switch (format) {
-    case FileFormat::kNifti:
-      // Code 0: unknown. ITK then invents a world from the dimensions.
-      for (const char* key : {"qform_code", "sform_code"}) {
-        int code = 0;
-        if (absl::SimpleAtoi(MetaDataOf(io, key), &code) && code > 0) {
-          return true;
-        }
-      }
-      return false;
     case FileFormat::kNrrd: {
       // Not left-anterior-superior: ITK 5.2 negates x instead of y.
       const std::string space = NrrdSpaceOf(path);
@@ -161,12 +134,6 @@ absl::StatusOr<Result> ReadHeader(
   try {
     const itk::ImageIOBase::Pointer io = MakeImageIo(format);
     io->SetFileName(path);
-    // ITK looks at the ending of the names of the other two, whose content our readers have
-    // checked.
-    if (format == FileFormat::kNifti && !io->CanReadFile(path.c_str())) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
-    }
     // Before MetaIO, which passes over some numbers that are none.
     std::optional<volume::GridGeometry> grid;
     if (format == FileFormat::kMetaImage) {
@@ -174,13 +141,10 @@ absl::StatusOr<Result> ReadHeader(
     }
     io->ReadImageInformation();
     ImageLayout layout = LayoutOf(*io);
-    if (format == FileFormat::kNifti && layout.dims.size() >= 3) {
-      ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry, ReadNiftiGrid(path));
-    }
     if (grid.has_value()) {
       layout.geometry = *grid;
     }
-    if (HasPatientFrame(format, *io, path)) {
+    if (HasPatientFrame(format, path)) {
       layout.patient_frame.emplace();
     }
     return convert(*io, std::move(layout));

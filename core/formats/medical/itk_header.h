@@ -1,5 +1,5 @@
-// The geometry and sample type of a volume file. ITK reads the header, but for the grids of NIfTI
-// and MetaImage, which our own readers find (nifti_layout.h, meta_image_grid.h).
+// The geometry and sample type of a volume file, NRRD or MetaImage. ITK reads the header, but for
+// the grid of MetaImage, which our own reader finds (meta_image_grid.h).
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_ITK_HEADER_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_ITK_HEADER_H_
@@ -19,12 +19,12 @@
 namespace isoscope::source {
 
 struct ImageHeader {
-  // In ITK's world, LPS: x to the patient's left, y to the back, z up. Files that say RAS (NIfTI
-  // always, NRRD by its "space") are turned by ITK: x and y change their signs.
+  // In ITK's world, LPS: x to the patient's left, y to the back, z up. NRRD whose "space"
+  // is RAS is turned by ITK: x and y change their signs.
   volume::GridGeometry geometry;
-  volume::ScalarType type = volume::ScalarType::kUint8;  // after a NIfTI slope and intercept
-  // LPS, if the file defines how its world lies in the patient: NIfTI with a qform or sform code
-  // above 0, NRRD with the space LPS or RAS. MetaImage does not define it.
+  volume::ScalarType type = volume::ScalarType::kUint8;
+  // LPS, if the file defines how its world lies in the patient: NRRD with the space LPS or RAS.
+  // MetaImage does not define it.
   std::optional<volume::PatientFrame> patient_frame;
 };
 

@@ -12,31 +12,12 @@
 
 #include "core/base/status_macros.h"
 #include "core/formats/medical/meta_image_grid.h"
-#include "core/formats/medical/nifti_layout.h"
 #include "core/formats/medical/nrrd_grid.h"
 #include "core/formats/medical/nrrd_layout.h"
 #include "core/source/adapt/wide_source.h"
 
 namespace isoscope::source {
 namespace {
-
-absl::StatusOr<std::optional<FileLayout>> NiftiFileLayout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiLayout nifti, ReadNiftiLayout(path));
-  if (nifti.steps == 1 && nifti.components == 1) {
-    return std::nullopt;
-  }
-  FileLayout layout{.components = nifti.components,
-                    .steps = nifti.steps,
-                    .interval = nifti.interval,
-                    .time_unit = nifti.time_unit,
-                    .length_unit = nifti.length_unit};
-  ISOSCOPE_ASSIGN_OR_RETURN(layout.location, LocateNiftiSamples(path));  // checks for ITK
-  ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image, ReadImageLayout(FileFormat::kNifti, path));
-  layout.geometry = image.geometry;
-  layout.patient_frame = image.patient_frame;
-  layout.location.volume_count = nifti.steps * nifti.components;
-  return layout;
-}
 
 void TakeGrid(NrrdGrid grid, FileLayout* layout) {
   layout->geometry = grid.geometry;
@@ -158,8 +139,6 @@ absl::StatusOr<std::optional<FileLayout>> MetaImageFileLayout(const std::string&
 absl::StatusOr<std::optional<FileLayout>> LayoutOfFile(FileFormat format, const std::string& path,
                                                        const GridRules& rules) {
   switch (format) {
-    case FileFormat::kNifti:
-      return NiftiFileLayout(path);
     case FileFormat::kNrrd:
       return NrrdFileLayout(path);
     case FileFormat::kMetaImage:

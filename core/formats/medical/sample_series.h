@@ -1,4 +1,4 @@
-// Series in files whose samples are streamed by ourselves: NIfTI, NRRD and MetaImage.
+// Series in NRRD and MetaImage files, whose samples are streamed by ourselves.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_SERIES_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_SERIES_H_
@@ -17,9 +17,8 @@
 namespace isoscope::source {
 
 // Opens the file as one field of that name; null if it holds one volume that OpenSampleFile takes:
-// of NIfTI and MetaImage, and files that are no volumes.
+// of MetaImage, and files that are no volumes.
 //
-//   NIfTI      the fourth axis is time, index * pixdim[4] in its unit; the fifth one components
 //   NRRD       an axis that is not of space, the first or the last: time if that is its kind, else
 //              components (nrrd_layout.h); 64-bit integers (wide_source.h); also one volume
 //   MetaImage  the channels are components, a fourth axis is steps without a time

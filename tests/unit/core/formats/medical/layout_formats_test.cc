@@ -201,6 +201,12 @@ TEST_F(LayoutFormatsTest, NiftiOf64BitIntegersBecomesFloat64) {
   EXPECT_THAT(
       Open(Write("slope.nii", Nifti2Bytes({.datatype = 1024, .slope = 2}) + BytesOf(values))),
       StatusIs(kInvalid, HasSubstr("slope 2")));
+  // The refusal of NIfTI-1 blamed the datatype.
+  EXPECT_THAT(
+      Open(Write("slope1.nii",
+                 testing::NiftiHeaderBytes({.dims = kDims, .datatype = 1024, .slope = 2}) +
+                     BytesOf(values))),
+      StatusIs(kInvalid, AllOf(HasSubstr("64-bit integers"), HasSubstr("slope 2"))));
   EXPECT_THAT(Open(Write("rgb.nii", Nifti2Bytes({.datatype = 128}) + Volumes(2))),
               StatusIs(kInvalid, HasSubstr("128 (RGB colours)")));
 }
