@@ -85,10 +85,10 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
 
 absl::StatusOr<FoundVolume> FindNifti(const std::string& path, bool is_forced) {
   if (const std::string header = LayoutHeaderPath(path); !io::PathExists(header)) {
-    return absl::NotFoundError(absl::StrFormat(
-        "%s: its NIfTI header %s does not exist; to read it as raw samples rename "
-        "it to end in .raw, and give --dims and --type",
-        path, header));
+    return absl::NotFoundError(
+        absl::StrFormat("%s: its NIfTI header %s does not exist; to read it as raw samples rename "
+                        "it to end in .raw, and give --dims and --type",
+                        path, header));
   }
   return FoundFormatFile(FindNiftiFile(path, is_forced));
 }

@@ -236,9 +236,9 @@ std::optional<FormatFile> FindFormatFileByContent(const std::string& path) {
 
 FormatFile FindNiftiFile(const std::string& path, bool is_forced) {
   std::optional<FormatFile> file = FindFormatFileByContent(LayoutHeaderPath(path));
-  const bool is_nifti = file.has_value() && (file->format->name == kNifti1Name ||
-                                             file->format->name == kNifti2Name ||
-                                             file->format->name == kAnalyzeName);
+  const bool is_nifti =
+      file.has_value() && (file->format->name == kNifti1Name || file->format->name == kNifti2Name ||
+                           file->format->name == kAnalyzeName);
   const Format* const format =
       is_nifti || (file.has_value() && !is_forced) ? file->format : FindFormat("nifti-1");
   return {.format = format, .file = path, .part = ""};

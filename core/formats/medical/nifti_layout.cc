@@ -22,6 +22,8 @@
 // Source: https://nifti.nimh.nih.gov/nifti-1, nifti1.h; https://nifti.nimh.nih.gov/nifti-2,
 // nifti2.h.
 
+#include "core/formats/medical/nifti_layout.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -35,7 +37,6 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/formats/medical/layout_formats.h"
-#include "core/formats/medical/nifti_layout.h"
 #include "core/source/adapt/wide_source.h"
 #include "core/source/bytes/binary_header.h"
 #include "core/source/bytes/file_start.h"
@@ -323,8 +324,8 @@ absl::StatusOr<NiftiNumbers> ReadNiftiNumbers(const std::string& path, bool* is_
 absl::StatusOr<std::int64_t> NiftiSkip(const NiftiNumbers& header, const std::string& path) {
   const double skip = header.skip();
   if (!(skip >= 0 && skip < 0x1p53)) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: %s vox_offset %g; expected 0 or more",
-                                                      path, header.name(), skip));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %s vox_offset %g; expected 0 or more", path, header.name(), skip));
   }
   const auto bytes = static_cast<std::int64_t>(skip);
   if (header.is_pair() || bytes >= header.least_skip()) {
