@@ -105,13 +105,7 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
     }
     return UnknownKindOfFile(path);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(*format, path));
-  std::vector<std::string> files{path};
-  if (location.files.front() != path) {
-    files.insert(files.end(), location.files.begin(), location.files.end());
-  }
-  return FoundVolume{
-      .files = std::move(files), .sample_format = *format, .location = std::move(location)};
+  return FoundVolume{.files = {path}, .sample_format = *format};
 }
 
 // Whatever the name and the content say.

@@ -10,7 +10,6 @@
 
 #include "core/formats/format_table.h"
 #include "core/formats/medical/sample_format.h"
-#include "core/source/bytes/sample_location.h"
 
 namespace isoscope::source {
 
@@ -27,13 +26,11 @@ enum class SourceKind {
 
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
-  // TIFF: slices from the lowest up; kSampleFile: the header first; kDicom, kPvd: none, since each
+  // TIFF: slices from the lowest up; kSampleFile: the header; kDicom, kPvd: none, since each
   // file of the folder, or the collection, would be opened.
   std::vector<std::string> files{};
   FormatFile format_file{};  // of a kFormatFile
-  // Of a kSampleFile:
-  FileFormat sample_format = FileFormat::kNrrd;
-  SampleLocation location{};
+  FileFormat sample_format = FileFormat::kNrrd;  // of a kSampleFile
 
   // Whether the source names its fields.
   [[nodiscard]] bool has_field_names() const;

@@ -70,7 +70,7 @@ absl::StatusOr<SampleLocation> Locate(FileFormat format, const std::string& path
 absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, Locate(format, path));
   for (const std::string& file : location.files) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(file));  // ITK would wait for a writer
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(file));
   }
   return location;
 }

@@ -1,5 +1,4 @@
-// NRRD and MetaImage: which of them a file is, and where its samples lie. The part of a header that
-// ITK reads, but does not expose: ITK itself reads NRRD whole.
+// NRRD and MetaImage: which of them a file is, and where its samples lie.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
@@ -22,7 +21,7 @@ absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::strin
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
 
-// The format of a file whose header ITK reads: by the ending of the name (NRRD: .nrrd .nhdr;
+// The format of a file: by the ending of the name (NRRD: .nrrd .nhdr;
 // MetaImage: .mha .mhd), else by the first bytes of an existing file. Not set for others.
 std::optional<FileFormat> SampleFormatOf(const std::string& path);
 // "nrrd", "metaimage", in any case; not set for other names.
