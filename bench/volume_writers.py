@@ -326,29 +326,6 @@ def write_par_rec(folder, samples):
     return path, []
 
 
-def write_gipl(folder, samples):
-    head = bytearray(256)
-    struct.pack_into('>5H4f', head, 0, *samples.shape[::-1], 1, 16, 1, 1, 1, 1)
-    struct.pack_into('>I', head, 252, 0xEFFFE9B0)
-    path = folder / 'a.gipl'
-    path.write_bytes(bytes(head) + samples.astype('>u2').tobytes())
-    return path, []
-
-
-def write_slc(folder, samples):
-    """Compressed, of 8 bits."""
-    nz, ny, nx = samples.shape
-    path = folder / 'a.slc'
-    with open(path, 'wb') as file:
-        file.write(f'11111\n{nx} {ny} {nz} 8\n1 1 1\n1 0 0 1\n0 0 X'.encode())
-        for plane in samples:
-            values = (plane >> 8).astype('u1').tobytes()
-            runs = b''.join(bytes([0x80 | len(values[at:at + 127])]) + values[at:at + 127]
-                            for at in range(0, len(values), 127)) + b'\0'
-            file.write(f'{len(runs)} X'.encode() + runs)
-    return path, []
-
-
 def write_cube(folder, samples):
     """Voxels of x lie together as text: its last axis is the first of the samples in memory."""
     texts = numpy.array([f' {value:5}'.encode() for value in range(65536)], 'S6')
@@ -478,8 +455,6 @@ FORMATS = {
     'Analyze': write_analyze,
     'AFNI': write_afni,
     'PAR/REC': write_par_rec,
-    'GIPL': write_gipl,
-    'SLC': write_slc,
     'cube': write_cube,
     'PVTI': write_pvti,
     'VTKHDF': write_vtk_hdf,

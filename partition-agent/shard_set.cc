@@ -9,6 +9,7 @@
 
 #include "core/base/check.h"
 #include "core/base/error_reason.h"
+#include "core/base/printable.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
@@ -55,8 +56,8 @@ absl::StatusOr<std::vector<ShardSet::Served>> ShardSet::ServedOf(
   }
   if (found.empty()) {
     return base::WithReason(
-        absl::FailedPreconditionError(
-            absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)")),
+        absl::FailedPreconditionError(absl::StrCat("dataset id ", base::Quoted(dataset_id),
+                                                   " is not served by this agent (any more)")),
         base::ErrorReason::kDatasetIncomplete);
   }
   return found;

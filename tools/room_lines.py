@@ -16,7 +16,9 @@ import tempfile
 # A room, and the folders of its tests. Folders of the product come first.
 ROOMS = [
     ("core", ["core"], ["tests/unit/core", "tests/fuzz/core"]),
-    ("core/source", ["core/source"], ["tests/unit/core/source", "tests/fuzz/core/source"]),
+    ("core/source", ["core/source", "core/formats", "core/synthetic"],
+     ["tests/unit/core/source", "tests/unit/core/formats", "tests/unit/core/synthetic", "tests/fuzz/core/source",
+      "tests/fuzz/core/formats"]),
     ("core, the rest", None, None),
     ("proto", ["proto"], ["tests/unit/proto"]),
     ("partition-agent", ["partition-agent"], ["tests/unit/partition-agent", "tests/fuzz/partition-agent"]),

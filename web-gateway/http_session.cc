@@ -245,6 +245,11 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
       Answer(*std::move(target));
       return;
     }
+    if (KindOf(*target) == http::Caller::kHealth) {  // its body tells nothing, and may never come
+      is_ending_ = true;
+      Answer(*std::move(target));
+      return;
+    }
     const auto read = [self = shared_from_this(), target = *std::move(target)](bool is_ok) {
       if (is_ok) {
         self->ReadBody(target);

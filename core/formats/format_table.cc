@@ -23,10 +23,8 @@
 #include "core/formats/maps/mrc_series.h"
 #include "core/formats/maps/vdb_series.h"
 #include "core/formats/medical/layout_formats.h"
-#include "core/formats/medical/slc_series.h"
 #include "core/formats/netcdf/minc_source.h"
 #include "core/formats/netcdf/netcdf_series.h"
-#include "core/formats/stacks/itk_image.h"
 #include "core/formats/stacks/tiff_file.h"
 #include "core/formats/stacks/tiff_source.h"
 #include "core/formats/vtk/legacy_vtk_parser.h"
@@ -73,31 +71,6 @@ Format LayoutRow(absl::string_view name, std::vector<std::string> endings) {
           }};
 }
 
-// The header, and its samples: in the file that it names, else beside it. ITK decides, so all that
-// are there count.
-absl::StatusOr<std::vector<std::string>> FilesOfStimulate(const std::string& file) {
-  constexpr std::int64_t kMaxHeaderBytes = 64 * base::kKiB;
-  constexpr absl::string_view kNameKey = "stimFileName:";
-  std::vector<std::string> files = {file};
-  std::vector<std::string> candidates = {file.substr(0, file.size() - 3) + "sdt"};
-  const absl::StatusOr<std::string> header = io::ReadWholeFile(file, kMaxHeaderBytes);
-  for (const absl::string_view line : absl::StrSplit(header.value_or(""), '\n')) {
-    absl::string_view name = absl::StripAsciiWhitespace(line);
-    if (absl::ConsumePrefix(&name, kNameKey)) {
-      name = absl::StripAsciiWhitespace(name);
-      candidates.emplace_back(name);
-      candidates.push_back(absl::StrCat(file.substr(0, file.rfind('/') + 1), name));
-    }
-  }
-  for (std::string& candidate : candidates) {
-    if (io::PathExists(candidate) && !io::IsDirectory(candidate) &&
-        std::find(files.begin(), files.end(), candidate) == files.end()) {
-      files.push_back(std::move(candidate));
-    }
-  }
-  return files;
-}
-
 // netCDF-4 and MINC 2 are HDF5 files, which may link to others.
 absl::StatusOr<std::vector<std::string>> FilesOfNetcdf(const std::string& file) {
   const absl::StatusOr<FileStart> start = ReadFileStart(file, 4);
@@ -126,7 +99,6 @@ const std::vector<Format>& Formats() {
       LayoutRow<IsMghHeader, ReadMghLayout>("MGH", {".mgh", ".mgz", ".mgh.gz"}),
       LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
-      LayoutRow<IsGiplHeader, ReadGiplLayout>("GIPL", {".gipl", ".gipl.gz"}),
       LayoutRow<IsBrukerHeader, ReadBrukerLayout>("ParaVision", {"2dseq", "visu_pars"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
@@ -150,17 +122,6 @@ const std::vector<Format>& Formats() {
              return OpenTiffSeries({r.file}, r.file, r.field, r.axes, r.rules);
            },
        .find_files = FilesOfTiff},
-      {.name = "BioRad",
-       .endings = {".pic"},
-       .open = [](const FileRequest& r) { return OpenItkImage(r.file, r.field); }},
-      {.name = "Stimulate",
-       .endings = {".spr"},
-       .open = [](const FileRequest& r) { return OpenItkImage(r.file, r.field); },
-       .find_files = FilesOfStimulate},
-      {.name = "SLC",
-       .endings = {".slc"},
-       .is_content = IsSlc,
-       .open = [](const FileRequest& r) { return OpenSlcSeries(r.file, r.field); }},
       {.name = "OpenVDB",
        .endings = {".vdb"},
        .has_field_names = true,

@@ -27,8 +27,7 @@ namespace {
 // Raised when the text itself gets another meaning.
 constexpr int kDescriptionVersion = 1;
 
-// ---- The description. Texts are quoted, so that none can pass for a line of its own.
-// -------------
+// ---- The description. Texts are quoted, so that none can pass for a line of its own. ----
 
 std::string ExactText(const std::string& text) {
   return absl::StrCat("\"", absl::CHexEscape(text), "\"");

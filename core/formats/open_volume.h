@@ -47,8 +47,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFoundVolume(const std::string&
 //   HDF5         also netCDF-4 and MINC 2: with all files that links, virtual datasets and external
 //                storage lead to (hdf5_links.h); a pattern: of each of its files
 //   OME-TIFF     the files of the set, and the companion with the XML
-//   two files    header and samples of NIfTI, Analyze, NRRD, MetaImage, AFNI, PAR/REC, ParaVision,
-//                Stimulate, the samples in any number of files
+//   two files    header and samples of NIfTI, Analyze, NRRD, MetaImage, AFNI, PAR/REC,
+//                ParaVision, the samples in any number of files
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
                                                        const SeriesOptions& options = {});
 

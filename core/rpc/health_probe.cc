@@ -57,6 +57,11 @@ absl::Status ProbeHealth(const std::string& address, const Dialing& dialing, abs
   if (probe == Probe::kLive && (answered.ok() || absl::IsNotFound(answered))) {
     return absl::OkStatus();  // NOT_FOUND: its health service runs, and has no status yet
   }
+  if (absl::IsDeadlineExceeded(answered)) {
+    return absl::DeadlineExceededError(absl::StrCat(address, " does not answer within ",
+                                                    absl::FormatDuration(timeout),
+                                                    ": look at its process and its log"));
+  }
   ISOSCOPE_RETURN_IF_ERROR(answered);
   const std::uint64_t serving = StatusOf(&response);
   return serving == kServing

@@ -1,5 +1,8 @@
 #include "core/source/source_stamps.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
@@ -36,6 +39,23 @@ std::string TextOf(const io::FileTime& time) {
   return absl::StrCat(time.seconds, ".", time.nanoseconds);
 }
 
+// A page of a memory map changes the file's times as it is first written, and again only once it
+// was written back. The system does that within a minute. So what has changed lately is written
+// back.
+void WriteBackIfNew(const std::string& path, const struct stat& info, absl::Time now) {
+  constexpr absl::Duration kOld = absl::Minutes(5);
+  if (!S_ISREG(info.st_mode) || now - absl::TimeFromTimespec(info.st_mtim) > kOld) {
+    return;
+  }
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (file >= 0) {
+    sync_file_range(
+        file, 0, 0,
+        SYNC_FILE_RANGE_WAIT_BEFORE | SYNC_FILE_RANGE_WRITE | SYNC_FILE_RANGE_WAIT_AFTER);
+    close(file);
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<std::string> ResolvedPath(const std::string& path) {
@@ -58,14 +78,15 @@ absl::StatusOr<std::string> StampsOf(const std::vector<std::string>& files) {
     if (stat(paths.back().c_str(), &info) != 0) {
       return io::ErrnoToStatus(errno, "can't look at", paths.back());
     }
+    WriteBackIfNew(paths.back(), info, now);
     wait = std::max(wait, TimeToNextTick(io::StampOf(paths.back()), now));
   }
   absl::SleepFor(wait);
   std::string text;
   for (const std::string& path : paths) {
     const io::FileStamp stamp = io::StampOf(path);
-    absl::StrAppend(&text, path, "\n", stamp.size, " ", TextOf(stamp.modified), " ",
-                    TextOf(stamp.changed), "\n");
+    absl::StrAppend(&text, path, "\n", stamp.inode, " ", stamp.size, " ", TextOf(stamp.modified),
+                    " ", TextOf(stamp.changed), "\n");
   }
   return text;
 }

@@ -13,13 +13,16 @@ namespace isoscope::source {
 // Resolves links as far as the path exists: it need not be a file ("run.h5:/p", a pattern).
 absl::StatusOr<std::string> ResolvedPath(const std::string& path);
 
-// A text of the files, each with the path that it has without links, its size, and the times of the
-// last change of its bytes and of its status. A file that is written again, replaced, or reached by
-// a link to another one changes the text; so do new rights or names of it, which costs time only.
+// A text of the files, each with the path that it has without links, its number on the disk
+// (inode), its size, and the times of the last change of its bytes and of its status. A file that
+// is written again, replaced, or reached by a link or a folder's name that led to another one
+// changes the text; so do new rights or names of it, which costs time only.
 //
 // Clocks of file systems stand still for some milliseconds, those of a FAT disk for two seconds.
 // A second change in this time would not show. So if a file has changed that recently, the call
 // waits until its clock goes on: whatever changes later shows. At most once, 20 ms (FAT: 2 s).
+// Pages that a program has mapped and written lately are written back, so that the next write to
+// them shows. Only tmpfs never tells of such a write.
 // NOT_FOUND, PERMISSION_DENIED.
 absl::StatusOr<std::string> StampsOf(const std::vector<std::string>& files);
 

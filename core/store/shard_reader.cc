@@ -97,7 +97,8 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   }
   if (!has_manifest) {
     return absl::NotFoundError(
-        absl::StrCat(directory, ": no ", kManifestFileName, " in it, expected a shard directory"));
+        absl::StrCat(directory, ": no ", kManifestFileName,
+                     " in it, expected a shard directory; copy it again or partition anew"));
   }
   if (!IsShardDirectory(directory) && !io::PathExists(PathIn(directory, kBlocksFileName))) {
     return absl::NotFoundError(absl::StrCat(

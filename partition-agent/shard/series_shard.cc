@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/store/shard_format.h"
@@ -220,8 +221,8 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(const std::
   const std::shared_ptr<const Served> served = this->served();
   const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
   if (volume == nullptr) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
+    return absl::FailedPreconditionError(absl::StrCat("dataset id ", base::Quoted(dataset_id),
+                                                      " is not served by this agent (any more)"));
   }
   std::uint32_t number = 0;
   {

@@ -1,6 +1,7 @@
 #include "server/frame/known_samples.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
@@ -58,6 +59,11 @@ KnownSamples::KnownSamples(volume::ScalarType type, volume::HistogramPart histog
       labels_(std::move(labels)),
       when_(std::move(when)) {}
 
+bool KnownSamples::MayBeFinite() const {
+  const volume::ScalarSpan& range = histogram_.value_range;
+  return !(std::isinf(range.min) && range.min == range.max);
+}
+
 bool KnownSamples::MayHave(double value) const {
   const volume::ScalarSpan& range = histogram_.value_range;
   if (!(range.min <= value && value <= range.max) || !IsValueOf(type_, value)) {
@@ -75,6 +81,9 @@ bool KnownSamples::MayHave(double value) const {
 }
 
 std::string KnownSamples::TextOfRange() const {
+  if (!MayBeFinite()) {
+    return absl::StrCat("no sample of the volume", when_, " is finite");
+  }
   return absl::StrCat("the values of the volume", when_, " are in [",
                       NumberText(histogram_.value_range.min), ", ",
                       NumberText(histogram_.value_range.max), "]");
@@ -131,7 +140,9 @@ std::optional<KnownSamples::Note> KnownSamples::NoteOf(const volume::InsideRule&
                : std::optional(Note(
                      ProtoNote::REASON_OUTSIDE_RANGE,
                      absl::StrCat(none, TextOfRange(),
-                                  ", and it must be above the smallest and at most the largest")));
+                                  MayBeFinite() ? ", and it must be above the smallest and at most "
+                                                  "the largest"
+                                                : "")));
   }
   std::vector<double> missing;
   for (const double label : rule.labels) {

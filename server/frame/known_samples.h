@@ -43,6 +43,8 @@ class KnownSamples {
  private:
   // False if no sample has the value; true also if that is not known.
   [[nodiscard]] bool MayHave(double value) const;
+  // False if all samples are infinite, with one sign.
+  [[nodiscard]] bool MayBeFinite() const;
   // "the samples are 0 to 3, 7", or the range of values.
   [[nodiscard]] std::string TextOfSamples() const;
   [[nodiscard]] std::string TextOfRange() const;

@@ -746,6 +746,27 @@ TEST_F(GatewayTest, ALostCoordinatorIsSaidAndFoundAgain) {
   EXPECT_TRUE(Get(gateway->address, kRender).body() == ExpectedPng());
 }
 
+// Symptom: 404 "there is no dataset" once the coordinator had noticed that the agents are lost.
+TEST_F(GatewayTest, DatasetsWhoseAgentsAreLostAreNotUnknown) {
+  absl::StatusOr<std::unique_ptr<ProcessCluster>> cluster =
+      ProcessCluster::Start(folder_->Sub("d"), 2);
+  ISOSCOPE_ASSERT_OK(cluster);
+  absl::StatusOr<ServerProcess> gateway =
+      testing::StartGateway((*cluster)->address(), {"--no-token"});
+  ISOSCOPE_ASSERT_OK(gateway);
+  EXPECT_EQ(Get(gateway->address, kRender).result_int(), 200U);
+  (*cluster)->agent(0).Kill();
+  (*cluster)->agent(1).Kill();
+  for (int i = 0; i < 5; ++i) {
+    for (const char* target : {kRender, "/v1/datasets/d/histogram"}) {
+      const auto answer = Get(gateway->address, target);
+      EXPECT_GE(answer.result_int(), 400U) << target;
+      EXPECT_NE(answer.result_int(), 404U) << target << ": " << answer.body();
+    }
+  }
+  EXPECT_EQ(Get(gateway->address, "/v1/datasets/e/histogram").result_int(), 404U);
+}
+
 TEST_F(GatewayTest, ShutdownClosesViewersAndEndsWithZero) {
   for (const int signal : {SIGTERM, SIGINT}) {
     absl::StatusOr<ServerProcess> gateway =
@@ -1207,6 +1228,14 @@ TEST(GatewayServerTest, MoreWorkThanTheLimitIsRefusedAndConnectionsThatWaitAreNo
   EXPECT_EQ(Get(fakes.address, "/healthz").result_int(), 503U) << "which is the coordinator's";
   first->Drop();
   EXPECT_EQ(GetUntilNot(429, fakes.address, "/").result_int(), 200U);
+}
+
+// Symptom: half-sent bodies of requests for health held all of its places.
+TEST(GatewayServerTest, HealthIsAnsweredWithoutTheBodyThatARequestAnnounces) {
+  FakeBackedGateway fakes({.request_timeout = absl::Minutes(5)});
+  Connection half(fakes.address);
+  half.Send("GET /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n");
+  EXPECT_THAT(half.ReadAll(), StartsWith("HTTP/1.1 503")) << "which is the coordinator's";
 }
 
 TEST(GatewayServerTest, SlowRequestsAreDropped) {

@@ -76,7 +76,7 @@ class SpecialFiles(TempCase):
 
     def test_volumes_of_every_name(self):
         for name in ('a.nii', 'a.nii.gz', 'a.nrrd', 'a.mha', 'a.h5', 'a.vtkhdf', 'a.ims', 'a.mrc', 'a.mnc', 'a.mgz',
-                     'a.gipl', 'a.vtk', 'a.vtr', 'a.cube', 'a.tif', 'a.lsm', 'a.pic', 'a.spr', 'a.slc', 'a.vdb', 'a.nc',
+                     'a.vtk', 'a.vtr', 'a.cube', 'a.tif', 'a.lsm', 'a.vdb', 'a.nc',
                      'a.vti', 'a.pvti', 'a.pvd', 'a.dcm', 'a.png', 'a.unknown'):
             with self.subTest(name):
                 os.mkfifo(self.path(name))

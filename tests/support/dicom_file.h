@@ -110,6 +110,7 @@ struct DicomSlice {
   // `fragments` in another transfer syntax.
   std::string transfer_syntax = "1.2.840.10008.1.2.1";
   std::vector<std::string> fragments{};
+  std::string frame_of_reference{};  // left out if empty
 };
 inline constexpr char kDicomRle[] = "1.2.840.10008.1.2.5";
 
@@ -151,6 +152,7 @@ inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels
          text(0x20, 0x11, "IS", number(slice.series_number)) +
          DicomElement(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
          text(0x20, 0x32, "DS", slice.position) + text(0x20, 0x37, "DS", slice.orientation) +
+         text(0x20, 0x52, "UI", slice.frame_of_reference) +
          text(0x20, 0x100, "IS", number(slice.temporal_position)) +
          DicomElement(0x28, 2, "US", DicomNumber(std::uint16_t{1})) +
          DicomElement(0x28, 4, "CS", slice.photometric) +

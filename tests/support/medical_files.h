@@ -126,23 +126,6 @@ inline std::string MghBytes(const MghHeader& h) {
   return b.bytes();
 }
 
-struct GiplHeader {
-  math::Index3 dims{4, 3, 2};
-  std::uint16_t steps = 1;
-  std::uint16_t type = 15;
-  std::uint32_t mark = 0xEFFFE9B0;
-};
-
-// 256 bytes; distances 0.5, 1, 1.5; the first sample at (10, 20, 30).
-inline std::string GiplBytes(const GiplHeader& h) {
-  HeaderBytes b(256, true);
-  b.Put(0, static_cast<std::uint16_t>(h.dims.x)).Put(2, static_cast<std::uint16_t>(h.dims.y));
-  b.Put(4, static_cast<std::uint16_t>(h.dims.z)).Put(6, h.steps).Put(8, h.type);
-  b.Put(10, 0.5F).Put(14, 1.0F).Put(18, 1.5F).Put(22, 1.0F);
-  b.Put(204, 10.0).Put(212, 20.0).Put(220, 30.0).Put(252, h.mark);
-  return b.bytes();
-}
-
 // An attribute of an AFNI header.
 inline std::string AfniNumbers(const std::string& name, const std::string& numbers, int count) {
   return absl::StrCat("\ntype  = float-attribute\nname  = ", name, "\ncount = ", count, "\n ",

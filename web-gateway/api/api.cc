@@ -1,6 +1,6 @@
 // Every request about a dataset takes the same steps:
 //
-//   1  ListDatasets: finds the dataset that the address names, by name or by id
+//   1  ListDatasets: finds the dataset that the address names, by name or by id; else GetDataset
 //   2  for a picture: GetClusterStatus, for the picture revision of its agents; with the id of
 //      the dataset and the request it makes the ETag, and the work may end here with 304
 //   3  the call itself
@@ -149,7 +149,10 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
               capabilities.ok() ||
               (self->options_.passes_tokens && absl::IsUnauthenticated(capabilities.status()));
           response.status = is_well ? 200 : 503;
-          response.body = is_well ? "ok\n" : absl::StrCat(capabilities.status().message(), "\n");
+          response.body = is_well ? "ok\n"
+                          : absl::IsDeadlineExceeded(capabilities.status())
+                              ? "the coordinator does not answer: look at its process and its log\n"
+                              : absl::StrCat(capabilities.status().message(), "\n");
           self->Respond(std::move(response));
         });
   }
@@ -226,10 +229,29 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       const absl::Status status = list.ok() ? self->TakeDataset(std::move(*list)) : list.status();
       if (status.ok()) {
         ((*self).*next)();
+      } else if (list.ok()) {
+        self->FindLostDataset(status, next);
       } else {
         self->RespondError(status);
       }
     });
+  }
+
+  // The list leaves out datasets whose agents are all lost, or open their shards. The coordinator
+  // knows them, and says of each call what is missing.
+  void FindLostDataset(const absl::Status& unknown, void (Exchange::*next)()) {
+    v1::GetDatasetRequest request;
+    request.set_name(request_.target.segments[2]);
+    client_->GetDataset(
+        request, call_,
+        [self = shared_from_this(), unknown, next](absl::StatusOr<v1::GetDatasetResponse> found) {
+          if (found.ok()) {
+            self->dataset_ = std::move(*found->mutable_dataset());
+            ((*self).*next)();
+          } else {
+            self->RespondError(absl::IsNotFound(found.status()) ? unknown : found.status());
+          }
+        });
   }
 
   absl::Status TakeDataset(v1::ListDatasetsResponse list) {

@@ -209,6 +209,12 @@ void CoordinatorClient::ListDatasets(CallOptions call_options,
             &v1::DatasetService::Stub::async::ListDatasets);
 }
 
+void CoordinatorClient::GetDataset(v1::GetDatasetRequest request, CallOptions call_options,
+                                   Done<v1::GetDatasetResponse> done) {
+  CallUnary(this, std::move(call_options), kQuickDuration, std::move(request), std::move(done),
+            channel_->dataset()->async(), &v1::DatasetService::Stub::async::GetDataset);
+}
+
 void CoordinatorClient::GetHistogram(v1::GetHistogramRequest request, CallOptions call_options,
                                      Done<v1::GetHistogramResponse> done) {
   CallUnary(this, std::move(call_options), kHistogramDuration, std::move(request), std::move(done),

@@ -26,6 +26,8 @@ class ExportIsosurfaceRequest;
 class ExportIsosurfaceResponse;
 class GetCapabilitiesResponse;
 class GetClusterStatusResponse;
+class GetDatasetRequest;
+class GetDatasetResponse;
 class GetHistogramRequest;
 class GetHistogramResponse;
 class ListDatasetsResponse;
@@ -85,6 +87,8 @@ class CoordinatorClient {
   void GetCapabilities(CallOptions call, Done<isoscope::v1::GetCapabilitiesResponse> done);
   void GetClusterStatus(CallOptions call, Done<isoscope::v1::GetClusterStatusResponse> done);
   void ListDatasets(CallOptions call, Done<isoscope::v1::ListDatasetsResponse> done);
+  void GetDataset(isoscope::v1::GetDatasetRequest request, CallOptions call,
+                  Done<isoscope::v1::GetDatasetResponse> done);
   void GetHistogram(isoscope::v1::GetHistogramRequest request, CallOptions call,
                     Done<isoscope::v1::GetHistogramResponse> done);
   void PickSurface(isoscope::v1::PickSurfaceRequest request, CallOptions call,

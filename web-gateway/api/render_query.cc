@@ -52,9 +52,12 @@ absl::StatusOr<std::int64_t> ParseQuality(absl::string_view text) {
 // Turns "--clip-plane is ..." into "clip-plane is ...": names in an address have no dashes.
 std::string WithoutDashes(absl::string_view message) {
   std::string plain;
+  bool is_command = false;  // within `...`, which is typed as it is
   for (std::size_t i = 0; i < message.size(); ++i) {
+    is_command = is_command != (message[i] == '`');
     const bool begins_word =
-        i == 0 || absl::string_view(" '(").find(message[i - 1]) != absl::string_view::npos;
+        !is_command &&
+        (i == 0 || absl::string_view(" '(").find(message[i - 1]) != absl::string_view::npos);
     if (begins_word && message.substr(i, 2) == "--" && i + 2 < message.size() &&
         absl::ascii_isalpha(static_cast<unsigned char>(message[i + 2]))) {
       ++i;

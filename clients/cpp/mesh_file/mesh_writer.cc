@@ -99,8 +99,8 @@ std::vector<double> WorldPositionsOf(const MeshPiece& piece) {
 absl::Status Validate(const MeshFileOptions& options) {
   if (options.format == MeshFormat::kStl && options.has_colors()) {
     return absl::InvalidArgumentError(
-        "colours can't be written to STL, which has none: leave out --color, and the "
-        "R,G,B of --surface");
+        "colours can't be written to STL, which has none: leave out --color, and the colours of "
+        "--surface and --label");
   }
   return absl::OkStatus();
 }

@@ -67,8 +67,8 @@ absl::StatusOr<Light::Space> ParseSpace(absl::string_view text) {
 absl::StatusOr<std::pair<float, float>> ParseOpacities(absl::string_view text) {
   const std::vector<absl::string_view> ends = absl::StrSplit(text, ',');
   const absl::Status malformed = absl::InvalidArgumentError(
-      absl::StrCat("'", text,
-                   "' is not OPACITY,OPACITY, those at the least and at the greatest value, two "
+      absl::StrCat(base::Quoted(text, '\''),
+                   " is not OPACITY,OPACITY, those at the least and at the greatest value, two "
                    "numbers from 0 to 1 between a comma"));
   if (ends.size() != 2) {
     return malformed;

@@ -16,6 +16,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
+#include "core/base/printable.h"
 #include "core/frame/color.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
@@ -87,7 +88,8 @@ absl::StatusOr<T> ParseChoice(absl::string_view text,
     }
     allowed += (allowed.empty() ? "" : ", ") + name;
   }
-  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is none of: ", allowed));
+  return absl::InvalidArgumentError(
+      absl::StrCat(base::Quoted(text, '\''), " is none of: ", allowed));
 }
 
 }  // namespace isoscope::client

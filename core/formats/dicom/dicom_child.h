@@ -63,7 +63,8 @@ struct DicomFrameRecord {
   MaybeDicomNumber temporal_position{};
   MaybeDicomNumber echo_time{};
   MaybeDicomNumber trigger_time{};
-  std::uint64_t segment = 0;  // its number; 0: the file does not say
+  std::uint64_t segment = 0;         // its number; 0: the file does not say
+  std::uint64_t has_own_values = 0;  // 1: slope and intercept stand in its own group (0028,9145)
 };
 inline constexpr std::size_t kMaxDicomFrames = 65536;
 inline constexpr std::size_t kDicomFramesBytes = kMaxDicomFrames * sizeof(DicomFrameRecord);

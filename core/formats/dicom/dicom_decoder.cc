@@ -84,7 +84,8 @@ DicomFrame FrameOf(const DicomFrameRecord& record, std::size_t dimensions) {
       .temporal_position = NumberOf(record.temporal_position),
       .echo_time = NumberOf(record.echo_time),
       .trigger_time = NumberOf(record.trigger_time),
-      .segment = static_cast<std::int64_t>(std::min<std::uint64_t>(record.segment, 65535))};
+      .segment = static_cast<std::int64_t>(std::min<std::uint64_t>(record.segment, 65535)),
+      .has_own_values = record.has_own_values == 1};
   frame.indices.assign(record.indices.begin(),
                        record.indices.begin() + static_cast<std::ptrdiff_t>(dimensions));
   return frame;

@@ -32,6 +32,7 @@ struct DicomFrame {
   std::optional<double> echo_time{};     // ms
   std::optional<double> trigger_time{};  // ms
   std::int64_t segment = 0;              // its number; 0: the file does not say
+  bool has_own_values = false;           // slope and intercept stand in a group of this frame alone
 };
 
 // How the pixels of a file are stored.

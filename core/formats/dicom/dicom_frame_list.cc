@@ -33,6 +33,7 @@ namespace {
 constexpr std::uint32_t kSharedGroups = 0x52009229;
 constexpr std::uint32_t kFrameGroups = 0x52009230;
 constexpr std::uint32_t kFrameContent = 0x00209111;
+constexpr std::uint32_t kValueGroup = 0x00289145;  // of slope and intercept
 constexpr std::uint32_t kSliceVector = 0x00540080;
 constexpr std::uint32_t kDetectorVector = 0x00540020;
 constexpr std::uint32_t kOffsets = 0x3004000c;
@@ -165,7 +166,7 @@ void FillGroups(const gdcm::DataSet& groups, const DicomTags& dimensions, DicomF
   for (const gdcm::Tag& tag :
        {gdcm::Tag(0x0020, 0x9113), gdcm::Tag(0x0020, 0x9116), gdcm::Tag(0x0020, 0x930e),
         gdcm::Tag(0x0020, 0x930f), gdcm::Tag(0x0028, 0x9110),
-        gdcm::Tag(0x0028, 0x9145)}) {  // position, orientation, both again, measures, values
+        TagOf(kValueGroup)}) {  // position, orientation, both again, measures, values
     UseItem(groups, tag, plane);
   }
   const auto keep = [](const MaybeDicomNumber& found, MaybeDicomNumber* number) {
@@ -338,7 +339,10 @@ void ListDicomFrames(const gdcm::DataSet& data, std::size_t count, DicomAnswer* 
     const std::size_t detector = vectors.DetectorOf(i);
     DicomFrameRecord frame = common[detector < common.size() ? detector : 0];
     if (i < answer->group_items) {
-      FillGroups(groups->GetItem(i + 1).GetNestedDataSet(), group_dimensions, &frame);
+      const gdcm::DataSet& own = groups->GetItem(i + 1).GetNestedDataSet();
+      FillGroups(own, group_dimensions, &frame);
+      UseItem(own, TagOf(kValueGroup),
+              [&frame](const gdcm::DataSet&) { frame.has_own_values = 1; });
     } else {
       vectors.FillIndices(i, &frame);
     }

@@ -298,12 +298,15 @@ absl::StatusOr<DicomPlane> PlaneOfDicomFrame(const DicomFrame& frame, const std:
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(frame.position, name, kPosition));
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(frame.orientation, name, kOrientation));
   DicomNumbers<2> spacing = frame.pixel_spacing.is_missing() ? fallback : frame.pixel_spacing;
-  if (has_spacing && (!spacing.is_given() || !CheckPixelSpacing(spacing, name).ok())) {
+  const bool says_spacing =
+      frame.pixel_spacing.is_given() && CheckPixelSpacing(frame.pixel_spacing, name).ok();
+  if (has_spacing && !says_spacing) {
     spacing = {.values = {1, 1}, .given = DicomGiven::kGiven};
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(spacing, name, kPixelSpacing));
   ISOSCOPE_RETURN_IF_ERROR(CheckPixelSpacing(spacing, name));
   DicomPlane plane;
+  plane.has_spacing = says_spacing || !has_spacing;
   const std::array<double, 3>& p = frame.position.values;
   plane.origin = {p[0], p[1], p[2]};
   plane.spacing = {spacing.values[1], spacing.values[0], 1};

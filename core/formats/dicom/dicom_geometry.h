@@ -17,10 +17,11 @@ namespace isoscope::source {
 
 // The plane of a frame.
 struct DicomPlane {
-  math::Vec3d origin;     // the first pixel, LPS, mm
-  math::Vec3d spacing;    // of pixels along x and y, above 0; 1 along z
-  math::Mat3d direction;  // of rows, of columns, and their cross product
-  double position = 0;    // of the first pixel along the third direction
+  math::Vec3d origin;       // the first pixel, LPS, mm
+  math::Vec3d spacing;      // of pixels along x and y, above 0; 1 along z
+  math::Mat3d direction;    // of rows, of columns, and their cross product
+  double position = 0;      // of the first pixel along the third direction
+  bool has_spacing = true;  // false: the spacing is 1 in place of none that makes sense
 };
 
 // Reads the plane that a frame names itself. `name` stands before the message: a path, or a path

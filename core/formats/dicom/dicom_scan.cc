@@ -79,14 +79,20 @@ constexpr std::uint32_t kTriggerTime = 0x00181060;
 constexpr std::uint32_t kSeriesNumber = 0x00200011;
 constexpr std::uint32_t kAcquisitionNumber = 0x00200012;
 constexpr std::uint32_t kInstanceNumber = 0x00200013;
+constexpr std::uint32_t kFrameOfReference = 0x00200052;
 constexpr std::uint32_t kTemporalPosition = 0x00200100;
 constexpr std::uint32_t kTemporalResolution = 0x00200110;
 constexpr std::uint32_t kFrames = 0x00280008;
+constexpr std::uint32_t kRescaleType = 0x00281054;
+constexpr std::uint32_t kUnits = 0x00541001;         // of PET
 constexpr std::uint32_t kImagesInGrid = 0x00651050;  // of United Imaging
-constexpr std::array<std::uint32_t, 13> kTexts{
-    kImageType,          kAcquisitionTime, kContentTime,       kDescription,    kEchoTime,
-    kTriggerTime,        kSeriesNumber,    kAcquisitionNumber, kInstanceNumber, kTemporalPosition,
-    kTemporalResolution, kFrames,          kImagesInGrid};
+constexpr std::array<std::uint32_t, 16> kTexts{
+    kImageType,        kAcquisitionTime,   kContentTime,
+    kDescription,      kEchoTime,          kTriggerTime,
+    kSeriesNumber,     kAcquisitionNumber, kInstanceNumber,
+    kFrameOfReference, kTemporalPosition,  kTemporalResolution,
+    kFrames,           kRescaleType,       kUnits,
+    kImagesInGrid};
 
 // Elements of kind US, two bytes: samples a pixel, planar configuration, rows, columns, bits
 // allocated, bits stored, high bit, pixel representation.
@@ -136,6 +142,8 @@ class Scanner {
     scan.frames =
         static_cast<std::int64_t>(std::clamp(number(kFrames).value_or(1), 1.0, kMaxNumber));
     scan.description = base::Printable(texts_[kDescription]);
+    scan.frame_of_reference = texts_[kFrameOfReference];
+    scan.value_unit = base::Printable(texts_[texts_[kUnits].empty() ? kRescaleType : kUnits]);
     scan.width = columns_;
     scan.height = rows_;
     scan.bits_allocated = bits_;

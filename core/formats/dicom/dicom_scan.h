@@ -46,6 +46,10 @@ struct DicomScan {
   // They describe the series to people who choose one; 0 and "" if the file does not say.
   std::int64_t series_number = 0;
   std::string description;
+  // The UID of the frame of reference (0020,0052), and what the values are: the units of PET
+  // (0054,1001), else the type of rescaled values (0028,1054); "" if the file does not say.
+  std::string frame_of_reference;
+  std::string value_unit;
   std::int64_t width = 0;  // samples
   std::int64_t height = 0;
   std::int64_t frames = 1;
@@ -66,7 +70,8 @@ struct DicomScan {
 bool HasDicomStart(const io::RandomAccessFile& file);
 
 // Scans the file element by element, without its pixels. Keeps no field of the patient but the
-// description of the series, without control characters. Errors: those of reading.
+// description of the series and the unit of values, without control characters. Errors: those of
+// reading.
 absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path);
 
 // The error of a file that is kCut where a slice is needed: INVALID_ARGUMENT.

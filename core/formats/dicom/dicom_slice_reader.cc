@@ -126,6 +126,29 @@ absl::StatusOr<Rescaling> RescalingOf(const DicomFrames& file, const DicomFrame&
   return rescaling;
 }
 
+// A group that stands with one frame stands with each: without it a frame has other values than
+// those beside it (PS3.3, C.7.6.16.1.2).
+absl::Status CheckOwnValues(const DicomFrames& file, const std::string& path) {
+  const auto has_own = [](const DicomFrame& frame) { return frame.has_own_values; };
+  const std::vector<DicomFrame>& frames = file.frames;
+  const auto count = std::count_if(frames.begin(), frames.end(), has_own);
+  if (count == 0 || count == static_cast<std::ptrdiff_t>(frames.size())) {
+    return absl::OkStatus();
+  }
+  const auto without = std::find_if_not(frames.begin(), frames.end(), has_own) - frames.begin();
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "%s: %d of its %d frames have a slope and an intercept of their own (0028,9145), frame %d "
+      "has none, so that its values are not known; add it to each frame (1 and 0 where none is "
+      "applied)",
+      path, count, frames.size(), without));
+}
+
+// Rescaled values of CT are HU unless the file says another type (PS3.3, C.8.2.1).
+std::string ValueUnitOf(const DicomScan& scan) {
+  constexpr absl::string_view kCt = "1.2.840.10008.5.1.4.1.1.2";
+  return scan.value_unit.empty() && scan.storage_class == kCt ? "HU" : scan.value_unit;
+}
+
 absl::Status CheckTable(const DicomFrames& file, const std::string& path) {
   return !file.has_lut ? absl::OkStatus()
                        : absl::InvalidArgumentError(absl::StrCat(
@@ -208,6 +231,7 @@ absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
   ISOSCOPE_RETURN_IF_ERROR(CheckTable(*file, path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<DicomPlane> planes,
                             PlanesOfDicomFrames(*file, scan.storage_class, path, has_spacing));
+  ISOSCOPE_RETURN_IF_ERROR(CheckOwnValues(*file, path));
   const std::vector<double> ranks = RanksOfDicomFrames(*file);
   const bool has_frames = planes.size() > 1;
   std::vector<DicomSlice> slices;
@@ -220,11 +244,14 @@ absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
     slice.height = file->pixels.height;
     slice.origin = plane.origin;
     slice.spacing = plane.spacing;
+    slice.has_spacing = plane.has_spacing;
     slice.direction = plane.direction;
     slice.position = plane.position;
     slice.values = {.pixels = file->pixels, .is_frame = has_frames};
     slice.is_on_patient = !IsUltrasoundVolumeStorage(scan.storage_class);
     slice.is_decoded = !scan.is_counted;
+    slice.frame_of_reference = scan.frame_of_reference;
+    slice.value_unit = ValueUnitOf(scan);
     ISOSCOPE_ASSIGN_OR_RETURN(slice.values.rescaling,
                               RescalingOf(*file, file->frames[i], scan, path, slice.frame));
     if (slice.values.rescaling.slope == 0) {

@@ -21,7 +21,8 @@ namespace isoscope::source {
 // The slices of a file that was scanned, without their pixels: one, or one for each frame, in the
 // order of the file. `has_spacing`: as GridRules. Their `type` is not set (SetDicomSampleTypes).
 // INVALID_ARGUMENT: a header that can't be decoded; colour; a whole-slide image or a mosaic; pixels
-// that are floats; samples that a table changes, or whose slope is 0 or no number; all that
+// that are floats; samples that a table changes, or whose slope is 0 or no number; a group of
+// slope and intercept in some frames only; all that
 // PlanesOfDicomFrames refuses. RESOURCE_EXHAUSTED: the system gives no process.
 absl::StatusOr<std::vector<DicomSlice>> ReadDicomSlices(const std::string& path,
                                                         const DicomScan& scan,

@@ -29,19 +29,35 @@ bool IsParallel(const DicomSlice& a, const DicomSlice& b) {
 }
 
 // Checks that two parallel slices can be of one volume, apart from their positions.
-absl::Status CheckAlike(const DicomSlice& slice, const DicomSlice& first, bool has_spacing) {
+absl::Status CheckAlike(const DicomSlice& slice, const DicomSlice& first) {
   if (slice.width != first.width || slice.height != first.height) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: %d x %d samples, but %s has %d x %d: expected slices of one size", NameOf(slice),
         slice.width, slice.height, NameOf(first), first.width, first.height));
   }
   constexpr double kTolerance = 1e-3;  // of a distance
-  if (!has_spacing &&
+  if (slice.has_spacing && first.has_spacing &&
       (std::abs(slice.spacing.x - first.spacing.x) > kTolerance * first.spacing.x ||
        std::abs(slice.spacing.y - first.spacing.y) > kTolerance * first.spacing.y)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", NameOf(slice),
         slice.spacing.x, slice.spacing.y, NameOf(first), first.spacing.x, first.spacing.y));
+  }
+  if (slice.value_unit != first.value_unit) {
+    const auto described = [](const DicomSlice& of) {
+      return of.value_unit.empty() ? "no unit" : absl::StrCat("values in ", of.value_unit);
+    };
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %s, but %s has %s (units (0054,1001) or rescale type (0028,1054)): expected slices "
+        "of one quantity; give a folder with those of one",
+        NameOf(slice), described(slice), NameOf(first), described(first)));
+  }
+  if (slice.frame_of_reference != first.frame_of_reference) {  // UIDs are not quoted
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %s frame of reference (0020,0052), but %s has %s: their places can't be compared; "
+        "give a folder with the slices of one",
+        NameOf(slice), slice.frame_of_reference.empty() ? "no" : "another", NameOf(first),
+        first.frame_of_reference.empty() ? "none" : "its own"));
   }
   return absl::OkStatus();
 }
@@ -105,18 +121,22 @@ absl::Status UnevenError(const std::vector<DicomSlice>& slices, const std::vecto
     const double count = std::round(gap / usual);
     return count >= 1 && std::abs(gap - count * usual) <= 2 * kMostOff * usual * count;
   };
+  constexpr std::int64_t kMostMissing = 4;  // more are rather the gap between two stacks
+  bool may_resample = true;
   std::string what = "expected slices at one distance";
   if (adds_up) {
     what = "all differ by little, but they add up; " + what;
   } else if (steps > 1 && std::all_of(gaps.begin(), gaps.end(), is_multiple)) {
     const auto missing = static_cast<std::int64_t>(steps) - 1;
-    what = absl::StrFormat("%s%d %s missing between them", missing > 4 ? "two stacks, or " : "",
+    may_resample = missing <= kMostMissing;
+    what = absl::StrFormat("%s%d %s missing between them", may_resample ? "" : "two stacks, or ",
                            missing, missing == 1 ? "slice is" : "slices are");
   }
-  return absl::InvalidArgumentError(absl::StrFormat(
-      "%s: %g behind %s, where %g is the usual distance of %d slices: %s; --resample interpolates "
-      "them onto even distances",
-      NameOf(behind), gaps[worst], NameOf(before), usual, slices.size(), what));
+  return absl::InvalidArgumentError(
+      absl::StrFormat("%s: %g behind %s, where %g is the usual distance of %d slices: %s; %s",
+                      NameOf(behind), gaps[worst], NameOf(before), usual, slices.size(), what,
+                      may_resample ? "--resample interpolates them onto even distances"
+                                   : "give a folder with the slices of one stack"));
 }
 
 // Finds the line, with the distances along it if the slices are not even.
@@ -198,10 +218,14 @@ absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const st
     return a.position < b.position;
   });
   ISOSCOPE_RETURN_IF_ERROR(CheckParallel(*slices, name));
-  const DicomSlice& first = slices->front();
+  // The first that says how far its pixels lie apart: what the user gives can't be right for two.
+  const auto says = std::find_if(slices->begin(), slices->end(),
+                                 [](const DicomSlice& slice) { return slice.has_spacing; });
+  const DicomSlice& stated = says == slices->end() ? slices->front() : *says;
   for (const DicomSlice& slice : *slices) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, first, rules.has_spacing));
+    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, stated));
   }
+  const DicomSlice& first = slices->front();
   if (slices->size() < 2) {
     return absl::InvalidArgumentError(
         absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
@@ -210,7 +234,7 @@ absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const st
   SliceStack stack{.distances = std::move(line.distances)};
   volume::GridGeometry& geometry = stack.geometry;
   geometry.sample_dims = {first.width, first.height, static_cast<std::int64_t>(slices->size())};
-  geometry.spacing = {first.spacing.x, first.spacing.y,
+  geometry.spacing = {stated.spacing.x, stated.spacing.y,
                       line.length / static_cast<double>(slices->size() - 1)};
   geometry.origin = first.origin;
   geometry.direction = first.direction;

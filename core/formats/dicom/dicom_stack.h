@@ -27,7 +27,8 @@ absl::Status CheckParallel(const std::vector<DicomSlice>& slices, const std::str
 // Sorts slices by position, checks that they are one volume, and returns its geometry. The first
 // pixels lie on the normal of the slices, or on a line that leans (a tilted gantry), which is then
 // the third axis. INVALID_ARGUMENT: fewer than two slices; different size, orientation or spacing
-// of pixels; pixels beside the line; a slice that is there twice; and, unless the rules resample,
+// of pixels, which --spacing does not replace; several units of values or frames of reference;
+// pixels beside the line; a slice that is there twice; and, unless the rules resample,
 // distances that differ by more than 1 % from their mean, or that add up to a tenth of a distance
 // (says which slices are missing, if the others lie evenly).
 absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const std::string& name,

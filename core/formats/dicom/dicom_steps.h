@@ -25,12 +25,16 @@ struct DicomSlice {
   volume::ScalarType type = volume::ScalarType::kUint8;
   math::Vec3d origin;
   math::Vec3d spacing;
+  bool has_spacing = true;  // as DicomPlane
   math::Mat3d direction;
   double position = 0;  // along the normal
   DicomValues values;
   bool is_on_patient = true;  // world axes are those of the patient
   bool is_decoded = false;    // its pixels are compressed, or not where DicomScan finds them
   DicomMoment moment;
+  // As DicomScan.
+  std::string frame_of_reference{};
+  std::string value_unit{};
 };
 
 struct DicomSteps {

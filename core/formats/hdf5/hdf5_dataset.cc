@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_listing.h"
 #include "core/formats/hdf5/nexus_data.h"
@@ -74,7 +75,9 @@ absl::StatusOr<std::string> ChooseDataset(hid_t file, const Hdf5Path& parts, std
   const std::string which =
       candidates.empty()
           ? (axes > 0 ? absl::StrCat("no dataset of ", axes, " axes; ") : "")
-          : absl::StrCat("say which dataset, as in ", parts.file, ":", candidates.front(), "; ");
+          : absl::StrCat("say which dataset, as in ",
+                         base::ShellWord(absl::StrCat(parts.file, ":", candidates.front())),
+                         " (--field chooses none of them); ");
   return absl::InvalidArgumentError(
       absl::StrCat(parts.file, ": ", which, "it holds ", DescribeHdf5Entries(entries)));
 }

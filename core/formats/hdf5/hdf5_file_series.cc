@@ -16,6 +16,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_links.h"
 #include "core/formats/hdf5/hdf5_mesh.h"
@@ -289,8 +290,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Meshes(const Hdf5Path& pat
   ISOSCOPE_ASSIGN_OR_RETURN(const auto files, FilesOfHdf5Pattern(path.file));
   if (files.has_value() && names_dataset) {
     return absl::InvalidArgumentError(
-        absl::StrCat(path.name(), ": a dataset of a pattern; expected a mesh, as in ", path.file,
-                     ":E, or one file"));
+        absl::StrCat(path.name(), ": a dataset of a pattern; expected a mesh, as in ",
+                     base::ShellWord(absl::StrCat(path.file, ":E")), ", or one file"));
   }
   if (files.has_value()) {
     return OpenHdf5FileSeries(path.file, *files, path.dataset, rules);

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "core/source/grid/axis_order.h"
@@ -25,6 +26,7 @@ struct Hdf5MeshVolume {
   AxisOrder axes;
   std::int64_t step = 0;       // on the axis t, if there is one
   std::int64_t component = 0;  // on the axis c, if there is one
+  std::string record{};        // of openPMD: the object with the attributes of the grid
 };
 
 struct Hdf5MeshField {
@@ -64,7 +66,13 @@ std::vector<std::string> Hdf5NamesIn(hid_t group);
 // The kinds (vtk_hdf_image.cc, openpmd_meshes.cc, imaris_image.cc, itk_hdf_image.cc), of the group
 // VTKHDF and the root.
 absl::StatusOr<Hdf5MeshFile> FindVtkHdfImage(hid_t root);
+// The grid and the unit of a field are those of the first iteration.
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file);
+// Checks that the volumes of a field from `begin` to `end` say the same of grid and unit as those
+// of the first step; those that are not there are passed over. OK for fields of other kinds.
+// INVALID_ARGUMENT: says the attribute with both values. `path` is that of the file, for advice.
+absl::Status CheckOpenPmdSteps(hid_t file, const std::string& path, const Hdf5MeshField& field,
+                               std::size_t begin, std::size_t end);
 bool IsImaris(hid_t file);
 absl::StatusOr<Hdf5MeshFile> FindImarisImage(hid_t file);
 bool IsItkHdf(hid_t file);

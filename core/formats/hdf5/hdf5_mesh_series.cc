@@ -69,6 +69,14 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path
   return meshes;
 }
 
+// Whether the volumes of a field from `begin` to `end` say the same as those of its first step.
+absl::Status CheckSteps(const std::string& path, const Hdf5MeshField& field, std::size_t begin,
+                        std::size_t end) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file, OpenHdf5File(path));
+  const absl::Status same = CheckOpenPmdSteps(file.get(), path, field, begin, end);
+  return same.ok() ? same : WithName(path, same);
+}
+
 absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
                                                         const std::string& part) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
@@ -99,9 +107,12 @@ absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
   WalledFile file{
       .times = meshes->times, .time_unit = meshes->time_unit, .length_unit = meshes->length_unit};
   for (std::size_t i = 0; i < meshes->fields.size(); ++i) {
-    if (meshes->fields[i].geometry == chosen->geometry) {
-      file.fields.push_back(
-          {.field = meshes->fields[i].field, .number = static_cast<std::int64_t>(i)});
+    const Hdf5MeshField& field = meshes->fields[i];
+    if (field.geometry == chosen->geometry) {
+      if (part.empty() || &field == chosen) {
+        ISOSCOPE_RETURN_IF_ERROR(CheckSteps(path, field, 0, field.volumes.size()));
+      }
+      file.fields.push_back({.field = field.field, .number = static_cast<std::int64_t>(i)});
     }
   }
   return WalledTexts(file);
@@ -144,7 +155,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
   if (component >= components || index >= static_cast<std::int64_t>(field.volumes.size())) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": its meshes have changed"));
   }
-  const Hdf5MeshVolume& wanted = field.volumes[static_cast<std::size_t>(index)];
+  const auto at = static_cast<std::size_t>(index);
+  ISOSCOPE_RETURN_IF_ERROR(CheckSteps(path, field, at, at + 1));
+  const Hdf5MeshVolume& wanted = field.volumes[at];
   const std::string wanted_name = absl::StrCat(path, ":", wanted.dataset);
   if (const auto constant = FindConstantOf(path, wanted); constant.has_value()) {
     const absl::Status valid = CheckSamples(field, wanted.axes, constant->dims);

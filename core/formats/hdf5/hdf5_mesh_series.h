@@ -16,8 +16,8 @@ namespace isoscope::source {
 // Opens the fields that lie on one grid, that of the most fields, the first of those; or that one
 // which `part` names, as in SeriesFile (series_format.h). Null if the file describes no meshes. The
 // library runs in a child process. Errors as FindHdf5Meshes and OpenHdf5Series. INVALID_ARGUMENT
-// also: a step without the grid of the first (names the dataset); as
-// TakeGridByRules, once a volume is opened.
+// also: a step without the grid of the first (names the dataset), or, of openPMD, without its unit
+// (names the attribute with both values); as TakeGridByRules, once a volume is opened.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5MeshSeries(const std::string& file,
                                                                  const std::string& part,
                                                                  const GridRules& rules = {});

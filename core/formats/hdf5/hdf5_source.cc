@@ -5,9 +5,8 @@
 //   1. The name is split (hdf5_path.h), and a dataset is found (hdf5_dataset.h).
 //   2. All files of the dataset are located (hdf5_storage.h), because the library silently reads
 //      fill values in place of a missing file.
-//   3. Three axes are chosen (hdf5_coordinates.h): in (1, 93, 64, 1, 64) the axes 1, 2 and 4 are z,
-//   y
-//      and x.
+//   3. Three axes are chosen (hdf5_coordinates.h): in (1, 93, 64, 1, 64) the axes 1, 2 and 4 are
+//      z, y and x.
 //   4. For a dataset in chunks the cache is set to one layer of them, and the dataset opened again.
 //
 // The cache makes rows cheap. Chunks are compressed whole, and rows are read in ascending order, so

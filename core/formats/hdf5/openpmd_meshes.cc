@@ -10,6 +10,9 @@
 //
 //   (gridGlobalOffset + (i + position) * gridSpacing) * gridUnitSI
 //
+// Each iteration says all of this again. A series has one grid and one unit, so that they must not
+// change: a moving window changes gridGlobalOffset.
+//
 // A constant component is a group with the attributes value and shape in place of a dataset.
 //
 // Source: openPMD standard 1.1 and 2.0, https://github.com/openPMD/openPMD-standard.
@@ -17,7 +20,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <utility>
 
@@ -25,9 +30,11 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/strip.h"
 
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_attributes.h"
 #include "core/formats/hdf5/hdf5_dataset.h"
@@ -190,9 +197,9 @@ bool IsOpenPmdComponent(hid_t object) {
 }
 
 // Adds a component of a record, as a field of its own. Returns why it is none, else "".
-std::string AddOpenPmdField(hid_t record, hid_t component, const std::string& name,
-                            const std::string& path, const std::vector<OpenPmdStep>& steps,
-                            Hdf5MeshFile* meshes) {
+std::string AddOpenPmdField(hid_t record, const std::string& record_path, hid_t component,
+                            const std::string& name, const std::string& path,
+                            const std::vector<OpenPmdStep>& steps, Hdf5MeshFile* meshes) {
   Hdf5MeshField field{.field = {.name = name, .unit = OpenPmdUnit(record, component)},
                       .geometry = {}};
   const std::optional<Hdf5Constant> constant = FindHdf5Constant(component);
@@ -206,10 +213,76 @@ std::string AddOpenPmdField(hid_t record, hid_t component, const std::string& na
   }
   field.geometry = *grid;
   for (const OpenPmdStep& step : steps) {
-    field.volumes.push_back(
-        {.dataset = absl::StrCat(step.path, path), .axes = AxisOrder{.z = 0, .y = 1, .x = 2}});
+    field.volumes.push_back({.dataset = absl::StrCat(step.path, path),
+                             .axes = AxisOrder{.z = 0, .y = 1, .x = 2},
+                             .record = absl::StrCat(step.path, record_path)});
   }
   meshes->fields.push_back(std::move(field));
+  return "";
+}
+
+// What an iteration says of grid and unit; an attribute that is missing has its default.
+struct OpenPmdAttributes {
+  std::map<std::string, std::vector<std::string>> texts{};
+  std::map<std::string, std::vector<double>> numbers{};
+};
+
+OpenPmdAttributes ReadOpenPmdAttributes(hid_t record, hid_t component) {
+  const auto numbers = [](hid_t object, const char* name, std::size_t count, double fallback) {
+    std::vector<double> read = Hdf5Numbers(object, name);
+    if (read.empty()) {
+      read.assign(count, fallback);
+    }
+    return read;
+  };
+  const auto text = [record](const char* name, const char* fallback) {
+    const std::string read = Hdf5Text(record, {name});
+    return std::vector<std::string>{read.empty() ? fallback : read};
+  };
+  OpenPmdAttributes attributes;
+  attributes.texts = {{"geometry", text("geometry", "cartesian")},
+                      {"dataOrder", text("dataOrder", "C")},
+                      {"axisLabels", Hdf5Texts(record, "axisLabels")}};
+  attributes.numbers = {{"gridSpacing", Hdf5Numbers(record, "gridSpacing")},
+                        {"gridGlobalOffset", numbers(record, "gridGlobalOffset", 3, 0)},
+                        {"gridUnitSI", Hdf5Numbers(record, "gridUnitSI")},
+                        {"unitDimension", numbers(record, "unitDimension", 7, 0)},
+                        {"position", numbers(component, "position", 3, 0)},
+                        {"unitSI", numbers(component, "unitSI", 1, 1)}};
+  if (std::vector<double>& unit = attributes.numbers["gridUnitSI"]; unit.size() == 1) {
+    unit.resize(3, unit[0]);
+  }
+  return attributes;
+}
+
+// "" if both say the same; else the first attribute that differs: "position of 0 0 0, but ... of
+// 0.5 0.5 0.5".
+std::string OpenPmdDifference(const OpenPmdAttributes& a, const OpenPmdAttributes& b,
+                              const std::string& name_of_b) {
+  const auto described = [&](const std::string& name, const std::string& of_a,
+                             const std::string& of_b) {
+    return absl::StrFormat("%s of %s, but %s of %s", name, of_a.empty() ? "nothing" : of_a,
+                           name_of_b, of_b.empty() ? "nothing" : of_b);
+  };
+  for (const auto& [name, texts] : a.texts) {
+    if (texts != b.texts.at(name)) {
+      return described(name, absl::StrJoin(texts, " "), absl::StrJoin(b.texts.at(name), " "));
+    }
+  }
+  const auto joined = [](const std::vector<double>& numbers, int digits) {
+    return absl::StrJoin(numbers, " ", [digits](std::string* out, double number) {
+      absl::StrAppendFormat(out, "%.*g", digits, number);
+    });
+  };
+  constexpr int kShort = 6;
+  constexpr int kExact = 17;
+  for (const auto& [name, numbers] : a.numbers) {
+    const std::vector<double>& others = b.numbers.at(name);
+    if (numbers != others) {
+      const int digits = joined(numbers, kShort) == joined(others, kShort) ? kExact : kShort;
+      return described(name, joined(numbers, digits), joined(others, digits));
+    }
+  }
   return "";
 }
 
@@ -263,6 +336,42 @@ std::optional<Hdf5Constant> FindHdf5Constant(hid_t object) {
   return constant;
 }
 
+absl::Status CheckOpenPmdSteps(hid_t file, const std::string& path, const Hdf5MeshField& field,
+                               std::size_t begin, std::size_t end) {
+  const std::size_t components = field.field.components.size();
+  if (components == 0 || field.volumes.empty() || field.volumes.front().record.empty()) {
+    return absl::OkStatus();
+  }
+  const auto read = [file](const Hdf5MeshVolume& volume) -> std::optional<OpenPmdAttributes> {
+    const Hdf5Handle record(H5Oopen(file, volume.record.c_str(), H5P_DEFAULT), H5Oclose);
+    const Hdf5Handle component(H5Oopen(file, volume.dataset.c_str(), H5P_DEFAULT), H5Oclose);
+    return record.is_valid() && component.is_valid()
+               ? std::optional(ReadOpenPmdAttributes(record.get(), component.get()))
+               : std::nullopt;  // whoever opens it gets an error
+  };
+  std::vector<std::optional<OpenPmdAttributes>> first;  // of the first step
+  for (std::size_t i = 0; i < components && i < field.volumes.size(); ++i) {
+    first.push_back(read(field.volumes[i]));
+  }
+  for (std::size_t i = std::max(begin, first.size()); i < std::min(end, field.volumes.size());
+       ++i) {
+    const Hdf5MeshVolume& volume = field.volumes[i];
+    const std::size_t component = i % components;
+    const auto own = first[component].has_value() ? read(volume) : std::nullopt;
+    const std::string difference =
+        own.has_value()
+            ? OpenPmdDifference(*own, *first[component], field.volumes[component].dataset)
+            : "";
+    if (!difference.empty()) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s has %s: the iterations of a series have one grid and one unit; open one of them by "
+          "its dataset, as %s with --spacing and --origin, or write each to a file of its own",
+          volume.dataset, difference, base::ShellWord(absl::StrCat(path, ":", volume.dataset))));
+    }
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   bool has_times = true;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<OpenPmdStep> steps,
@@ -281,7 +390,8 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   for (const std::string& name : Hdf5NamesIn(group.get())) {
     const Hdf5Handle record(H5Oopen(group.get(), name.c_str(), H5P_DEFAULT), H5Oclose);
     if (IsOpenPmdComponent(record.get())) {
-      why += AddOpenPmdField(record.get(), record.get(), name, folder + name, steps, &meshes);
+      why += AddOpenPmdField(record.get(), folder + name, record.get(), name, folder + name, steps,
+                             &meshes);
       continue;
     }
     const std::size_t first = meshes.fields.size();
@@ -289,8 +399,9 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
     for (const std::string& part : components) {
       const Hdf5Handle component(H5Oopen(record.get(), part.c_str(), H5P_DEFAULT), H5Oclose);
       if (IsOpenPmdComponent(component.get())) {
-        why += AddOpenPmdField(record.get(), component.get(), absl::StrCat(name, "/", part),
-                               absl::StrCat(folder, name, "/", part), steps, &meshes);
+        why += AddOpenPmdField(record.get(), folder + name, component.get(),
+                               absl::StrCat(name, "/", part), absl::StrCat(folder, name, "/", part),
+                               steps, &meshes);
       }
     }
     JoinOpenPmdComponents(name, first, components, &meshes);

@@ -22,6 +22,7 @@
 #include "core/formats/hdf5/hdf5_mesh.h"
 #include "core/source/bytes/located_series.h"
 #include "core/source/grid/vtk_extent.h"
+#include "core/source/hdf5/hdf5_handle.h"
 #include "core/source/series_parts.h"
 #include "hdf5.h"
 
@@ -78,20 +79,31 @@ absl::StatusOr<std::vector<double>> ReadVtkHdfTimes(hid_t root) {
   return Hdf5ScaleValues(values.get(), static_cast<std::int64_t>(count[0]));
 }
 
-// The index on the axis of time by step.
-std::vector<std::int64_t> ReadVtkHdfOffsets(hid_t root, const std::string& path,
-                                            std::size_t step_count) {
+// The index on the axis of time by step: that of the step itself without such a dataset.
+absl::StatusOr<std::vector<std::int64_t>> ReadVtkHdfOffsets(hid_t root, const std::string& path,
+                                                            std::size_t step_count) {
   std::vector<std::int64_t> offsets(step_count);
   for (std::size_t i = 0; i < step_count; ++i) {
     offsets[i] = static_cast<std::int64_t>(i);
   }
+  const std::string folder = path.substr(0, path.rfind('/'));
+  if (H5Lexists(root, folder.c_str(), H5P_DEFAULT) <= 0 ||
+      H5Lexists(root, path.c_str(), H5P_DEFAULT) <= 0) {
+    return offsets;
+  }
+  const auto count = static_cast<std::int64_t>(step_count);
   const Hdf5Handle dataset(H5Dopen2(root, path.c_str(), H5P_DEFAULT), H5Dclose);
-  std::vector<std::int64_t> read(step_count);
-  if (dataset.is_valid() &&
-      Hdf5DimsOf(dataset.get()) ==
-          std::vector<std::int64_t>{static_cast<std::int64_t>(step_count)} &&
-      H5Dread(dataset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, read.data()) >= 0) {
-    return read;
+  const std::vector<std::int64_t> dims =
+      dataset.is_valid() ? Hdf5DimsOf(dataset.get()) : std::vector<std::int64_t>();
+  // Of one array, or of one part, as VTK writes it for partitioned data.
+  if (dims != std::vector<std::int64_t>{count} && dims != std::vector<std::int64_t>{count, 1}) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("its %s has %s numbers; expected one a step, %d: correct it, or remove it "
+                        "where step i is number i of the array",
+                        path, dims.empty() ? "no" : absl::StrJoin(dims, " x "), count));
+  }
+  if (H5Dread(dataset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, offsets.data()) < 0) {
+    return absl::DataLossError(absl::StrFormat("its %s can't be read: %s", path, LastHdf5Error()));
   }
   return offsets;
 }
@@ -131,8 +143,9 @@ absl::StatusOr<Hdf5MeshField> VtkHdfFieldOf(hid_t root, const VtkHdfPart& part,
   std::vector<std::int64_t> offsets{0};
   if (time_axes > 0) {
     axes.t = 0;
-    offsets = ReadVtkHdfOffsets(root, absl::StrCat("Steps/", part.group, "Offsets/", name),
-                                part.step_count);
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        offsets, ReadVtkHdfOffsets(root, absl::StrCat("Steps/", part.group, "Offsets/", name),
+                                   part.step_count));
   }
   if (rank == 4 + time_axes) {
     axes.c = rank - 1;

@@ -29,6 +29,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/bytes/file_start.h"
 #include "core/source/bytes/located_series.h"
 #include "core/source/bytes/text_scanner.h"
 #include "core/source/series_parts.h"
@@ -149,6 +150,11 @@ absl::StatusOr<LocatedFile> LocateCube(const io::RandomAccessFile& file, const s
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenCubeSeries(const std::string& file,
                                                              const std::string& field) {
+  if (IsGzipFile(file)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        file,
+        ": a Gaussian cube file in a gzip stream, which is not read: decompress it (gunzip)"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> opened,
                             io::OpenRandomAccessFile(file));
   auto located = LocateCube(*opened, field);

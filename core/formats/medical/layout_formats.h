@@ -21,7 +21,6 @@ bool IsMghHeader(
     absl::string_view head);  // a version and sizes that may be: the format has no mark
 bool IsAfniHeader(absl::string_view head);
 bool IsParHeader(absl::string_view head);
-bool IsGiplHeader(absl::string_view head);
 bool IsBrukerHeader(absl::string_view head);
 
 // The header beside a file of samples: "a.hdr" or "a.hdr.gz" for "a.img" and "a.img.gz", "a.HEAD"
@@ -53,8 +52,6 @@ absl::StatusOr<FileLayout> ReadAfniLayout(const std::string& path);
 // intercept. Types of images (magnitude, phase, ...) are fields; dynamics, echoes or another key
 // that varies are steps.
 absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path);
-// GIPL, also as a gzip stream. A fourth axis makes steps without a time.
-absl::StatusOr<FileLayout> ReadGiplLayout(const std::string& path);
 // Reconstructions of Bruker's ParaVision: visu_pars with 2dseq. Images of several kinds and coils
 // are fields; echoes, cycles and other groups of frames are steps without a time.
 absl::StatusOr<FileLayout> ReadBrukerLayout(const std::string& path);

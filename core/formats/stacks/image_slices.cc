@@ -10,7 +10,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
-#include "core/formats/stacks/itk_image.h"
+#include "core/formats/stacks/png_slice.h"
 #include "core/io/file.h"
 #include "core/source/adapt/slice_source.h"
 #include "core/source/bytes/jpeg_slice.h"
@@ -32,8 +32,7 @@ struct SliceFormat {
   absl::StatusOr<SliceImage> (*read)(const std::string& path, SlicePart part);
 };
 
-constexpr std::array<SliceFormat, 8> kFormats{{{".png", SliceKind::kLossless, ReadItkSlice},
-                                               {".bmp", SliceKind::kLossless, ReadItkSlice},
+constexpr std::array<SliceFormat, 7> kFormats{{{".png", SliceKind::kLossless, ReadPngSlice},
                                                {".jp2", SliceKind::kJpeg2000, ReadJpeg2000Slice},
                                                {".j2k", SliceKind::kJpeg2000, ReadJpeg2000Slice},
                                                {".j2c", SliceKind::kJpeg2000, ReadJpeg2000Slice},
@@ -49,7 +48,7 @@ const SliceFormat* FormatOf(const std::string& path) {
 }
 
 absl::StatusOr<SliceImage> ReadSliceImage(const std::string& path, SlicePart part) {
-  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // ITK would wait for a writer
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // libraries would wait for a writer
   return FormatOf(path)->read(path, part);
 }
 

@@ -14,11 +14,11 @@
 namespace isoscope::source {
 
 // Whether the name of a file is one of a slice, in any case.
-inline constexpr char kImageSliceEndings[] = ".png .bmp .jp2 .j2k .j2c .jpc .jpg .jpeg";
+inline constexpr char kImageSliceEndings[] = ".png .jp2 .j2k .j2c .jpc .jpg .jpeg";
 bool IsImageSliceName(const std::string& path);
 
-// The slices that `path`, a folder or a pattern, names (FilesNamed), of one kind: PNG and BMP, else
-// JPEG 2000, else JPEG. So previews in JPEG are left out.
+// The slices that `path`, a folder or a pattern, names (FilesNamed), of one kind: PNG, else JPEG
+// 2000, else JPEG. So previews in JPEG are left out.
 std::vector<std::string> ImageSlicesNamed(const std::string& path);
 
 // Opens the slices that `path` names, one image each: grey, of one size and type. They are read one

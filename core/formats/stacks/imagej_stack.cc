@@ -8,7 +8,7 @@
 //   unit=micron        of x; yunit and zunit follow if they differ
 //   spacing=0.5        between slices, in this unit; 1 without this line; the sign does not count
 //   xorigin=10         pixels (also yorigin, zorigin) from the first one to 0, 0, 0
-//   finterval=2.5      seconds between frames
+//   finterval=2.5      seconds between frames; 0 where nobody said it
 //
 // The sizes of pixels are TIFF's resolution, in pixels per unit. Without the line unit its unit is
 // TIFF's, inches or centimetres, but not of 72 pixels an inch, which is no size.
@@ -169,7 +169,16 @@ absl::StatusOr<StackLayout> ParseImageJ(absl::string_view description,
         images, layout.channels, layout.slices, layout.steps));
   }
   ISOSCOPE_RETURN_IF_ERROR(TakeImageJSpacing(lines, density, &layout));
-  const double interval = std::fabs(ImageJNumber(lines, "finterval"));
+  double interval = 0;  // 0: not known
+  const std::string interval_text = ImageJLine(lines, "finterval");
+  if (layout.steps > 1 && !interval_text.empty() &&
+      (!absl::SimpleAtod(interval_text, &interval) || !(interval >= 0) ||
+       !std::isfinite(interval * static_cast<double>(layout.steps)))) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "ImageJ's description has finterval=%s; expected the seconds between its %d frames, 0 or "
+        "more",
+        interval_text, layout.steps));
+  }
   for (std::int64_t i = 0; interval > 0 && layout.steps > 1 && i < layout.steps; ++i) {
     layout.times.push_back(static_cast<double>(i) * interval);
   }

@@ -12,6 +12,9 @@
 // The order is written with the fastest axis first. A TiffData names PlaneCount pages from page IFD
 // on, and gives them planes in that order from (FirstZ, FirstC, FirstT) on. The count is 1 if IFD
 // is given, else as many as the file has. Without FileName the pages are those of the file itself.
+// Each plane has one page, and each page of a file of one image one plane. The pages of further
+// images are not looked at.
+//
 // A file that was renamed still has its old name there: if the XML names but one file, and it is
 // not there, this one is meant.
 //
@@ -107,6 +110,8 @@ class OmeReader {
     }
     return absl::OkStatus();
   }
+
+  [[nodiscard]] int images() const { return images_; }
 
   OmeStack stack;
   std::string order;  // "XYZCT"
@@ -215,9 +220,11 @@ class OmeReader {
   int images_ = 0;
 };
 
-// Gives the planes of one TiffData their places. Returns the number of planes.
-std::int64_t PlaceOmePlanes(const OmeTiffData& data, const std::string& order, std::int32_t file,
-                            std::int64_t own_planes, StackLayout* layout) {
+// Gives the planes of one TiffData their places. Returns the number of planes. INVALID_ARGUMENT,
+// without the file's name: one of them has another page already.
+absl::StatusOr<std::int64_t> PlaceOmePlanes(const OmeTiffData& data, const std::string& order,
+                                            std::int32_t file, std::int64_t own_planes,
+                                            StackLayout* layout) {
   const std::int64_t count =
       data.count.value_or(data.page.has_value() ? 1 : own_planes);  // as the file says
   std::array<std::int64_t, 3> at{data.slice, data.channel, data.step};
@@ -229,9 +236,16 @@ std::int64_t PlaceOmePlanes(const OmeTiffData& data, const std::string& order, s
       }
     }
     const auto [slice, channel, step] = at;
-    layout->planes[static_cast<std::size_t>((step * layout->channels + channel) * layout->slices +
-                                            slice)] = {.file = file,
-                                                       .index = data.page.value_or(0) + i};
+    StackPlane& plane = layout->planes[static_cast<std::size_t>(
+        (step * layout->channels + channel) * layout->slices + slice)];
+    const StackPlane named{.file = file, .index = data.page.value_or(0) + i};
+    if (plane.file >= 0 && (plane.file != named.file || plane.index != named.index)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "OME-XML: its TiffData give slice %d of channel %d and step %d two pages, IFD %d and IFD "
+          "%d; expected each plane once",
+          slice, channel, step, plane.index, named.index));
+    }
+    plane = named;
     for (std::size_t letter = 2; letter < 5; ++letter) {  // the fastest axis first
       const std::size_t axis = order[letter] == 'Z' ? 0 : order[letter] == 'C' ? 1 : 2;
       if (++at.at(axis) < sizes.at(axis)) {
@@ -244,6 +258,48 @@ std::int64_t PlaceOmePlanes(const OmeTiffData& data, const std::string& order, s
     }
   }
   return count;
+}
+
+// Checks that no page is two planes, and, if `is_only_image`, that each of the `own_planes` pages
+// of the file itself, number `own_file`, is one. INVALID_ARGUMENT, without the file's name.
+absl::Status CheckOmePages(const StackLayout& layout, std::int32_t own_file,
+                           std::int64_t own_planes, bool is_only_image) {
+  std::vector<std::size_t> order;  // of the planes with a page, by page
+  for (std::size_t i = 0; i < layout.planes.size(); ++i) {
+    if (layout.planes[i].file >= 0) {
+      order.push_back(i);
+    }
+  }
+  const auto page_of = [&](std::size_t i) {
+    return std::pair(layout.planes[i].file, layout.planes[i].index);
+  };
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return page_of(a) < page_of(b); });
+  const auto twice =
+      std::adjacent_find(order.begin(), order.end(),
+                         [&](std::size_t a, std::size_t b) { return page_of(a) == page_of(b); });
+  if (twice != order.end()) {
+    const auto described = [&](std::size_t i) {
+      const auto plane = static_cast<std::int64_t>(i);
+      return absl::StrFormat("slice %d of channel %d and step %d", plane % layout.slices,
+                             plane / layout.slices % layout.channels,
+                             plane / layout.slices / layout.channels);
+    };
+    return absl::InvalidArgumentError(
+        absl::StrFormat("OME-XML: its TiffData give %s and %s one page, IFD %d; expected a page of "
+                        "its own for each plane",
+                        described(std::min(twice[0], twice[1])),
+                        described(std::max(twice[0], twice[1])), layout.planes[*twice].index));
+  }
+  const auto named = std::count_if(
+      order.begin(), order.end(), [&](std::size_t i) { return layout.planes[i].file == own_file; });
+  if (is_only_image && own_file >= 0 && named < own_planes) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "OME-XML: its %d slices, %d channels and %d steps take %d of the %d pages of the file; "
+        "expected all pages",
+        layout.slices, layout.channels, layout.steps, named, own_planes));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -288,13 +344,24 @@ absl::StatusOr<OmeStack> ParseOmeXml(absl::string_view xml, const std::string& p
     if (is_new) {
       layout.files.push_back(name);
     }
-    placed += PlaceOmePlanes(data, reader.order, file->second, name == own_name ? own_planes : 1,
-                             &layout);
+    const auto count = PlaceOmePlanes(data, reader.order, file->second,
+                                      name == own_name ? own_planes : 1, &layout);
+    if (!count.ok()) {
+      return absl::Status(count.status().code(),
+                          absl::StrCat(path, ": ", count.status().message()));
+    }
+    placed += *count;
     if (placed > 2 * static_cast<std::int64_t>(layout.planes.size())) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: OME-XML: its TiffData name more than twice its %d planes; expected each once", path,
           layout.planes.size()));
     }
+  }
+  const auto own = files.find(own_name);
+  const absl::Status pages = CheckOmePages(layout, own == files.end() ? -1 : own->second,
+                                           own_planes, reader.images() == 1);
+  if (!pages.ok()) {
+    return absl::Status(pages.code(), absl::StrCat(path, ": ", pages.message()));
   }
   return stack;
 }

@@ -26,6 +26,8 @@ struct OmeStack {
 // Parses the XML. `own_name` is the name of its file, without a folder, and `own_planes` the number
 // of planes in it. Sizes of pixels are in the unit of the first axis; if some are missing, the
 // layout says so (StackLayout::distances). INVALID_ARGUMENT: as ParseXmlTags; sizes that are none;
+// a plane of two pages, or a page of two planes; pages of the file that are no plane, if the XML
+// has but one image;
 // more than kMaxStackPlanes; another order of axes; a file outside the folder. The messages name
 // `path`.
 absl::StatusOr<OmeStack> ParseOmeXml(absl::string_view xml, const std::string& path,

@@ -24,6 +24,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -41,6 +42,8 @@ namespace {
 constexpr std::int64_t kMaxPieceBytes = 2 * base::kGiB;
 constexpr std::size_t kMaxTiffPages = 1'000'000;
 constexpr std::uint32_t kLsmInfoTag = 34412;
+constexpr std::uint32_t kModelPixelScaleTag = 33550;
+constexpr std::uint32_t kModelMatrixTag = 34264;
 
 // The last message of libtiff in this thread. It takes plain functions only.
 std::string& LastMessage() {
@@ -191,6 +194,22 @@ std::uint64_t RawOffset(TIFF* tiff) {
   return first;
 }
 
+// The floats of 64 bits of a tag that libtiff does not know; one of another type gives one NaN.
+std::vector<double> DoublesOf(TIFF* tiff, std::uint32_t tag) {
+  std::uint32_t count = 0;
+  const void* bytes = nullptr;
+  if (TIFFGetField(tiff, tag, &count, &bytes) != 1 || bytes == nullptr) {
+    return {};
+  }
+  const TIFFField* const field = TIFFFieldWithTag(tiff, tag);
+  if (field == nullptr || TIFFFieldDataType(field) != TIFF_DOUBLE) {
+    return {std::numeric_limits<double>::quiet_NaN()};
+  }
+  std::vector<double> numbers(count);
+  std::memcpy(numbers.data(), bytes, count * sizeof(double));
+  return numbers;
+}
+
 void ReadTiffHead(TIFF* tiff, TiffPages* pages) {
   const char* description = nullptr;
   if (TIFFGetField(tiff, TIFFTAG_IMAGEDESCRIPTION, &description) == 1 && description != nullptr) {
@@ -203,6 +222,8 @@ void ReadTiffHead(TIFF* tiff, TiffPages* pages) {
   TIFFGetFieldDefaulted(tiff, TIFFTAG_RESOLUTIONUNIT, &pages->resolution_unit);
   pages->x_resolution = static_cast<double>(x_resolution);
   pages->y_resolution = static_cast<double>(y_resolution);
+  pages->model_scale = DoublesOf(tiff, kModelPixelScaleTag);
+  pages->has_model_matrix = !DoublesOf(tiff, kModelMatrixTag).empty();
   std::uint32_t count = 0;
   const void* bytes = nullptr;
   if (TIFFGetField(tiff, kLsmInfoTag, &count, &bytes) == 1 && bytes != nullptr) {
@@ -259,6 +280,14 @@ absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, Tif
   if (page.orientation < ORIENTATION_TOPLEFT || page.orientation > ORIENTATION_LEFTBOT) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: orientation %d; expected 1 to 8", path, page.orientation));
+  }
+  std::uint32_t depth = 1;
+  TIFFGetField(tiff, TIFFTAG_IMAGEDEPTH, &depth);
+  if (depth != 1) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: an ImageDepth (32997) of %d, slices within one page, which is not "
+                        "read: save it with a page a slice",
+                        path, depth));
   }
   const bool is_grey =
       photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE;

@@ -51,7 +51,7 @@ enum class TiffColours {
 };
 
 // Returns the format of the current page. INVALID_ARGUMENT: colours, a palette, or samples of a
-// type that a volume can't have; the message says what to do.
+// type that a volume can't have; slices within the page (ImageDepth); the message says what to do.
 absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, TiffColours colours);
 
 // Reads a plane of the current page as [y][x], x fastest, in the byte order of this machine, into
@@ -69,6 +69,10 @@ struct TiffPages {
   double x_resolution = 0;
   double y_resolution = 0;
   std::uint16_t resolution_unit = 0;
+  // GeoTIFF's ModelPixelScale (33550) as the file has it, three numbers if it is good; and whether
+  // there is a ModelTransformation (34264).
+  std::vector<double> model_scale;
+  bool has_model_matrix = false;
   std::string lsm;  // the bytes of the tag CZ_LSMINFO of the first page
   // The first byte of the samples of the first page, if they lie there raw in one piece; else 0.
   std::uint64_t raw_offset = 0;

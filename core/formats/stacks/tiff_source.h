@@ -23,14 +23,14 @@ bool NaturalLess(const std::string& a, const std::string& b);
 // that libtiff knows, BigTIFF too. By libtiff itself: ITK reads all pages at once.
 //
 // OME-XML, ImageJ's description or LSM's tag say what the planes are: channels are fields, frames
-// are steps, and sizes of pixels the spacing. Else all pages are slices, and the spacing is 1,
-// because TIFF has only that of a print. Pages lie as TIFF's orientation says. `axes` says it in
-// their place, as in stack_layout.h; "": as the file says. `name` is for messages, `field` the name
-// of an only field. INVALID_ARGUMENT: no TIFF files; pages of different size or type (names the
-// first); colour, palette, bits that are no whole bytes; planes that nobody names; a file outside
-// the folder; sizes of pixels along some axes only, or pixels of a print that are not square,
-// unless the rules have distances. NOT_FOUND: a file of an OME set. DATA_LOSS: damaged; fewer
-// planes than the head says.
+// are steps, and sizes of pixels the spacing. Else all pages are slices, and the spacing is
+// GeoTIFF's, else 1, because TIFF has only that of a print. Pages lie as TIFF's orientation says.
+// `axes` says it in their place, as in stack_layout.h; "": as the file says. `name` is for
+// messages, `field` the name of an only field. INVALID_ARGUMENT: no TIFF files; pages of different
+// size or type (names the first); colour, palette, bits that are no whole bytes; planes that nobody
+// names; a file outside the folder; sizes of pixels along some axes only, or pixels of a print that
+// are not square, unless the rules have distances. NOT_FOUND: a file of an OME set. DATA_LOSS:
+// damaged; fewer planes than the head says.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenTiffSeries(const std::vector<std::string>& files,
                                                              const std::string& name,
                                                              const std::string& field,

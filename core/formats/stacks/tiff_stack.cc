@@ -21,6 +21,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -200,6 +201,27 @@ std::string WhyNotSquare(const TiffPages& pages) {
              : "";
 }
 
+// Takes the sizes of pixels that GeoTIFF has. Its z is 0 where slices are no heights: then they are
+// as far apart as the user says. Places on the Earth are not read. False: there are none.
+bool TakeModelScale(const TiffPages& pages, StackLayout* layout) {
+  const std::vector<double>& scale = pages.model_scale;
+  if (scale.empty() && !pages.has_model_matrix) {
+    return false;
+  }
+  const bool is_whole =
+      scale.size() == 3 && std::all_of(scale.begin(), scale.end(),
+                                       [](double size) { return size > 0 && std::isfinite(size); });
+  if (is_whole) {
+    layout->spacing = {scale[0], scale[1], scale[2]};
+  } else if (scale.empty()) {
+    layout->distances = "GeoTIFF's ModelTransformation (34264), which is not read";
+  } else {
+    layout->distances =
+        absl::StrCat("GeoTIFF's ModelPixelScale (33550) is ", absl::StrJoin(scale, " "));
+  }
+  return true;
+}
+
 // Lays the planes out; `described`: as the head of the first file says.
 absl::Status LayOut(const std::vector<std::string>& files, const std::string& axes,
                     TiffStack* stack) {
@@ -221,7 +243,7 @@ absl::Status LayOut(const std::vector<std::string>& files, const std::string& ax
   const bool is_known = described.has_value();
   if (is_known) {
     stack->layout = *std::move(described);
-  } else {
+  } else if (!TakeModelScale(stack->pages, &stack->layout)) {
     stack->layout.distances = WhyNotSquare(stack->pages);
   }
   std::int64_t planes = static_cast<std::int64_t>(files.size());

@@ -4,7 +4,8 @@
 //   1. Files of different texts are different stacks.
 //   2. Numbers that are the same in all files say nothing. Of those that vary, one that is the same
 //      in neighbours, or goes down, is that of several stacks: s1_z1, s1_z2, s2_z1, s2_z2.
-//   3. Of the numbers that are left, one must go up in even steps.
+//   3. Of the numbers that are left, one must go up in even steps. Decimals (z0.5, z1.0) look like
+//      several stacks, but may be one.
 
 #include "core/source/bytes/stack_names.h"
 
@@ -229,6 +230,46 @@ std::size_t PlaceOfStacks(const std::vector<SplitName>& names) {
   return best;
 }
 
+// Whether numbers of the names read as decimals that ascend: z0.5, z1.0, z1.5. They may also be the
+// numbers of two things, of channel 1 and slice 5.
+bool AreDecimals(const std::vector<SplitName>& names) {
+  std::size_t place = 0;
+  const std::string& text = names.front().text;
+  for (std::size_t i = 0; i + 2 < text.size(); ++i) {
+    if (text[i] != '#') {
+      continue;
+    }
+    if (text[i + 1] == '.' && text[i + 2] == '#') {
+      std::vector<double> values;
+      std::set<std::int64_t> parts;  // behind the point
+      for (const SplitName& name : names) {
+        double value = 0;
+        if (absl::SimpleAtod(absl::StrCat(name.digits[place], ".", name.digits[place + 1]),
+                             &value)) {
+          values.push_back(value);
+        }
+        parts.insert(name.numbers[place + 1]);
+      }
+      if (values.size() == names.size() && parts.size() > 1 &&
+          std::adjacent_find(values.begin(), values.end(), std::greater_equal<>()) ==
+              values.end()) {
+        return true;
+      }
+    }
+    ++place;
+  }
+  return false;
+}
+
+// A pattern would choose some of the heights of one stack.
+absl::Status Decimals(const std::string& path, const std::vector<std::string>& files) {
+  return absl::InvalidArgumentError(absl::StrCat(path, ": the numbers of ", BaseName(files.front()),
+                                                 " to ", BaseName(files.back()),
+                                                 " read as decimals, heights of one stack, or as "
+                                                 "those of several stacks; if they are heights, ",
+                                                 kAsNeighbours));
+}
+
 // Of names with one text.
 absl::Status CheckNumbers(const std::string& path, const std::vector<std::string>& files,
                           const std::vector<SplitName>& names) {
@@ -250,6 +291,9 @@ absl::Status CheckNumbers(const std::string& path, const std::vector<std::string
       return steps;
     }
     status = status.ok() ? steps : status;
+  }
+  if (status.ok() && AreDecimals(names)) {
+    return Decimals(path, files);
   }
   return status.ok() ? SeveralStacks(path, StacksByNumber(files, names, PlaceOfStacks(names)))
                      : status;

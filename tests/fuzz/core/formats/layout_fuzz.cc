@@ -1,4 +1,4 @@
-// NIfTI-2 (one file, a stream, a pair), Analyze, MGH, AFNI, PAR/REC, GIPL and ParaVision. The first
+// NIfTI-2 (one file, a stream, a pair), Analyze, MGH, AFNI, PAR/REC and ParaVision. The first
 // byte chooses.
 
 #include <cstddef>
@@ -24,7 +24,6 @@ enum Kind : std::uint8_t {
   kMgz,
   kAfni,
   kParRec,
-  kGipl,
   kBruker,
   kKinds
 };
@@ -56,8 +55,6 @@ std::vector<std::string> Seeds() {
       Seed(kAnalyze, testing::AnalyzeBytes({.steps = 2, .factor = 0.5F})),
       Seed(kMgh, testing::MghBytes({.frames = 2}) + samples),
       Seed(kMgz, testing::Gzip(testing::MghBytes({.type = 3}) + samples)),
-      Seed(kGipl, testing::GiplBytes({}) + samples),
-      Seed(kGipl, testing::GiplBytes({.steps = 2, .type = 64}) + samples),
       Seed(kBruker, testing::BrukerText({})),
       Seed(kBruker, testing::BrukerText({.groups = {{2, "FG_ISA"}, {3, "FG_SLICE"}},
                                          .slopes = {1, 2, 3, 4, 5, 6}})),
@@ -79,8 +76,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace isoscope::fuzz;
   Input input(data, size);
   const std::uint8_t kind = input.Byte() % kKinds;
-  constexpr const char* kNames[] = {"v.nii", "v.nii.gz", "w.hdr", "unnamed", "w.hdr",    "v.mgh",
-                                    "v.mgz", "v.HEAD",   "v.PAR", "v.gipl",  "visu_pars"};
+  constexpr const char* kNames[] = {"v.nii", "v.nii.gz", "w.hdr",  "unnamed", "w.hdr",
+                                    "v.mgh", "v.mgz",    "v.HEAD", "v.PAR",   "visu_pars"};
   WriteVolumeFile(kNames[kind], input.Rest());
   for (const char* samples : {"w.img", "v.BRIK", "v.REC", "2dseq"}) {
     WriteVolumeFile(samples, std::string(600, 'c'));

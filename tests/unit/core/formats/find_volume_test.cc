@@ -1,7 +1,11 @@
+#include "core/formats/find_volume.h"
+
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -12,6 +16,7 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/formats/stacks/tiff_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
 namespace isoscope::source {
@@ -38,6 +43,26 @@ class FindVolumeTest : public ::testing::Test {
   }
   TempDir dir_;
 };
+
+// Symptom: a folder of slices was taken for a file of the format that its name ends with.
+TEST_F(FindVolumeTest, AFolderIsAFolderWhateverItsName) {
+  for (const char* name : {"scan", "scan.map", "study.x.par", "run.h5", "a.vti", "b.pvd", "c.nii",
+                           "d.mrc", "e.tif", "f.png", "g.nc", "h.dcm", "i.nrrd"}) {
+    std::filesystem::create_directory(dir_.Sub(name));
+    for (int z = 0; z < 3; ++z) {
+      ASSERT_TRUE(testing::WriteTiffStack(absl::StrCat(dir_.Sub(name), "/s", z, ".tif"),
+                                          {.pages = 1, .first = z}));
+    }
+    for (const std::string& path : {dir_.Sub(name), absl::StrCat(dir_.Sub(name), "/")}) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FoundVolume found, FindVolume(path));
+      EXPECT_EQ(found.kind, SourceKind::kTiff) << path;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+      EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 3})) << path;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
+      EXPECT_EQ(files.size(), 3U) << path;
+    }
+  }
+}
 
 TEST_F(FindVolumeTest, WhateverIsOneVolumeIsASeriesOfOneFieldAndOneStep) {
   const std::string samples = Noise(kDims, ScalarType::kInt16);

@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 
 #include "core/formats/open_volume.h"
+#include "core/source/bytes/file_content.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/only_volume.h"

@@ -3,12 +3,18 @@
 
 #include "core/source/source_stamps.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <chrono>
 #include <filesystem>
 #include <string>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <linux/magic.h>
+#include <sys/mman.h>
+#include <sys/vfs.h>
 
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -53,6 +59,49 @@ TEST(SourceStampsTest, TimesSizesAndNamesCount) {
   fs::copy(path, dir.Sub("w.raw"));
   EXPECT_NE(StampsOf({path, dir.Sub("w.raw")}).value(), StampsOf({dir.Sub("w.raw"), path}).value())
       << "the order of slices is part of it";
+}
+
+// Files that were unpacked together may have one size and all times alike.
+TEST(SourceStampsTest, FoldersThatTakeEachOthersPlaceShow) {
+  for (int i = 0; i < 20; ++i) {
+    const TempDir dir;
+    for (const char* name : {"a", "b"}) {
+      fs::create_directory(dir.Sub(name));
+      WriteFile(dir.Sub(name) + "/v.raw", name);
+    }
+    fs::last_write_time(dir.Sub("b/v.raw"), fs::last_write_time(dir.Sub("a/v.raw")));
+    const std::string path = dir.Sub("run/v.raw");
+    fs::rename(dir.Sub("a"), dir.Sub("run"));
+    const std::string before = Stamp(path);
+    fs::rename(dir.Sub("run"), dir.Sub("a"));
+    fs::rename(dir.Sub("b"), dir.Sub("run"));
+    EXPECT_NE(Stamp(path), before) << i;
+  }
+}
+
+// Symptom: numpy.memmap wrote to a page again, and the file's times stayed.
+TEST(SourceStampsTest, AnotherWriteThroughAMapShows) {
+  const TempDir dir;
+  const std::string path = dir.Sub("v.raw");
+  WriteFile(path, std::string(4096, 'a'));
+  struct statfs disk {};
+  ASSERT_EQ(statfs(path.c_str(), &disk), 0);
+  if (disk.f_type == TMPFS_MAGIC || disk.f_type == OVERLAYFS_SUPER_MAGIC) {
+    GTEST_SKIP() << "the file system of " << path << " may never tell of it";
+  }
+  const int file = open(path.c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_GE(file, 0);
+  void* const map = mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+  ASSERT_NE(map, MAP_FAILED);
+  auto* const bytes = static_cast<volatile char*>(map);
+  bytes[0] = 'b';
+  for (const char c : {'c', 'd', 'e'}) {
+    const std::string before = Stamp(path);
+    bytes[0] = c;
+    EXPECT_NE(Stamp(path), before) << c;
+  }
+  munmap(map, 4096);
+  close(file);
 }
 
 TEST(SourceStampsTest, ALinkIsWhatItLeadsTo) {

@@ -77,6 +77,17 @@ TEST(KnownSamplesTest, AnIsovalueBeyondTheSamplesIsNamedWithTheirRange) {
               HasSubstr("the values of the volume at step 7 are in [3, 3]"));
 }
 
+TEST(KnownSamplesTest, AVolumeOfInfinityHasNoRange) {
+  for (const double infinity : {kInfinity, -kInfinity}) {
+    const auto note = Known(ScalarType::kFloat32, {{infinity, 9}}, {}, " at step 2")
+                          .NoteOf(InsideRule::OfIsovalue(1));
+    ASSERT_TRUE(note.has_value());
+    EXPECT_EQ(note->first, ProtoNote::REASON_OUTSIDE_RANGE);
+    EXPECT_EQ(note->second,
+              "isovalue 1 has no surface: no sample of the volume at step 2 is finite");
+  }
+}
+
 TEST(KnownSamplesTest, AVolumeOfNanHasNoSurfaceAtAll) {
   const KnownSamples known = Known(ScalarType::kFloat32, {});
   for (const InsideRule& rule : {InsideRule::OfIsovalue(0), InsideRule::OfLabels({1, 2})}) {

@@ -72,6 +72,23 @@ TEST(RenderQueryTest, ParametersAreTheFlagsOfTheCommandLine) {
   EXPECT_FALSE(request->has_output());
 }
 
+// Symptom: the command lost its dashes, and failed when it was typed.
+TEST(RenderQueryTest, CommandsInErrorsKeepTheirDashesAndParametersHaveNone) {
+  EXPECT_THAT(Parse("width=64"),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("`isoscope info INPUT --histogram`"),
+                             HasSubstr("isovalue V is missing"), Not(HasSubstr("--isovalue")))));
+}
+
+TEST(RenderQueryTest, LongValuesAreCutInErrors) {
+  for (const char* name : {"culling", "samples", "fit", "format", "caps", "light-space"}) {
+    const absl::StatusOr<v1::RenderIsosurfaceRequest> request =
+        Parse(absl::StrCat("isovalue=1&", name, "=", std::string(12000, 'Z')));
+    EXPECT_FALSE(request.ok()) << name;
+    EXPECT_LT(request.status().message().size(), 1000U) << name;
+  }
+}
+
 TEST(RenderQueryTest, SurfacesAreInTheOrderOfTheAddress) {
   const absl::StatusOr<v1::RenderIsosurfaceRequest> request =
       Parse("surface=60:1,0,0:0.5&surface=30&format=jpeg&quality=80");

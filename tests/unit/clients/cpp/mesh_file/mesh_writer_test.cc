@@ -401,8 +401,10 @@ TEST(MeshWriterTest, ColorsAreThereWhereTheFormatHasThem) {
                                                .format = MeshFormat::kObj,
                                                .surfaces = {{.color = kOrange}}}));
   EXPECT_THAT(obj, HasSubstr("v 1 0 0 1 0.5 0\n"));
-  EXPECT_TRUE(absl::IsInvalidArgument(
-      Validate({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}})));
+  const absl::Status stl =
+      Validate({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}});
+  EXPECT_TRUE(absl::IsInvalidArgument(stl));
+  EXPECT_THAT(std::string(stl.message()), HasSubstr("the colours of --surface and --label"));
 }
 
 // Three surfaces; the middle one has no triangle, and the first no colour of its own.

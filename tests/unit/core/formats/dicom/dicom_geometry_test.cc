@@ -164,6 +164,7 @@ TEST(DicomGeometryTest, DistancesOfPixelsMustBeAbove0) {
                                          HasSubstr("--spacing X,Y,Z"))));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DicomPlane plane, PlaneOfDicomFrame(frame, "a", {}, true));
     EXPECT_EQ(plane.spacing, (math::Vec3d{1, 1, 1}));
+    EXPECT_FALSE(plane.has_spacing);
   }
 }
 

@@ -55,14 +55,17 @@ class DicomSliceReaderTest : public ::testing::Test {
     return dir_.Sub(name);
   }
   // Two frames, images 0 and 1, of which the second has slope 0.5 and intercept -5.
-  std::string WriteFrames(const std::string& name) {
+  std::string WriteFrames(const std::string& name, bool first_has_values = true) {
     std::string frames;
     for (const int z : {34, 30}) {
       const std::string position = DicomElement(0x20, 0x32, "DS", absl::StrCat("10\\20\\", z));
-      const std::string values =
-          DicomElement(0x28, 0x1052, "DS", "-5") + DicomElement(0x28, 0x1053, "DS", "0.5");
+      const bool is_second = z == 30;
+      const std::string values = DicomElement(0x28, 0x1052, "DS", is_second ? "-5" : "0") +
+                                 DicomElement(0x28, 0x1053, "DS", is_second ? "0.5" : "1");
       frames += DicomItem(DicomElement(0x20, 0x9113, "SQ", DicomItem(position)) +
-                          (z == 30 ? DicomElement(0x28, 0x9145, "SQ", DicomItem(values)) : ""));
+                          (is_second || first_has_values
+                               ? DicomElement(0x28, 0x9145, "SQ", DicomItem(values))
+                               : ""));
     }
     return Write(name,
                  {.storage_class = "1.2.840.10008.5.1.4.1.1.4.1",
@@ -134,6 +137,30 @@ TEST_F(DicomSliceReaderTest, FramesAreSlicesWithTheirOwnRescaling) {
   }
   ISOSCOPE_ASSERT_OK(reader.ReadSlice(0, out.data()));
   EXPECT_EQ(ValuesOf<float>(out)[kSamples - 1], kSamples - 1);
+}
+
+TEST_F(DicomSliceReaderTest, GroupOfValuesInSomeFramesOnlyIsRefused) {
+  EXPECT_THAT(Read(WriteFrames("a", false)),
+              StatusIs(kInvalid, AllOf(HasSubstr("1 of its 2 frames have a slope"),
+                                       HasSubstr("(0028,9145), frame 0 has none"))));
+}
+
+TEST_F(DicomSliceReaderTest, FramesOfReferenceAndUnitsOfValuesAreTold) {
+  const auto read = [this](testing::DicomSlice slice) {
+    return Read(Write("a", slice, Pixels(1)));
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<DicomSlice> ct,
+                                read({.frame_of_reference = "1.2.77"}));
+  EXPECT_EQ(ct[0].frame_of_reference, "1.2.77");
+  EXPECT_EQ(ct[0].value_unit, "HU") << "of CT without a type";
+  const std::string type = DicomElement(0x28, 0x1054, "LO", "OD");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<DicomSlice> density, read({.more = type}));
+  EXPECT_EQ(density[0].frame_of_reference, "");
+  EXPECT_EQ(density[0].value_unit, "OD");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<DicomSlice> pet,
+                                read({.storage_class = "1.2.840.10008.5.1.4.1.1.128",
+                                      .more = type + DicomElement(0x54, 0x1001, "CS", "BQML")}));
+  EXPECT_EQ(pet[0].value_unit, "BQML");
 }
 
 TEST_F(DicomSliceReaderTest, HeadersThatAreNoSliceAreRefusedWithTheirFile) {

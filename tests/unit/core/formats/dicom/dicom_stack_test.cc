@@ -1,6 +1,7 @@
 #include "core/formats/dicom/dicom_stack.h"
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -115,7 +116,9 @@ TEST(DicomStackTest, SlicesThatAreMissingOrThereTwiceAreNamed) {
               StatusIs(kInvalid, AllOf(HasSubstr("2 slices are missing"),
                                        ::testing::Not(HasSubstr("two stacks")))));
   EXPECT_THAT(StackAt({0, 1, 2, 8, 9, 10}),
-              StatusIs(kInvalid, HasSubstr("two stacks, or 5 slices are missing")));
+              StatusIs(kInvalid, AllOf(HasSubstr("two stacks, or 5 slices are missing"),
+                                       HasSubstr("give a folder with the slices of one stack"),
+                                       ::testing::Not(HasSubstr("--resample")))));
   EXPECT_THAT(StackAt({0, 1, 2, 4.5, 5.5}), StatusIs(kInvalid, HasSubstr("at one distance")));
   for (const bool resamples : {false, true}) {
     EXPECT_THAT(StackAt({0, 1, 1, 2}, {.resamples = resamples}),
@@ -151,6 +154,42 @@ TEST(DicomStackTest, SlicesOfAnotherKindAreRefused) {
   slices = At({{1, 2, 3}, {1, 2, 6}});
   slices[1].width = 5;
   EXPECT_THAT(StackSlices(&slices, "folder", {}), StatusIs(kInvalid, HasSubstr("one size")));
+}
+
+// A distance that the user gives can't be right for two; slices that say none are those he means.
+TEST(DicomStackTest, PixelsOfSeveralSpacingsAreRefusedAlsoIfTheUserGivesOne) {
+  std::vector<DicomSlice> slices = At({{1, 2, 3}, {1, 2, 6}, {1, 2, 9}});
+  slices[0].spacing = {1, 1, 1};
+  slices[0].has_spacing = false;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SliceStack stack,
+                                StackSlices(&slices, "folder", {.has_spacing = true}));
+  EXPECT_EQ(stack.geometry.origin, (math::Vec3d{1, 2, 3}));
+  EXPECT_EQ(stack.geometry.spacing, (math::Vec3d{0.5, 0.5, 3}));
+  slices[2].spacing = {0.5, 0.6, 1};
+  EXPECT_THAT(StackSlices(&slices, "folder", {.has_spacing = true}),
+              StatusIs(kInvalid, HasSubstr("s3: pixels of 0.5 x 0.6, but s2 has 0.5 x 0.5")));
+}
+
+TEST(DicomStackTest, ValuesOfSeveralUnitsAndPlacesOfSeveralFramesAreRefused) {
+  std::vector<DicomSlice> slices = At({{1, 2, 3}, {1, 2, 6}, {1, 2, 9}});
+  for (DicomSlice& slice : slices) {
+    slice.value_unit = "BQML";
+    slice.frame_of_reference = "1.2.3";
+  }
+  ISOSCOPE_EXPECT_OK(StackSlices(&slices, "folder", {}).status());
+  slices[2].value_unit = "CNTS";
+  EXPECT_THAT(
+      StackSlices(&slices, "folder", {}),
+      StatusIs(kInvalid, HasSubstr("s3: values in CNTS, but s1 has values in BQML (units (0054")));
+  slices[2].value_unit = "";
+  EXPECT_THAT(StackSlices(&slices, "folder", {}), StatusIs(kInvalid, HasSubstr("s3: no unit")));
+  slices[2].value_unit = "BQML";
+  for (const auto& [uid, words] : {std::pair("1.2.4", "s3: another frame of reference (0020,0052)"),
+                                   std::pair("", "s3: no frame of reference (0020,0052)")}) {
+    slices[2].frame_of_reference = uid;
+    EXPECT_THAT(StackSlices(&slices, "folder", {}),
+                StatusIs(kInvalid, AllOf(HasSubstr(words), ::testing::Not(HasSubstr("1.2.")))));
+  }
 }
 
 TEST(DicomStackTest, OrientationsAndPixelsMayDifferByAThousandth) {

@@ -11,9 +11,6 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses.
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
-
 namespace isoscope::source {
 namespace {
 

@@ -12,10 +12,6 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses.
-// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
-
 namespace isoscope::source {
 namespace {
 
@@ -53,7 +49,8 @@ TEST_F(Hdf5DatasetTest, PathWithoutANameMeansTheOnlyOne) {
   EXPECT_EQ(four.parts.dataset, "/u");
   WriteHdf5Dataset(file_.get(), "v", {2, 3, 4, 5}, H5T_IEEE_F32LE, zeros_.data());
   EXPECT_THAT(OpenHdf5ByName(path_, 4),
-              StatusIs(kInvalid, HasSubstr("say which dataset, as in " + path_ + ":/u; it holds")));
+              StatusIs(kInvalid, HasSubstr("say which dataset, as in " + path_ +
+                                           ":/u (--field chooses none of them); it holds")));
   EXPECT_THAT(OpenHdf5ByName(path_, 5),
               StatusIs(kInvalid, HasSubstr("no dataset of 5 axes; it holds /u")));
   EXPECT_THAT(OpenHdf5ByName(path_ + ":/w", 4),
@@ -68,6 +65,15 @@ TEST_F(Hdf5DatasetTest, OfSeveralAllAreListed) {
   EXPECT_THAT(OpenHdf5ByName(path_),
               StatusIs(kInvalid, HasSubstr("it holds /a (2 x 3 x 4 uint8), /b (2 x 3 x 4 uint8), "
                                            "/wide (2 x 3 x 4 uint64)")));
+}
+
+// What a message advises can be pasted into a shell.
+TEST_F(Hdf5DatasetTest, NamesWithSpacesAreAdvisedInQuotationMarks) {
+  Create();
+  WriteHdf5Dataset(file_.get(), "c d", {2, 3, 4}, H5T_STD_U8LE, zeros_.data());
+  WriteHdf5Dataset(file_.get(), "e f", {2, 3, 4}, H5T_STD_U8LE, zeros_.data());
+  EXPECT_THAT(OpenHdf5ByName(path_),
+              StatusIs(kInvalid, HasSubstr("as in '" + path_ + ":/c d' (--field")));
 }
 
 TEST_F(Hdf5DatasetTest, PlotOfNexusIsMeantByItsGroupAndByItsFile) {

@@ -18,9 +18,6 @@
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses.
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
-
 namespace isoscope::source {
 namespace {
 
@@ -186,6 +183,8 @@ TEST_F(Hdf5FileSeriesTest, AFieldOrAComponentOfAllFiles) {
               StatusIs(kNotFound, AllOf(HasSubstr("data00000000.h5"), HasSubstr("\"B\""))));
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("data%T.h5:/data/100/fields/rho")),
               StatusIs(kInvalid, HasSubstr("a dataset of a pattern")));
+  EXPECT_THAT(OpenVolumeSeries(dir_.Sub("data*.h5:/data/100/fields/rho")),
+              StatusIs(kInvalid, HasSubstr("as in '" + dir_.Sub("data*.h5:E") + "', or one file")));
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("data%T.h5"), {.axes = "ZYX"}),
               StatusIs(kInvalid, HasSubstr("--axes ZYX: a pattern")));
 }

@@ -18,9 +18,6 @@
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 
-// libhdf5 does not free the parts of a file that it then refuses.
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
-
 namespace isoscope::source {
 namespace {
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -18,9 +19,6 @@
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
-
-// libhdf5 does not free what it had read of a file that it then refuses.
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::source {
 namespace {
@@ -153,6 +151,46 @@ TEST_F(Hdf5MeshSeriesTest, ArraysOfVtkHdfWithAndWithoutSteps) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto raw,
                                 OpenVolumeFile(dir_.Sub("a.vtkhdf:/VTKHDF/PointData/p")));
   EXPECT_EQ(At(*raw, {0, 0, 0}), (math::Vec3d{0, 0, 0}));
+}
+
+// Other shapes were passed over, and each step was its own number.
+TEST_F(Hdf5MeshSeriesTest, OffsetsOfVtkHdfAreOneAStepOrRefused) {
+  const std::vector<double> times{0, 1, 2};
+  const std::vector<int> offsets{2, 1, 0, 0, 1, 2};
+  int files = 0;
+  const auto write = [&](const std::vector<hsize_t>& dims) {
+    const std::string path = dir_.Sub(absl::StrCat("o", files++, ".vtkhdf"));
+    Hdf5MeshWriter writer(path);
+    for (const char* group : {"/VTKHDF", "/VTKHDF/PointData", "/VTKHDF/Steps"}) {
+      writer.Group(group);
+    }
+    writer.Texts("/VTKHDF", "Type", {"ImageData"});
+    writer.Numbers("/VTKHDF", "WholeExtent", {0, 3, 0, 2, 0, 1});
+    writer.Ramp("/VTKHDF/PointData/p", {3, 2, 3, 4});
+    writer.Numbers("/VTKHDF/Steps", "NSteps", {3});
+    testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/Steps/Values", {3}, H5T_NATIVE_DOUBLE,
+                              times.data());
+    if (!dims.empty()) {
+      writer.Group("/VTKHDF/Steps/PointDataOffsets");
+      testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/Steps/PointDataOffsets/p", dims,
+                                H5T_NATIVE_INT, offsets.data());
+    }
+    return path;
+  };
+  for (const std::vector<hsize_t>& dims :
+       {std::vector<hsize_t>{3}, std::vector<hsize_t>{3, 1}, std::vector<hsize_t>{}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(write(dims)));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, series->Open(0, 0, 0));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*p, 1));
+    EXPECT_EQ(ValuesOf<float>(read)[0], dims.empty() ? 0 : 48) << dims.size();
+  }
+  for (const auto& [dims, words] : {std::pair(std::vector<hsize_t>{2}, "has 2 numbers"),
+                                    std::pair(std::vector<hsize_t>{1, 3}, "has 1 x 3 numbers"),
+                                    std::pair(std::vector<hsize_t>{3, 2}, "has 3 x 2 numbers")}) {
+    EXPECT_THAT(OpenVolumeSeries(write(dims)),
+                StatusIs(kInvalid, AllOf(HasSubstr("Steps/PointDataOffsets/p"), HasSubstr(words),
+                                         HasSubstr("expected one a step, 3"))));
+  }
 }
 
 TEST_F(Hdf5MeshSeriesTest, FilesOfVtkHdfAreStepsByAPattern) {
@@ -317,6 +355,82 @@ TEST_F(Hdf5MeshSeriesTest, GridsOfOpenPmdAreWholeAndMayRunBackwards) {
   EXPECT_THAT(OpenVolumeSeries(path), StatusIs(kInvalid, HasSubstr("rho has nan in gridSpacing")));
   write({4, 2, 0.5}, "", {0.5, 0.5});
   EXPECT_THAT(OpenVolumeSeries(path), StatusIs(kInvalid, HasSubstr("2 numbers in position")));
+}
+
+// A window that moves, or another unit of values, made all steps those of the first one's grid.
+TEST_F(Hdf5MeshSeriesTest, IterationsOfOpenPmdThatDifferAreNamedWithBothValues) {
+  int files = 0;
+  // Iterations 0 and 100 of rho and v; the second one of rho has those in place of its own.
+  const auto write = [&](const std::string& changed, const std::vector<double>& numbers,
+                         const std::vector<std::string>& texts = {}) {
+    const std::string path = dir_.Sub(absl::StrCat("a ", files++, ".h5"));
+    Hdf5MeshWriter writer(path);
+    writer.Texts("/", "openPMD", {"1.1.0"});
+    writer.Group("/data");
+    for (const std::string iteration : {"/data/0", "/data/100"}) {
+      writer.Group(iteration);
+      writer.Group(iteration + "/meshes");
+      for (const std::string name : {"rho", "v"}) {
+        const std::string record = iteration + "/meshes/" + name;
+        const bool is_other = name == "rho" && iteration == "/data/100";
+        writer.Ramp(record, {2, 3, 4});
+        const auto put = [&](const std::string& attribute, const std::vector<double>& own) {
+          if (is_other && attribute == changed && numbers.empty()) {
+            return;  // left out
+          }
+          writer.Numbers(record, attribute, is_other && attribute == changed ? numbers : own);
+        };
+        const auto put_texts = [&](const std::string& attribute,
+                                   const std::vector<std::string>& own) {
+          writer.Texts(record, attribute, is_other && attribute == changed ? texts : own);
+        };
+        put_texts("geometry", {"cartesian"});
+        put_texts("axisLabels", {"z", "y", "x"});
+        put("gridSpacing", {4, 2, 0.5});
+        put("gridGlobalOffset", {0, 0, 0});
+        put("gridUnitSI", {1});
+        put("position", {0, 0, 0});
+        put("unitSI", {1});
+        put("unitDimension", {0, 0, 0, 0, 0, 0, 0});
+      }
+    }
+    return path;
+  };
+  struct Case {
+    std::string changed;
+    std::vector<double> numbers;
+    std::vector<std::string> texts;
+    std::string words;
+  };
+  for (const Case& c :
+       {Case{"gridGlobalOffset", {100, 0, 0}, {}, "100 0 0, but /data/0/meshes/rho of 0 0 0"},
+        {"gridSpacing", {4, 2, 0.25}, {}, "4 2 0.25, but /data/0/meshes/rho of 4 2 0.5"},
+        {"gridSpacing", {4, 2, 0.5 + 0x1p-30}, {}, "4 2 0.50000000093132257, but"},
+        {"gridUnitSI", {1e-3}, {}, "0.001 0.001 0.001, but /data/0/meshes/rho of 1 1 1"},
+        {"gridUnitSI", {}, {}, "nothing, but /data/0/meshes/rho of 1 1 1"},
+        {"position", {0, 0.5, 0}, {}, "0 0.5 0, but /data/0/meshes/rho of 0 0 0"},
+        {"unitSI", {1000}, {}, "1000, but /data/0/meshes/rho of 1"},
+        {"unitDimension", {1, 0, 0, 0, 0, 0, 0}, {}, "1 0 0 0 0 0 0, but"},
+        {"axisLabels", {}, {"x", "y", "z"}, "x y z, but /data/0/meshes/rho of z y x"},
+        {"geometry", {}, {"cylindrical"}, "cylindrical, but /data/0/meshes/rho of cartesian"}}) {
+    SCOPED_TRACE(c.changed);
+    const std::string path = write(c.changed, c.numbers, c.texts);
+    for (const std::string part : {"", ":rho"}) {
+      EXPECT_THAT(OpenVolumeSeries(path + part),
+                  StatusIs(kInvalid, AllOf(HasSubstr(path + ": /data/100/meshes/rho has " +
+                                                     c.changed + " of " + c.words),
+                                           HasSubstr("'" + path + ":/data/100/meshes/rho'"))));
+    }
+    // The other record is the same in both.
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto other, OpenVolumeSeries(path + ":v"));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, other->Open(0, 0, 1));
+    EXPECT_EQ(volume->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
+  }
+  // What is missing is the default; one number stands for three.
+  for (const std::string changed : {"position", "gridGlobalOffset", "unitSI", "unitDimension"}) {
+    ISOSCOPE_EXPECT_OK(OpenVolumeSeries(write(changed, {})).status());
+  }
+  ISOSCOPE_EXPECT_OK(OpenVolumeSeries(write("gridUnitSI", {1, 1, 1})).status());
 }
 
 TEST_F(Hdf5MeshSeriesTest, RefusesInASentence) {

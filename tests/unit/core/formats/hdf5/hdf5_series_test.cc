@@ -16,9 +16,6 @@
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses.
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
-
 namespace isoscope::source {
 namespace {
 

@@ -99,6 +99,7 @@ TEST_F(CubeSeriesTest, RefusesInASentence) {
         Case{"a\nb\n1 0 0 0\n0 1 0 0\n", "0 voxels"},
         Case{"a\nb\n99999999 0 0 0\n", "99999999 atoms"},
         Case{"a\nb\n1 0 0 nan\n", "no Gaussian cube file"},
+        Case{testing::Gzip(Head("2 10 20 30")), "in a gzip stream, which is not read"},
         Case{Head("2 0 0 0") + " 8 8.0 0 0 0\n", "within its atoms"},
         Case{Head("-1 0 0 0") + " 8 8.0 0 0 0\n 99999 1\n", "list of orbitals"},
         Case{Head("0 0 0 0") + " 1 2 3", "is cut"},

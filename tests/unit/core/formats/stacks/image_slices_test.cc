@@ -12,7 +12,6 @@
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include "itkBMPImageIO.h"
 #include "itkJPEG2000ImageIO.h"
 #include "itkJPEGImageIO.h"
 #include "itkPNGImageIO.h"
@@ -80,26 +79,6 @@ TEST(ImageSlicesTest, StackWithAGapIsRefusedAndTakenAsNeighbours) {
     EXPECT_THAT(OpenVolumeSeries(path, {.axes = "TZ"}),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--axes TZ")));
   }
-}
-
-TEST(ImageSlicesTest, GreyBmpComesBack) {
-  const TempDir dir;
-  for (int z = 0; z < 2; ++z) {
-    WriteImage<itk::BMPImageIO>(dir.Sub(absl::StrCat(z, ".bmp")), {5, 3},
-                                Counted<std::uint8_t>(15, 100 * z));
-  }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{5, 3, 2}));
-  std::vector<std::uint8_t> expected = Counted<std::uint8_t>(15);
-  for (const std::uint8_t sample : Counted<std::uint8_t>(15, 100)) {
-    expected.push_back(sample);
-  }
-  EXPECT_EQ(SamplesOf<std::uint8_t>(*source, 1), expected);
-  std::string coloured = ReadFile(dir.Sub("0.bmp"));
-  coloured[54 + 4 * 7] = '\xff';  // blue of the seventh colour
-  WriteFile(dir.Sub("0.bmp"), coloured);
-  EXPECT_THAT(OpenVolumeFile(dir.path()).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("0.bmp: a colour image")));
 }
 
 TEST(ImageSlicesTest, Jpeg2000ComesBackWithEachBit) {
@@ -218,15 +197,13 @@ TEST(ImageSlicesTest, ColoursMixedSlicesAndSingleOnesAreRefused) {
 }
 
 TEST(ImageSlicesTest, CutFilesAreRefusedWhereverTheyEnd) {
-  for (const char* ending : {".png", ".bmp", ".jp2", ".j2k", ".jpg"}) {
+  for (const char* ending : {".png", ".jp2", ".j2k", ".jpg"}) {
     const TempDir slices;
     for (int z = 0; z < 2; ++z) {
       const std::string path = slices.Sub(absl::StrCat(z, ending));
       const std::string kind = ending;
       if (kind == ".png") {
         WriteImage<itk::PNGImageIO>(path, {40, 30}, Counted<std::uint16_t>(1200));
-      } else if (kind == ".bmp") {
-        WriteImage<itk::BMPImageIO>(path, {40, 30}, Counted<std::uint8_t>(1200));
       } else if (kind == ".jpg") {
         WriteImage<itk::JPEGImageIO>(path, {40, 30}, Counted<std::uint8_t>(1200));
       } else {

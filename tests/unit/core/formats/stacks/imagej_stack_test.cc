@@ -92,6 +92,22 @@ TEST(ImageJStackTest, SizesOfPixelsAreWholeOrNone) {
   EXPECT_EQ(moved.origin, (math::Vec3d{-2, 0, 2}));
 }
 
+// One below 0 had lost its sign.
+TEST(ImageJStackTest, IntervalsThatAreNoneAreRefused) {
+  const auto parse = [](const char* frames, const char* interval) {
+    return ParseImageJ(absl::StrCat("ImageJ=1\nimages=6\n", frames, "\nfinterval=", interval), {});
+  };
+  for (const char* interval : {"-3", "nan", "inf", "1e999", "soon"}) {
+    EXPECT_THAT(parse("slices=3\nframes=2", interval).status(),
+                StatusIs(kInvalid, HasSubstr(absl::StrCat("has finterval=", interval, ";"))));
+    ISOSCOPE_EXPECT_OK(parse("slices=6", interval).status()) << "there are no steps";
+  }
+  for (const char* interval : {"0", ""}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StackLayout layout, parse("slices=3\nframes=2", interval));
+    EXPECT_TRUE(layout.times.empty());
+  }
+}
+
 TEST(ImageJStackTest, CountsThatContradictEachOtherAreRefused) {
   for (const char* lines : {"images=7\nslices=2\nframes=3", "slices=6",
                             "images=1000000\nchannels=1000000\nslices=9", "images=5\nchannels=2"}) {

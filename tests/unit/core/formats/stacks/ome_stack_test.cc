@@ -1,5 +1,6 @@
 #include "core/formats/stacks/ome_stack.h"
 
+#include <cstdint>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -78,21 +79,49 @@ TEST(OmeStackTest, TiffDataGiveEachPlaneItsPage) {
   // Steps in two files, backwards in the second one.
   const std::string xml =
       Ome(kSizes,
-          "<TiffData IFD=\"1\" PlaneCount=\"6\"><UUID FileName=\"a.tif\">urn</UUID></TiffData>"
+          "<TiffData IFD=\"1\" PlaneCount=\"5\"><UUID FileName=\"a.tif\">urn</UUID></TiffData>"
+          "<TiffData IFD=\"0\" FirstZ=\"1\" FirstC=\"2\"><UUID FileName=\"a.tif\"/></TiffData>"
           "<TiffData IFD=\"4\" FirstT=\"1\" PlaneCount=\"2\"><UUID FileName=\"b.tif\"/></TiffData>"
           "<TiffData IFD=\"2\" FirstT=\"1\" FirstC=\"1\" PlaneCount=\"2\"><UUID "
           "FileName=\"b.tif\"/></TiffData>"
           "<TiffData IFD=\"0\" FirstT=\"1\" FirstC=\"2\"><UUID FileName=\"b.tif\"/></TiffData>");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const OmeStack ome, ParseOmeXml(xml, "d/a.tif", "a.tif", 7));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const OmeStack ome, ParseOmeXml(xml, "d/a.tif", "a.tif", 6));
   const StackLayout& layout = ome.layout;
   EXPECT_THAT(layout.files, ElementsAre("a.tif", "b.tif"));
   EXPECT_EQ(layout.PlaneOf(0, 0, 0).index, 1);
-  EXPECT_EQ(layout.PlaneOf(0, 2, 1).index, 6);
+  EXPECT_EQ(layout.PlaneOf(0, 2, 0).index, 5);
+  EXPECT_EQ(layout.PlaneOf(0, 2, 1).index, 0);
   EXPECT_EQ(layout.PlaneOf(1, 0, 1).file, 1);
   EXPECT_EQ(layout.PlaneOf(1, 0, 1).index, 5);
   EXPECT_EQ(layout.PlaneOf(1, 1, 0).index, 2);
   EXPECT_EQ(layout.PlaneOf(1, 2, 0).index, 0);
   EXPECT_EQ(layout.PlaneOf(1, 2, 1).file, -1);  // nobody names it
+}
+
+TEST(OmeStackTest, EachPlaneHasOnePageAndEachPageOnePlane) {
+  const auto refusal = [](const std::string& data, std::int64_t pages) {
+    return std::string(
+        ParseOmeXml(Ome(kSizes, data), "/d/a.tif", "a.tif", pages).status().message());
+  };
+  EXPECT_THAT(refusal("<TiffData IFD=\"0\" PlaneCount=\"11\"/>"
+                      "<TiffData IFD=\"11\" FirstZ=\"0\" FirstC=\"2\" FirstT=\"1\"/>",
+                      12),
+              HasSubstr("/d/a.tif: OME-XML: its TiffData give slice 0 of channel 2 and step 1 two "
+                        "pages, IFD 10 and IFD 11"));
+  EXPECT_THAT(refusal("<TiffData IFD=\"0\" PlaneCount=\"11\"/>"
+                      "<TiffData IFD=\"3\" FirstZ=\"1\" FirstC=\"2\" FirstT=\"1\"/>",
+                      11),
+              HasSubstr("give slice 1 of channel 1 and step 0 and slice 1 of channel 2 and step 1 "
+                        "one page, IFD 3"));
+  EXPECT_THAT(refusal("<TiffData/>", 13),
+              HasSubstr("2 slices, 3 channels and 2 steps take 12 of the 13 pages"));
+  // The same once more says nothing else.
+  EXPECT_EQ(refusal("<TiffData/><TiffData IFD=\"2\" FirstZ=\"0\" FirstC=\"1\"/>", 12), "");
+  // The other pages may be those of another image.
+  const std::string two = absl::StrReplaceAll(
+      Ome(kSizes, "<TiffData/>"),
+      {{"</Image>", "</Image><Image><Pixels SizeX=\"4\" SizeY=\"3\"/></Image>"}});
+  ISOSCOPE_EXPECT_OK(ParseOmeXml(two, "/d/a.tif", "a.tif", 13).status());
 }
 
 TEST(OmeStackTest, AFileThatWasRenamedIsMeantByItsOldName) {

@@ -16,10 +16,12 @@ struct TiffStackFile {
   std::uint32_t height = 3;
   int pages = 6;
   std::string description{};
-  std::string lsm{};           // the tag CZ_LSMINFO of the first page
-  std::uint16_t channels = 1;  // of a page, one after the other
-  double resolution = 0;       // pixels in a unit; 0: none
-  double y_resolution = 0;     // 0: as that along x
+  std::string lsm{};                  // the tag CZ_LSMINFO of the first page
+  std::vector<double> model_scale{};  // GeoTIFF's tag of the first page
+  std::uint32_t depth = 1;            // ImageDepth
+  std::uint16_t channels = 1;         // of a page, one after the other
+  double resolution = 0;              // pixels in a unit; 0: none
+  double y_resolution = 0;            // 0: as that along x
   std::uint16_t unit = RESUNIT_NONE;
   std::uint16_t orientation = ORIENTATION_TOPLEFT;
   std::uint16_t photometric = PHOTOMETRIC_MINISBLACK;
@@ -42,6 +44,10 @@ inline bool WriteTiffStack(const std::string& path, const TiffStackFile& file) {
   constexpr std::uint32_t kLsmTag = 34412;
   static const TIFFFieldInfo kLsmField[] = {{kLsmTag, TIFF_VARIABLE2, TIFF_VARIABLE2, TIFF_BYTE,
                                              FIELD_CUSTOM, 1, 1, const_cast<char*>("CZ_LSMINFO")}};
+  constexpr std::uint32_t kModelScaleTag = 33550;
+  static const TIFFFieldInfo kModelScaleField[] = {{kModelScaleTag, TIFF_VARIABLE2, TIFF_VARIABLE2,
+                                                    TIFF_DOUBLE, FIELD_CUSTOM, 1, 1,
+                                                    const_cast<char*>("ModelPixelScale")}};
   TIFF* const tiff = TIFFOpen(path.c_str(), file.mode);
   if (tiff == nullptr) {
     return false;
@@ -67,6 +73,14 @@ inline bool WriteTiffStack(const std::string& path, const TiffStackFile& file) {
     if (page == 0 && !file.lsm.empty()) {
       TIFFMergeFieldInfo(tiff, kLsmField, 1);
       TIFFSetField(tiff, kLsmTag, static_cast<std::uint32_t>(file.lsm.size()), file.lsm.data());
+    }
+    if (page == 0 && !file.model_scale.empty()) {
+      TIFFMergeFieldInfo(tiff, kModelScaleField, 1);
+      TIFFSetField(tiff, kModelScaleTag, static_cast<std::uint32_t>(file.model_scale.size()),
+                   file.model_scale.data());
+    }
+    if (file.depth > 1) {
+      TIFFSetField(tiff, TIFFTAG_IMAGEDEPTH, file.depth);
     }
     if (file.resolution > 0) {
       TIFFSetField(tiff, TIFFTAG_XRESOLUTION, file.resolution);

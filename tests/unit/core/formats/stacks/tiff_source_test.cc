@@ -456,6 +456,8 @@ TEST(TiffSourceTest, SizesOfPixelsAlongSomeAxesOnlyAreRefused) {
                                               "PhysicalSizeY=\"0.1\"",
                                               "")}),
               HasSubstr("PhysicalSizeX and PhysicalSizeY, but no PhysicalSizeZ"));
+  EXPECT_THAT(refusal({.model_scale = {30, 30, 0}}),
+              HasSubstr("GeoTIFF's ModelPixelScale (33550) is 30 30 0"));
   EXPECT_THAT(refusal({.description = "ImageJ=1\nimages=6\nunit=um\nspacing=3\n"}),
               HasSubstr("spacing=3"));
   // Those of a print are none.

@@ -38,6 +38,33 @@ TEST(TiffStackTest, PagesThatNobodyDescribesAreSlices) {
   EXPECT_EQ(stack.layout.PlaneOf(0, 0, 3).index, 3);
 }
 
+// The spacing was 1 in silence.
+TEST(TiffStackTest, SizesOfPixelsOfGeoTiffAreReadOrNotWhole) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  for (const char* mode : {"wl", "wb"}) {
+    ASSERT_TRUE(WriteTiffStack(path, {.pages = 5, .model_scale = {30, 20, 5}, .mode = mode}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const TiffStack stack, FindTiffStack({path}, "a", ""));
+    EXPECT_EQ(stack.layout.spacing, (math::Vec3d{30, 20, 5}));
+    EXPECT_EQ(stack.layout.distances, "");
+  }
+  for (const std::vector<double>& scale :
+       {std::vector<double>{30, 20, 0}, {30, -20, 5}, {30, 20}, {30, 20, 5, 1}}) {
+    ASSERT_TRUE(WriteTiffStack(path, {.pages = 5, .model_scale = scale}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const TiffStack stack, FindTiffStack({path}, "a", ""));
+    EXPECT_THAT(stack.layout.distances, HasSubstr("ModelPixelScale (33550) is 30 "));
+    EXPECT_EQ(stack.layout.spacing, (math::Vec3d{1, 1, 1}));
+  }
+}
+
+TEST(TiffStackTest, SlicesWithinAPageAreRefused) {
+  const TempDir dir;
+  const std::string path = dir.Sub("a.tif");
+  ASSERT_TRUE(WriteTiffStack(path, {.pages = 1, .depth = 8}));
+  EXPECT_THAT(FindTiffStack({path}, "a", "").status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("ImageDepth (32997) of 8")));
+}
+
 TEST(TiffStackTest, AxesWinOverTheHeadOfTheFile) {
   const TempDir dir;
   const std::string path = dir.Sub("a.tif");

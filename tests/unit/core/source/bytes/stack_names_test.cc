@@ -103,6 +103,20 @@ TEST_F(StackNamesTest, TwoNumbersThatVaryAreSeveralStacks) {
                                                  "z[0-9]*_c2.tif (2 files)"))));
 }
 
+// A pattern of one of them would take each second slice.
+TEST_F(StackNamesTest, DecimalsAreHeightsOrSeveralStacks) {
+  EXPECT_THAT(
+      Check({"z0.5.png", "z1.0.png", "z1.5.png", "z2.0.png"}),
+      StatusIs(kInvalid, AllOf(HasSubstr("d: the numbers of z0.5.png to z2.0.png read as "
+                                         "decimals, heights of one stack"),
+                               HasSubstr("--axes Z"), ::testing::Not(HasSubstr("[0-9]*")))));
+}
+
+TEST_F(StackNamesTest, NumbersBesideAPointThatDoNotAscendAreSeveralStacks) {
+  EXPECT_THAT(Check({"z1.9.png", "z1.10.png", "z2.9.png", "z2.10.png"}),
+              StatusIs(kInvalid, HasSubstr("several stacks: z[0-9]*.9.png (2 files)")));
+}
+
 TEST_F(StackNamesTest, FilesWithoutNumbersHaveNoOrder) {
   EXPECT_THAT(Check({"a.png", "b.png", "c.png", "d.png", "e.png"}),
               StatusIs(kInvalid, HasSubstr("no number says in which order the files lie: a.png, "

@@ -24,10 +24,6 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
-// libhdf5 does not free the parts of a file that it then refuses.
-// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
-
 namespace isoscope::source {
 namespace {
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Tries metrics and alert rules with a real Prometheus, on this machine.
 
-    deploy/observability/try.py [FOLDER]
+    deploy/observability/prometheus_trial.py [FOLDER]
 
 FOLDER holds the programs of Isoscope (default: build/release/bin). Starts two agents, a coordinator,
 a gateway and Prometheus on free ports of 127.0.0.1, renders some frames, asks Prometheus for what it
