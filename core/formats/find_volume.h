@@ -29,7 +29,7 @@ struct FoundVolume {
   // TIFF: slices from the lowest up; kSampleFile: the header; kDicom, kPvd: none, since each
   // file of the folder, or the collection, would be opened.
   std::vector<std::string> files{};
-  FormatFile format_file{};  // of a kFormatFile
+  FormatFile format_file{};                      // of a kFormatFile
   FileFormat sample_format = FileFormat::kNrrd;  // of a kSampleFile
 
   // Whether the source names its fields.

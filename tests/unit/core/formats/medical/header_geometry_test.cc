@@ -220,19 +220,6 @@ TEST_F(HeaderGeometryTest, MghDistancesCountWhereTheyAreSet) {
   ExpectGiven("a.mgh", With(testing::MghBytes({}), 78, kNan, true) + samples_, "--origin X,Y,Z");
 }
 
-TEST_F(HeaderGeometryTest, GiplDistances) {
-  ExpectGiven(
-      "a.gipl",
-      With(testing::GiplBytes({}), 204, std::numeric_limits<double>::infinity(), true) + samples_,
-      "--origin X,Y,Z");
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    for (const float bad : kNoDistances) {
-      ExpectRefused("a.gipl", With(testing::GiplBytes({}), 10 + 4 * axis, bad, true) + samples_,
-                    absl::StrCat("distance ", axis + 1));
-    }
-  }
-}
-
 TEST_F(HeaderGeometryTest, AfniTransformsAreWholeOrNone) {
   testing::WriteFile(dir_.Sub("a+orig.BRIK"), samples_);
   const std::string head = testing::AfniBytes(1, "1", "0");
