@@ -225,18 +225,16 @@ double MillimetresOf(std::int32_t units) {
   }
 }
 
-// The times of the steps: their numbers, without a unit, where the header has no interval above 0.
+// The times of several steps: their numbers, without a unit, where the header has no interval above 0.
 absl::Status SetNiftiTimes(const NiftiNumbers& header, const std::string& path,
                            FileLayout* layout) {
   const double interval = header.Distance(4);
-  if (!std::isfinite(interval) || interval <= 0) {
+  if (layout->steps == 1 || !std::isfinite(interval) || interval <= 0) {
     return absl::OkStatus();
   }
   layout->interval = interval;
   layout->time_unit = NiftiTimeUnit(static_cast<std::uint8_t>(header.units() & 0xff));
-  if (layout->steps > 1) {
-    layout->first_time = header.first_time();
-  }
+  layout->first_time = header.first_time();
   if (!std::isfinite(layout->first_time)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: toffset of the %s header is %g; expected the time of the first step, a finite number",
