@@ -155,7 +155,6 @@ UNTESTED_HEADERS = {
     "core/source/grid/grid_rules.h": "inside of layout_formats_test and resampled_source_test",
     "core/source/hdf5/hdf5_handle.h": "inside of hdf5_source_test and hdf5_storage_test",
     "core/source/bytes/inflate_reader.h": "inside of volume_source_test",
-    "core/formats/medical/itk_header.h": "inside of volume_source_test",
     "core/source/bytes/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
     "core/render/fragment_shader.h": "inside of renderer_test and layer_pass_test",

@@ -8,7 +8,8 @@
 //   file.vti, file.vti:array      VTK ImageData, as are .pvti; .pvd
 //   .mrc, .tif and the like       the formats of the table
 //   .dcm, or the DICOM mark       the series of that file
-//   .nii, .nrrd, .mha, ...        NIfTI, NRRD, MetaImage
+//   .nii, .hdr, .img              NIfTI or Analyze of the table, by content
+//   .nrrd, .mha, ...              NRRD, MetaImage
 //   any other name                the formats of the table, by content
 
 #include "core/formats/find_volume.h"
@@ -24,6 +25,7 @@
 #include "core/base/status_macros.h"
 #include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/hdf5/hdf5_file_series.h"
+#include "core/formats/medical/layout_formats.h"
 #include "core/formats/refused_formats.h"
 #include "core/formats/stacks/image_slices.h"
 #include "core/formats/vtk/vtk_image.h"
@@ -81,10 +83,19 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
       volumes.empty() ? "" : absl::StrCat("; it holds ", volumes, ": give such a file")));
 }
 
+absl::StatusOr<FoundVolume> FindNifti(const std::string& path, bool is_forced) {
+  if (const std::string header = LayoutHeaderPath(path); !io::PathExists(header)) {
+    return absl::NotFoundError(
+        absl::StrFormat("%s: its NIfTI header %s does not exist; to read it as raw samples rename "
+                        "it to end in .raw, and give --dims and --type",
+                        path, header));
+  }
+  return FoundFormatFile(FindNiftiFile(path, is_forced));
+}
+
 // `format`: the one that it has, or not set if that is to be found out.
 absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
-                                           std::optional<FileFormat> format,
-                                           const GridRules& rules) {
+                                           std::optional<FileFormat> format) {
   if (!format.has_value()) {
     format = SampleFormatOf(path);
   }
@@ -94,38 +105,21 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
     }
     return UnknownKindOfFile(path);
   }
-  std::string header_path = path;
-  if (format == FileFormat::kNifti) {
-    header_path = NiftiHeaderPath(path);
-    if (!io::PathExists(header_path)) {
-      return absl::NotFoundError(absl::StrFormat(
-          "%s: its NIfTI header %s does not exist; to read it as raw samples rename "
-          "it to end in .raw, and give --dims and --type",
-          path, header_path));
-    }
-    if (std::optional<FormatFile> file = FindNiftiSibling(header_path, rules); file.has_value()) {
-      return FoundFormatFile(*std::move(file));
-    }
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(*format, header_path));
-  std::vector<std::string> files{header_path};
-  if (location.files.front() != header_path) {
-    files.insert(files.end(), location.files.begin(), location.files.end());
-  }
-  return FoundVolume{
-      .files = std::move(files), .sample_format = *format, .location = std::move(location)};
+  return FoundVolume{.files = {path}, .sample_format = *format};
 }
 
 // Whatever the name and the content say.
-absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::string& format,
-                                         const GridRules& rules) {
+absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::string& format) {
   ISOSCOPE_RETURN_IF_ERROR(format == "dicom" && io::IsDirectory(path) ? absl::OkStatus()
                                                                       : CheckIsFile(path));
   if (const Format* const own = FindFormat(format); own != nullptr) {
     return FoundFormatFile({.format = own, .file = path, .part = ""});
   }
   if (const auto sample_format = SampleFormatFromName(format); sample_format.has_value()) {
-    return FindSampleFile(path, sample_format, rules);
+    return FindSampleFile(path, sample_format);
+  }
+  if (absl::EqualsIgnoreCase(format, "nifti")) {
+    return FindNifti(path, true);
   }
   if (format == "dicom") {
     return FoundVolume{.kind = SourceKind::kDicom};
@@ -147,11 +141,10 @@ bool FoundVolume::has_field_names() const {
          (kind == SourceKind::kFormatFile && format_file.format->has_field_names);
 }
 
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format,
-                                       const GridRules& rules) {
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format) {
   ISOSCOPE_RETURN_IF_ERROR(CheckIsNoSpecialFile(path));
   if (!format.empty()) {
-    return FindVolumeAs(path, format, rules);
+    return FindVolumeAs(path, format);
   }
   const bool is_pattern = !io::PathExists(path) && path.find_first_of("*?") != path.npos;
   if (is_pattern && IsTiffName(path)) {
@@ -187,7 +180,7 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::strin
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom};
   }
-  return FindSampleFile(path, std::nullopt, rules);
+  return HasNiftiName(path) ? FindNifti(path, false) : FindSampleFile(path, std::nullopt);
 }
 
 bool NamesDicomSeries(const std::string& path) {

@@ -10,8 +10,6 @@
 
 #include "core/formats/format_table.h"
 #include "core/formats/medical/sample_format.h"
-#include "core/source/bytes/sample_location.h"
-#include "core/source/grid/grid_rules.h"
 
 namespace isoscope::source {
 
@@ -23,18 +21,16 @@ enum class SourceKind {
   kVtkImage,     // a .vti or .pvti
   kPvd,          // a collection of VTK images
   kFormatFile,   // a file of a format of the table
-  kSampleFile,   // NIfTI, NRRD or MetaImage
+  kSampleFile,   // NRRD or MetaImage
 };
 
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
-  // TIFF: slices from the lowest up; kSampleFile: the header first; kDicom, kPvd: none, since each
+  // TIFF: slices from the lowest up; kSampleFile: the header; kDicom, kPvd: none, since each
   // file of the folder, or the collection, would be opened.
   std::vector<std::string> files{};
-  FormatFile format_file{};  // of a kFormatFile
-  // Of a kSampleFile:
-  FileFormat sample_format = FileFormat::kNifti;
-  SampleLocation location{};
+  FormatFile format_file{};                      // of a kFormatFile
+  FileFormat sample_format = FileFormat::kNrrd;  // of a kSampleFile
 
   // Whether the source names its fields.
   [[nodiscard]] bool has_field_names() const;
@@ -43,9 +39,8 @@ struct FoundVolume {
 // NOT_FOUND: nothing there. INVALID_ARGUMENT: unknown kind of file (lists those known, and says how
 // to read it as raw); a format that does not exist; a folder without a volume, or with several
 // kinds. FAILED_PRECONDITION: a pipe or a device. `format` forces one of those that FormatNames
-// lists; "": name and content decide. The rules may choose our own reader of NIfTI.
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format = "",
-                                       const GridRules& rules = {});
+// lists; "": name and content decide.
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format = "");
 
 // Whether the path names a DICOM series: a folder that holds one and no TIFF files, or a file of
 // it.

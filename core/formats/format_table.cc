@@ -43,6 +43,9 @@ namespace isoscope::source {
 namespace {
 
 constexpr std::size_t kHeadBytes = 1024;
+constexpr absl::string_view kNifti1Name = "NIfTI-1";
+constexpr absl::string_view kNifti2Name = "NIfTI-2";
+constexpr absl::string_view kAnalyzeName = "Analyze";
 
 // A format whose header file says all.
 template <bool (*is_content)(absl::string_view),
@@ -52,7 +55,9 @@ Format LayoutRow(absl::string_view name, std::vector<std::string> endings) {
           .endings = std::move(endings),
           .is_content = is_content,
           .open = [](const FileRequest& request) -> absl::StatusOr<std::unique_ptr<VolumeSeries>> {
-            ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, read(LayoutHeaderPath(request.file)));
+            const std::string header = LayoutHeaderPath(request.file);
+            ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, read(header));
+            ISOSCOPE_RETURN_IF_ERROR(layout.faults.Check(request.rules, header));
             return MakeLayoutSeries(request.file, request.field, std::move(layout), request.rules);
           },
           .find_files = [](const std::string& file) -> absl::StatusOr<std::vector<std::string>> {
@@ -87,10 +92,10 @@ const std::vector<Format>& Formats() {
        .endings = MincEndings(),
        .open = [](const FileRequest& r) { return OpenMincSeries(r.file, r.field); },
        .find_files = FilesOfNetcdf},
-      // These three share their endings; ITK reads NIfTI-1 where the name has one of them.
+      // These three share their endings (HasNiftiName): content decides.
       LayoutRow<IsNifti1Header, ReadNiftiHeaderLayout>(kNifti1Name, {}),
-      LayoutRow<IsNifti2Header, ReadNiftiHeaderLayout>("NIfTI-2", {}),
-      LayoutRow<IsAnalyzeHeader, ReadAnalyzeLayout>("Analyze", {}),
+      LayoutRow<IsNifti2Header, ReadNiftiHeaderLayout>(kNifti2Name, {}),
+      LayoutRow<IsAnalyzeHeader, ReadAnalyzeLayout>(kAnalyzeName, {}),
       LayoutRow<IsMghHeader, ReadMghLayout>("MGH", {".mgh", ".mgz", ".mgh.gz"}),
       LayoutRow<IsAfniHeader, ReadAfniLayout>("AFNI", {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<IsParHeader, ReadParRecLayout>("PAR/REC", {".par"}),
@@ -190,22 +195,14 @@ std::optional<FormatFile> FindFormatFileByContent(const std::string& path) {
   return std::nullopt;
 }
 
-std::optional<FormatFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules) {
-  std::optional<FormatFile> file = FindFormatFileByContent(header_path);
-  if (!file.has_value() || file->format->name != kNifti1Name) {
-    return file;
-  }
-  const bool is_named_gzip = absl::EndsWithIgnoreCase(header_path, ".gz");
-  if (absl::EndsWithIgnoreCase(header_path, ".hdr.gz") ||
-      is_named_gzip != IsGzipFile(header_path)) {
-    return file;
-  }
-  const auto layout = ReadNiftiHeaderLayout(header_path);
-  const bool is_ours =
-      layout.ok() && ((rules.ignores_shear && layout->shear.has_value()) ||
-                      (!layout->faults.ok() && layout->faults.Check(rules, header_path).ok()) ||
-                      layout->wide.has_value());
-  return is_ours ? std::move(file) : std::nullopt;
+FormatFile FindNiftiFile(const std::string& path, bool is_forced) {
+  std::optional<FormatFile> file = FindFormatFileByContent(LayoutHeaderPath(path));
+  const bool is_nifti =
+      file.has_value() && (file->format->name == kNifti1Name || file->format->name == kNifti2Name ||
+                           file->format->name == kAnalyzeName);
+  const Format* const format =
+      is_nifti || (file.has_value() && !is_forced) ? file->format : FindFormat("nifti-1");
+  return {.format = format, .file = path, .part = ""};
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFormatFile(const Format& format,

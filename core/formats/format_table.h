@@ -42,9 +42,6 @@ struct Format {
   absl::StatusOr<std::vector<std::string>> (*find_files)(const std::string& file) = nullptr;
 };
 
-// The row of NIfTI-1, for files whose names do not say so.
-inline constexpr absl::string_view kNifti1Name = "NIfTI-1";
-
 const std::vector<Format>& Formats();
 // The name for --format: "legacy-vtk" of "legacy VTK".
 std::string FormatNameOf(const Format& format);
@@ -70,10 +67,10 @@ std::optional<FormatFile> FindFormatFileByName(const std::string& path);
 // read.
 std::optional<FormatFile> FindFormatFileByContent(const std::string& path);
 
-// That of a header with the ending of NIfTI that our own reader takes: it is not one of NIfTI-1, it
-// is in a gzip stream of its own (.hdr.gz), its name does not say whether it is one, or it has a
-// shear or faults of its grid, which the rules take.
-std::optional<FormatFile> FindNiftiSibling(const std::string& header_path, const GridRules& rules);
+// A file that its name, or --format nifti, says to be of NIfTI: which version it is, or Analyze, its
+// content tells, and that of the header beside samples. Without `is_forced` it may be of any other
+// format, too. One that is of none is the row of NIfTI-1, whose reader says why it is not.
+FormatFile FindNiftiFile(const std::string& path, bool is_forced);
 
 // Opens the file, or its part as a series of one field. NOT_FOUND: no such file; no such field or
 // component (lists those there are). INVALID_ARGUMENT: axes for a format whose files say them.

@@ -212,7 +212,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request) {
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request));
     const SeriesOptions options = OptionsOf(request);
-    const auto found = FindVolume(path, options.format, options.rules);
+    const auto found = FindVolume(path, options.format);
     if (!found.ok()) {
       return ExplainByContent(path, found.status());
     }

@@ -15,7 +15,6 @@
 #include "core/formats/hdf5/hdf5_links.h"
 #include "core/formats/hdf5/hdf5_series.h"
 #include "core/formats/hdf5/hdf5_source.h"
-#include "core/formats/medical/itk_header.h"
 #include "core/formats/medical/sample_series.h"
 #include "core/formats/netcdf/netcdf_series.h"
 #include "core/formats/refused_formats.h"
@@ -23,7 +22,6 @@
 #include "core/formats/stacks/tiff_source.h"
 #include "core/formats/vtk/vtk_image.h"
 #include "core/formats/vtk/vtk_series.h"
-#include "core/source/bytes/file_source.h"
 #include "core/source/bytes/part_path.h"
 #include "core/source/series_parts.h"
 #include "core/source/single_series.h"
@@ -90,30 +88,6 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeSingle(
                            .open = std::move(open)});
 }
 
-// The only volume of a file whose header ITK reads.
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSampleFile(const std::string& path,
-                                                             const FoundVolume& found) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header,
-                            ReadImageHeader(found.sample_format, found.files.front()));
-  SampleLocation location = found.location;
-  if (found.sample_format != FileFormat::kNifti) {
-    location.stored_type = header.type;
-  }
-  return MakeFileSource(header.geometry, location, path, header.patient_frame);
-}
-
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSamples(const std::string& path,
-                                                          const FoundVolume& found,
-                                                          const GridRules& rules) {
-  // Several volumes, or 64-bit integers in NRRD, which ITK does not read.
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      std::unique_ptr<VolumeSeries> series,
-      OpenSampleSeries(found.sample_format, found.files.front(), path, FieldNameOf(path), rules));
-  return series != nullptr
-             ? std::move(series)
-             : MakeSingle(path, [path, found] { return OpenSampleFile(path, found); });
-}
-
 // The dataset, or all meshes: the files of a pattern, and all that they link to.
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5(const std::string& path,
                                                      const FoundVolume& found,
@@ -143,9 +117,20 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvd(const std::string& path) {
   return files;
 }
 
+// The header, and the files that it names.
+absl::StatusOr<std::vector<std::string>> FilesOfSamples(FileFormat format,
+                                                        const std::string& header) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const SampleLocation location, LocateSamples(format, header));
+  std::vector<std::string> files = {header};
+  if (location.files.front() != header) {
+    files.insert(files.end(), location.files.begin(), location.files.end());
+  }
+  return files;
+}
+
 absl::StatusOr<std::vector<std::string>> FilesOfFound(const std::string& path,
                                                       const SeriesOptions& options) {
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, options.format, options.rules));
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path, options.format));
   switch (found.kind) {
     case SourceKind::kHdf5:
       return FilesOfHdf5(path, found, options);
@@ -162,8 +147,9 @@ absl::StatusOr<std::vector<std::string>> FilesOfFound(const std::string& path,
       return found.format_file.format->find_files != nullptr
                  ? found.format_file.format->find_files(found.format_file.file)
                  : std::move(found.files);
-    case SourceKind::kImageSlices:
     case SourceKind::kSampleFile:
+      return FilesOfSamples(found.sample_format, found.files.front());
+    case SourceKind::kImageSlices:
       break;
   }
   return std::move(found.files);
@@ -212,7 +198,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenByKind(const std::string& path
     case SourceKind::kSampleFile:
       break;
   }
-  return OpenSamples(path, found, options.rules);
+  return OpenSampleSeries(found.sample_format, found.files.front(), path, FieldNameOf(path),
+                          options.rules);
 }
 
 }  // namespace
@@ -226,7 +213,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFoundVolume(const std::string&
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
                                                                const SeriesOptions& options) {
-  const auto found = FindVolume(path, options.format, options.rules);
+  const auto found = FindVolume(path, options.format);
   return found.ok() ? OpenFoundVolume(path, *found, options)
                     : ExplainByContent(path, found.status());
 }

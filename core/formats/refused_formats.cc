@@ -22,6 +22,7 @@
 
 #include "core/base/printable.h"
 #include "core/formats/format_table.h"
+#include "core/formats/medical/layout_formats.h"
 #include "core/formats/medical/sample_format.h"
 #include "core/formats/stacks/image_slices.h"
 #include "core/formats/vtk/vtk_image.h"
@@ -171,7 +172,7 @@ std::string ListVolumesIn(const std::string& folder) {
     PartPath vtk;
     return FindFormatFileByName(path).has_value() || SplitHdf5Path(path, &hdf5) ||
            SplitVtkImagePath(path, &vtk) || absl::EndsWithIgnoreCase(path, ".pvd") ||
-           SampleFormatOf(path).has_value();
+           HasNiftiName(path) || SampleFormatOf(path).has_value();
   };
   std::vector<std::string> names;
   std::size_t count = 0;

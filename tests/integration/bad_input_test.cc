@@ -123,7 +123,7 @@ TEST_F(BadInputTest, UnreadableOrTruncatedVolumes) {
   Write("cut.nii.gz", std::string("\x1f\x8b\x08\x00\x00\x00\x00\x00\x00\x03\x63", 11));
   Write("huge.nrrd",
         "NRRD0004\ntype: double\ndimension: 3\nsizes: 2000000000 2000000000 2000000000\n"
-        "encoding: raw\n\nabc");
+        "endian: little\nencoding: raw\n\nabc");
   Write("gzip.nrrd",
         "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 10 10 10\nencoding: gzip\n\nnot gzip at all");
   Write("detached.nhdr",

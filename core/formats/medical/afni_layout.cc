@@ -198,6 +198,7 @@ void SetAfniVolumes(const AfniHeader& header, std::int64_t sub_bricks, FileLayou
       constexpr std::int64_t kSeconds = 77002;
       const std::int64_t unit = CountAt(times, 2);
       layout->interval = floats[1];
+      layout->first_time = floats[0];
       layout->time_unit = unit == kMilliseconds ? "ms" : unit == kSeconds ? "s" : "";
     }
     return;

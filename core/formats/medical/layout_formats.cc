@@ -79,6 +79,15 @@ bool IsParHeader(absl::string_view head) {
   return absl::StartsWith(head, "# === DATA DESCRIPTION FILE ===");
 }
 
+bool HasNiftiName(const std::string& path) {
+  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"}) {
+    if (HasEnding(path, ending)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 std::string LayoutHeaderPath(const std::string& path) {
   struct Pair {
     const char* samples;

@@ -1,5 +1,5 @@
 // Formats whose header, which we read ourselves, says all about the volumes of a file. They are
-// rows of series_format.h.
+// rows of format_table.h.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_LAYOUT_FORMATS_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_LAYOUT_FORMATS_H_
@@ -27,13 +27,18 @@ bool IsBrukerHeader(absl::string_view head);
 // for "a.BRIK.gz", "a.PAR" for "a.REC", "visu_pars" for "2dseq"; else `path` itself.
 std::string LayoutHeaderPath(const std::string& path);
 
+// Whether a name is that of NIfTI or Analyze: .nii, .hdr or .img, each also .gz. Which of them it
+// is, the content says.
+bool HasNiftiName(const std::string& path);
+
 // The readers of headers. A grid that is sheared is read as it is: MakeLayoutSeries refuses it.
 // INVALID_ARGUMENT: damaged, or what the format has and we do not read,
 // with its numbers. NOT_FOUND: the file of the samples is missing. DATA_LOSS: a stream that is
 // damaged.
 //
-// NIfTI of both versions. The layout is as in sample_series.h; the grid is that of the sform if it
-// is straight, or if there is no qform, else that of the qform.
+// NIfTI of both versions. The fourth axis is time, toffset + index * pixdim[4] in its unit; the
+// fifth one components. The grid is that of the sform if it is straight, or if there is no qform,
+// else that of the qform.
 absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path);
 // Analyze 7.5: a pair .hdr and .img. The format has no agreed orientation, so the world is that of
 // the spacing alone, without a patient frame. The fourth axis is time.

@@ -25,6 +25,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -64,6 +65,20 @@ absl::Status CheckAxes(const HeaderFields& fields, const std::string& path) {
   return absl::OkStatus();
 }
 
+// Whether the field decides a sample or its place. Others, as comments, may be there twice.
+bool IsFieldOfVolume(absl::string_view name) {
+  for (const absl::string_view known :
+       {"NDims", "DimSize", "ElementSpacing", "ElementSize", "Offset", "Position", "Origin",
+        "TransformMatrix", "Rotation", "Orientation", "ElementType", "ElementNumberOfChannels",
+        "BinaryData", "BinaryDataByteOrderMSB", "ElementByteOrderMSB", "CompressedData",
+        "HeaderSize"}) {
+    if (absl::EqualsIgnoreCase(name, known)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 absl::StatusOr<MetaHeader> ReadMetaHeader(const std::string& path) {
   MetaHeader header{.fields = HeaderFields(path)};
   ISOSCOPE_ASSIGN_OR_RETURN(header.text, ReadTextHeader(path));
@@ -73,7 +88,15 @@ absl::StatusOr<MetaHeader> ReadMetaHeader(const std::string& path) {
     if (equals == absl::string_view::npos) {
       break;  // no header line: unknown files are not read to their end
     }
-    header.fields.Set(line.substr(0, equals), line.substr(equals + 1));
+    const absl::string_view name = absl::StripAsciiWhitespace(line.substr(0, equals));
+    const absl::string_view value = absl::StripAsciiWhitespace(line.substr(equals + 1));
+    const std::string known = header.fields.Get(absl::AsciiStrToLower(name));
+    if (IsFieldOfVolume(name) && !known.empty() && known != value) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: %s = %s, and before that %s; expected the field once", path, name,
+                          value.substr(0, 200), absl::string_view(known).substr(0, 200)));
+    }
+    header.fields.Set(name, value);
     // After each line, because MetaIO does not wait for a later line either.
     ISOSCOPE_RETURN_IF_ERROR(CheckAxes(header.fields, path));
   }
@@ -172,6 +195,15 @@ absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path) {
   location.encoding = is_text         ? SampleEncoding::kText
                       : is_compressed ? SampleEncoding::kDeflate
                                       : SampleEncoding::kRaw;
+  const std::string order = header.fields.Get("binarydatabyteordermsb");
+  const std::string other_order = header.fields.Get("elementbyteordermsb");
+  if (!order.empty() && !other_order.empty() &&
+      header.IsTrue("binarydatabyteordermsb") != header.IsTrue("elementbyteordermsb")) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: BinaryDataByteOrderMSB = %s with ElementByteOrderMSB = %s; expected "
+                        "one byte order",
+                        path, order, other_order));
+  }
   location.is_big_endian =
       !is_text && (header.IsTrue("binarydatabyteordermsb") || header.IsTrue("elementbyteordermsb"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t header_size,

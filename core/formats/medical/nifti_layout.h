@@ -1,4 +1,5 @@
-// Reads what a NIfTI-1 header says of time and components.
+// What the headers of both versions of NIfTI, and of Analyze, have in common. layout_formats.h has
+// their readers.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_NIFTI_LAYOUT_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_NIFTI_LAYOUT_H_
@@ -10,31 +11,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "core/formats/medical/sample_format.h"
 #include "core/source/bytes/sample_location.h"
-#include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
-
-// The samples are steps * components volumes: all steps of the first component come first.
-struct NiftiLayout {
-  std::int64_t steps = 1;
-  std::int64_t components = 1;
-  double interval = 1;      // between steps; 1 without a unit if the header has none above 0
-  std::string time_unit{};  // "s", "ms", "us" or ""
-  // "mm" if the header has a unit of length, whichever: the grid is in millimetres.
-  std::string length_unit{};
-};
-
-// Errors as LocateNiftiSamples. INVALID_ARGUMENT also: sizes below 1; more axes than five of more
-// than one sample.
-absl::StatusOr<NiftiLayout> ReadNiftiLayout(const std::string& path);
-
-// The grid in LPS and millimetres, by the sform if it is straight, else by the qform: ITK 5.2 takes
-// the qform where both are set and differ. For both versions of NIfTI. INVALID_ARGUMENT: distances
-// (pixdim) that the transform needs and that are none; otherwise as GridFromAffine.
-absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path);
 
 // Sets how samples are scaled; a slope of 0 or NaN, as nibabel writes it, means that they are not.
 // INVALID_ARGUMENT: an infinite slope; a slope with an intercept that is not finite. `format` is

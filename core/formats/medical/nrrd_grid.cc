@@ -22,6 +22,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <initializer_list>
 #include <limits>
 #include <utility>
@@ -163,15 +164,15 @@ absl::StatusOr<NrrdAxis> AxisOf(const NrrdAxisLists& lists, std::size_t axis,
   return found;
 }
 
-// The unit of three axes, and the factors that turn their lengths to it.
+// The unit of three axes, and the factors that turn their lengths to it. That of some axes alone is
+// passed over: lengths have no unit then.
 absl::StatusOr<std::string> CommonUnit(const std::vector<std::string>& units,
                                        std::array<double, 3>* factors, const std::string& path) {
   *factors = {1, 1, 1};
-  if (units.size() != 3 || (units[0] == units[1] && units[0] == units[2])) {
-    return units.size() == 3 ? units[0] : "";
-  }
-  if (std::find(units.begin(), units.end(), "") != units.end()) {
-    return "";
+  std::vector<std::string> named = units;
+  std::erase(named, "");
+  if (std::adjacent_find(named.begin(), named.end(), std::not_equal_to<>()) == named.end()) {
+    return named.size() == 3 ? named[0] : "";
   }
   const std::optional<LengthUnit> first = LengthUnitOf(units[0]);
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -190,7 +191,15 @@ absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& li
                              std::size_t first, const NrrdWorld& world, const std::string& path,
                              NrrdGrid* grid) {
   std::vector<std::string> units = SplitNrrdList(fields.Get("space units"));
-  units.resize(std::min<std::size_t>(units.size(), 3));
+  if (!units.empty() && units.size() != world.rank) {
+    return NrrdError(path, absl::StrFormat("space units %s; expected %d units, one of each axis of "
+                                           "the space",
+                                           fields.Get("space units"), world.rank));
+  }
+  if (units.size() == 4) {
+    grid->time_unit = units[3];
+    units.pop_back();
+  }
   std::array<double, 3> factors{};
   ISOSCOPE_ASSIGN_OR_RETURN(grid->length_unit, CommonUnit(units, &factors, path));
   const auto scaled = [&](const math::Vec3d& v) {
@@ -199,6 +208,15 @@ absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& li
   volume::GridGeometry& geometry = grid->geometry;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::string& text = lists.directions[first + axis];
+    if (absl::EqualsIgnoreCase(text, "none")) {
+      const std::string what = absl::StrFormat(
+          "NRRD header: the space direction of axis %d is \"none\": it is not of space",
+          first + axis);
+      grid->faults.distances.Update(NoSampleDistance(path, what));
+      grid->faults.directions.Update(NoDirections(path, what));
+      geometry.direction.columns[axis] = {0, 0, 0};
+      continue;
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(math::Vec3d step,
                               ParseNrrdVector(text, "space directions", world, false, path));
     step = scaled(step);
@@ -226,6 +244,9 @@ absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& li
         const math::Vec3d origin,
         ParseNrrdVector(fields.Get("space origin"), "space origin", world, true, path));
     geometry.origin = scaled(origin);
+    if (world.rank == 4) {
+      grid->first_time = NumbersIn(fields.Get("space origin"))[3];
+    }
   }
   return absl::OkStatus();
 }
@@ -341,6 +362,12 @@ absl::StatusOr<NrrdAxisLists> ReadNrrdLists(const HeaderFields& fields, const st
   return lists;
 }
 
+bool IsNrrdKindOfSpace(absl::string_view kind) {
+  const std::string lower = absl::AsciiStrToLower(kind);
+  return lower.empty() || lower == "domain" || lower == "space" || lower == "none" ||
+         lower == "???";
+}
+
 bool IsNrrdAxisOfSpace(const NrrdAxisLists& lists, std::size_t axis) {
   if (!lists.directions.empty()) {
     const std::vector<double> numbers = NumbersIn(lists.directions[axis]);
@@ -348,8 +375,7 @@ bool IsNrrdAxisOfSpace(const NrrdAxisLists& lists, std::size_t axis) {
                          numbers[2] == 0 && numbers[3] != 0;
     return absl::AsciiStrToLower(lists.directions[axis]) != "none" && !is_time;
   }
-  const std::string kind = lists.kinds.empty() ? "" : absl::AsciiStrToLower(lists.kinds[axis]);
-  return kind.empty() || kind == "domain" || kind == "space" || kind == "none" || kind == "???";
+  return lists.kinds.empty() || IsNrrdKindOfSpace(lists.kinds[axis]);
 }
 
 double NrrdNumber(const std::vector<std::string>& list, std::size_t axis) {

@@ -38,6 +38,8 @@ struct NrrdAxisLists {
 // INVALID_ARGUMENT: a size below 1; a list of another length.
 absl::StatusOr<NrrdAxisLists> ReadNrrdLists(const HeaderFields& fields, const std::string& path);
 
+// Whether an axis of that kind may be one of space: "domain", "space", or none that is known.
+bool IsNrrdKindOfSpace(absl::string_view kind);
 // Whether an axis is one of space, by its direction, else by its kind.
 bool IsNrrdAxisOfSpace(const NrrdAxisLists& lists, std::size_t axis);
 // The number of a list, NaN if there is no such list or it is none.
@@ -47,13 +49,17 @@ struct NrrdGrid {
   volume::GridGeometry geometry{};  // in LPS where the space says how it lies in the patient
   std::optional<volume::PatientFrame> patient_frame{};
   std::string length_unit{};  // of all three axes; may be empty
-  GridFaults faults{};        // as in FileLayout
+  // In a space with time: that of the origin, and its unit.
+  double first_time = 0;
+  std::string time_unit{};
+  GridFaults faults{};  // as in FileLayout
 };
 
 // The grid of the axes from `first` on. Without a direction, a spacing, and bounds (axis mins and
-// maxs) of any axis, samples are 1 apart. INVALID_ARGUMENT: texts that are no numbers; two sources
-// that contradict each other; a left-handed space, or one that is not of three dimensions (and
-// time); volume::Validate. REQUIRES: three axes of space from there on.
+// maxs) of any axis, samples are 1 apart. An axis whose direction is "none" is a fault.
+// INVALID_ARGUMENT: texts that are no numbers; two sources that contradict each other; a
+// left-handed space, or one that is not of three dimensions (and time); volume::Validate. REQUIRES:
+// three axes from there on.
 absl::StatusOr<NrrdGrid> ReadNrrdGrid(const HeaderFields& fields, const NrrdAxisLists& lists,
                                       std::size_t first, const std::string& path);
 

@@ -30,7 +30,8 @@ struct NrrdLayout {
   std::int64_t tuples = 1;    // samples on an axis before those of space
   std::int64_t volumes = 1;   // on one behind them
   bool is_time = false;       // whichever of both is above 1
-  double interval = 1;        // between steps, of the axis of time; 1 if the header does not say
+  double first_time = 0;      // of the first step
+  double interval = 1;        // between steps; 1, without a unit, if the header does not say
   std::string time_unit{};    // may be empty
   std::string sample_unit{};  // may be empty
 };
@@ -40,8 +41,8 @@ absl::StatusOr<HeaderFields> ReadNrrdFields(const std::string& path);
 
 // Reads a header of four axes. The one that is not of space is known by its kind ("list",
 // "3-vector", "time", ...), or by its space direction "none"; it must be the first or the last.
-// INVALID_ARGUMENT: not four axes, or not one such among them; a type or numbers that are none; as
-// ReadNrrdGrid.
+// INVALID_ARGUMENT: not four axes, or not one such among them; a type or numbers that are none;
+// steps that are not above 0 apart, or begin somewhere at no known distance; as ReadNrrdGrid.
 absl::StatusOr<NrrdLayout> ReadNrrdLayout(const std::string& path);
 
 }  // namespace isoscope::source

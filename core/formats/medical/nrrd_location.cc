@@ -5,7 +5,7 @@
 //   type: short
 //   dimension: 3
 //   sizes: 64 64 93                fastest first
-//   endian: big
+//   endian: big                    or little; for samples of several bytes
 //   encoding: gzip                 or raw, bzip2, ascii (numbers), hex
 //   line skip: 3                   lines before that, before anything is decoded
 //   byte skip: 12                  bytes (decoded ones, if compressed) before the samples; -1: the
@@ -196,7 +196,17 @@ absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
   } else {
     (location->is_encoded() ? location->decoded_skip : location->offset) += byte_skip;
   }
-  location->is_big_endian = !is_text && absl::EqualsIgnoreCase(header.fields.Get("endian"), "big");
+  const std::string endian = absl::AsciiStrToLower(header.fields.Get("endian"));
+  const std::optional<NrrdSampleType> type = NrrdTypeFromName(header.fields.Get("type"));
+  const bool has_order =
+      !is_text && type.has_value() && (type->wide.has_value() || volume::SizeOf(type->scalar) > 1);
+  if (has_order && endian != "little" && endian != "big") {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: NRRD header: endian \"%s\" with samples of type \"%s\" in encoding %s; expected "
+        "\"endian: little\" or \"endian: big\", the order of the bytes of a sample",
+        path, endian, header.fields.Get("type"), encoding));
+  }
+  location->is_big_endian = !is_text && endian == "big";
   return absl::OkStatus();
 }
 

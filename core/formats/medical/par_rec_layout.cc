@@ -17,7 +17,8 @@
 //   diffusion of version 4               steps by b factor, then as they come: it has no numbers
 //
 // The transform is made of the angulation and the centre in the scanner's axes (posterior,
-// superior, left), and the way that slices lie in them. Source: nibabel's parrec.py.
+// superior, left), and the way that slices lie in them. The angulation and the centre of each slice
+// only show whether they are of one stack. Source: nibabel's parrec.py.
 
 #include <algorithm>
 #include <array>
@@ -34,6 +35,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/formats/medical/layout_formats.h"
 #include "core/io/file.h"
@@ -60,6 +62,8 @@ enum Column : std::size_t {
   kHeight = 10,
   kIntercept = 11,
   kSlope = 12,
+  kAngulation = 16,  // of three angles
+  kOffCentre = 19,   // of three coordinates
   kThickness = 22,
   kGap = 23,
   kOrientation = 25,
@@ -75,9 +79,47 @@ enum Column : std::size_t {
   kLabel = 48,
 };
 
+struct ColumnName {
+  std::size_t column;
+  const char* name;
+  // Others than finite numbers are faults of the grid; in the other columns they are errors.
+  bool is_distance = false;
+};
+// The columns that are read. The others may hold anything, as those of texts in version 4.1.
+constexpr std::array<ColumnName, 30> kColumnNames{{{kSlice, "slice number"},
+                                                   {kEcho, "echo number"},
+                                                   {kDynamic, "dynamic scan number"},
+                                                   {kPhase, "cardiac phase number"},
+                                                   {kType, "image type"},
+                                                   {kSequence, "scanning sequence"},
+                                                   {kIndex, "index in REC file"},
+                                                   {kPixelBits, "image pixel size"},
+                                                   {kWidth, "recon resolution x"},
+                                                   {kHeight, "recon resolution y"},
+                                                   {kIntercept, "rescale intercept"},
+                                                   {kSlope, "rescale slope"},
+                                                   {kAngulation, "image angulation ap"},
+                                                   {kAngulation + 1, "image angulation fh"},
+                                                   {kAngulation + 2, "image angulation rl"},
+                                                   {kOffCentre, "image offcentre ap"},
+                                                   {kOffCentre + 1, "image offcentre fh"},
+                                                   {kOffCentre + 2, "image offcentre rl"},
+                                                   {kThickness, "slice thickness", true},
+                                                   {kGap, "slice gap", true},
+                                                   {kOrientation, "slice orientation"},
+                                                   {kSpacingX, "pixel spacing x", true},
+                                                   {kSpacingY, "pixel spacing y", true},
+                                                   {kEchoTime, "echo time"},
+                                                   {kDynamicTime, "dynamic scan begin time"},
+                                                   {kTriggerTime, "trigger time"},
+                                                   {kDiffusionFactor, "diffusion b factor"},
+                                                   {kDiffusionValue, "diffusion b value number"},
+                                                   {kGradient, "gradient orientation number"},
+                                                   {kLabel, "label type"}}};
+
 struct ParHeader {
   std::map<std::string, std::string> fields;  // by the text before the colon
-  std::vector<std::vector<double>> lines;     // columns that are no numbers are 0
+  std::vector<std::vector<double>> lines;     // columns that are not read may be 0
 
   [[nodiscard]] std::vector<double> Numbers(absl::string_view key) const {
     std::vector<double> numbers;
@@ -99,6 +141,39 @@ absl::Status ParError(const std::string& path, const std::string& what) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": PAR header: ", what));
 }
 
+// The columns of line `number` of the images, from 1 on.
+absl::StatusOr<std::vector<double>> ParImageLine(absl::string_view line, std::size_t number,
+                                                 const std::string& path) {
+  const std::vector<absl::string_view> words =
+      absl::StrSplit(line, absl::ByAnyChar(" \t"), absl::SkipEmpty());
+  if (words.size() < kMinColumns) {
+    return ParError(path, absl::StrFormat("line %d of images has %d columns; expected %d or more "
+                                          "(version 4 or later), or it is cut",
+                                          number, words.size(), kMinColumns));
+  }
+  std::vector<double> columns(words.size(), 0);
+  for (const ColumnName& known : kColumnNames) {
+    if (known.column >= words.size()) {
+      continue;
+    }
+    double& value = columns[known.column];
+    if (!absl::SimpleAtod(words[known.column], &value) ||
+        !(std::isfinite(value) || known.is_distance)) {
+      return ParError(path,
+                      absl::StrFormat("line %d of images has \"%s\" as %s (column %d); "
+                                      "expected a finite number",
+                                      number, base::Printable(words[known.column].substr(0, 40)),
+                                      known.name, known.column + 1));
+    }
+  }
+  if (columns[kSlope] == 0) {
+    return ParError(path, absl::StrFormat("line %d of images has the rescale slope 0, by which all "
+                                          "its values would be %g; expected another one",
+                                          number, columns[kIntercept]));
+  }
+  return columns;
+}
+
 absl::StatusOr<ParHeader> ReadParHeader(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, ReadTextHeader(path));
   ParHeader header;
@@ -111,17 +186,8 @@ absl::StatusOr<ParHeader> ReadParHeader(const std::string& path) {
       header.fields[std::string(absl::StripAsciiWhitespace(line.substr(1, colon - 1)))] =
           std::string(absl::StripAsciiWhitespace(line.substr(colon + 1)));
     } else if (!line.empty() && absl::ascii_isdigit(static_cast<unsigned char>(line[0]))) {
-      std::vector<double>& columns = header.lines.emplace_back();
-      for (const absl::string_view word :
-           absl::StrSplit(line, absl::ByAnyChar(" \t"), absl::SkipEmpty())) {
-        double number = 0;
-        columns.push_back(absl::SimpleAtod(word, &number) && std::isfinite(number) ? number : 0);
-      }
-      if (columns.size() < kMinColumns) {
-        return ParError(path, absl::StrFormat("line %d of images has %d columns; expected %d or "
-                                              "more (version 4 or later), or it is cut",
-                                              header.lines.size(), columns.size(), kMinColumns));
-      }
+      ISOSCOPE_ASSIGN_OR_RETURN(header.lines.emplace_back(),
+                                ParImageLine(line, header.lines.size() + 1, path));
     }
   }
   if (header.lines.empty()) {
@@ -135,7 +201,7 @@ absl::StatusOr<double> OnlyNumber(const ParHeader& header, Column column, const 
                                   const std::string& path) {
   const double first = header.lines.front()[column];
   for (const std::vector<double>& line : header.lines) {
-    if (line[column] != first) {
+    if (line[column] != first && !(std::isnan(line[column]) && std::isnan(first))) {
       return ParError(path,
                       absl::StrFormat("%s is %g in one slice and %g in another; expected a volume "
                                       "of equal slices: export one stack alone",
@@ -326,6 +392,50 @@ absl::StatusOr<AffineRows> ParTransform(const ParHeader& header, const math::Ind
   return rows;
 }
 
+math::Vec3d VectorAt(const std::vector<double>& line, std::size_t column) {
+  return {line[column], line[column + 1], line[column + 2]};
+}
+
+std::string TextOf(const math::Vec3d& v) { return absl::StrFormat("%g, %g, %g", v.x, v.y, v.z); }
+
+using SlicesByNumber = std::map<double, const std::vector<double>*>;
+
+// The slices of all volumes must be one stack, that of the first volume: turned alike, their
+// centres evenly apart on a line. Programs that do not know the centres write the same one for all.
+absl::Status CheckStack(const SlicesByNumber& stack, const SlicesByNumber& slices,
+                        const std::string& path) {
+  constexpr double kMaxDegrees = 0.02;  // headers have two or three digits behind the point
+  constexpr double kMaxDistance = 0.1;  // mm; one of 31 headers is 0.08 off
+  constexpr double kMaxShare = 0.02;    // of the distance of slices
+  const double first = stack.begin()->first;
+  const math::Vec3d angles = VectorAt(*stack.begin()->second, kAngulation);
+  const math::Vec3d begin = VectorAt(*stack.begin()->second, kOffCentre);
+  const math::Vec3d step = (VectorAt(*stack.rbegin()->second, kOffCentre) - begin) *
+                           (1 / std::max(1.0, static_cast<double>(stack.size()) - 1));
+  double index = 0;
+  for (const auto& [slice, line] : slices) {
+    const math::Vec3d own_angles = VectorAt(*line, kAngulation);
+    if (math::Length(own_angles - angles) > kMaxDegrees) {
+      return ParError(
+          path, absl::StrFormat("slice %g is turned by %s degrees (image angulation), and slice %g "
+                                "by %s; expected a volume of equal slices: export one stack alone",
+                                first, TextOf(angles), slice, TextOf(own_angles)));
+    }
+    const math::Vec3d centre = VectorAt(*line, kOffCentre);
+    const math::Vec3d expected = begin + step * index;
+    if (math::Length(centre - expected) > kMaxDistance + kMaxShare * math::Length(step)) {
+      return ParError(
+          path,
+          absl::StrFormat("the centre of slice %g is at %s mm (image offcentre); expected %s, "
+                          "as slices lie evenly between the first and the last one: export "
+                          "one stack alone",
+                          slice, TextOf(centre), TextOf(expected)));
+    }
+    ++index;
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<std::string> RecOf(const std::string& path) {
   const std::string stem = path.substr(0, path.rfind('.'));
   for (const char* ending : {".REC", ".rec"}) {
@@ -414,12 +524,19 @@ absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path) {
       bits == 8 ? volume::ScalarType::kUint8 : volume::ScalarType::kUint16;
   const std::int64_t slice_bytes = layout.geometry.sample_dims.x * layout.geometry.sample_dims.y *
                                    static_cast<std::int64_t>(bits / 8);
+  std::set<double> indices;
   for (const auto& [key, lines] : volumes.lines) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckStack(volumes.lines.begin()->second, lines, path));
     for (const auto& [slice, line] : lines) {
       const double index = (*line)[kIndex];
-      if (!(index >= 0 && index < 0x1p31)) {
+      if (!(index >= 0 && index < 0x1p31 && index == std::floor(index))) {
         return ParError(path,
                         absl::StrFormat("slice %g has index %g in the REC file", slice, index));
+      }
+      if (!indices.insert(index).second) {
+        return ParError(path, absl::StrFormat("slice %g has index %g in the REC file, as another "
+                                              "slice has; expected an index for each",
+                                              slice, index));
       }
       layout.slices.push_back(
           {.offset = static_cast<std::int64_t>(index) * slice_bytes,

@@ -15,16 +15,10 @@ std::optional<FileFormat> SampleFormatOf(const std::string& path) {
     const char* text;
     FileFormat format;
   };
-  constexpr std::array<SampleEnding, 10> kEndings{{{".nii", FileFormat::kNifti},
-                                                   {".nii.gz", FileFormat::kNifti},
-                                                   {".hdr", FileFormat::kNifti},
-                                                   {".hdr.gz", FileFormat::kNifti},
-                                                   {".img", FileFormat::kNifti},
-                                                   {".img.gz", FileFormat::kNifti},
-                                                   {".nrrd", FileFormat::kNrrd},
-                                                   {".nhdr", FileFormat::kNrrd},
-                                                   {".mha", FileFormat::kMetaImage},
-                                                   {".mhd", FileFormat::kMetaImage}}};
+  constexpr std::array<SampleEnding, 4> kEndings{{{".nrrd", FileFormat::kNrrd},
+                                                  {".nhdr", FileFormat::kNrrd},
+                                                  {".mha", FileFormat::kMetaImage},
+                                                  {".mhd", FileFormat::kMetaImage}}};
   for (const SampleEnding& ending : kEndings) {
     if (absl::EndsWithIgnoreCase(path, ending.text)) {
       return ending.format;
@@ -49,9 +43,8 @@ std::optional<FileFormat> SampleFormatFromName(const std::string& name) {
     const char* text;
     FileFormat format;
   };
-  constexpr std::array<Name, 3> kNames{{{"nifti", FileFormat::kNifti},
-                                        {"nrrd", FileFormat::kNrrd},
-                                        {"metaimage", FileFormat::kMetaImage}}};
+  constexpr std::array<Name, 2> kNames{
+      {{"nrrd", FileFormat::kNrrd}, {"metaimage", FileFormat::kMetaImage}}};
   for (const Name& known : kNames) {
     if (absl::EqualsIgnoreCase(name, known.text)) {
       return known.format;
@@ -64,8 +57,6 @@ namespace {
 
 absl::StatusOr<SampleLocation> Locate(FileFormat format, const std::string& path) {
   switch (format) {
-    case FileFormat::kNifti:
-      return LocateNiftiSamples(path);
     case FileFormat::kNrrd:
       return LocateNrrdSamples(path);
     case FileFormat::kMetaImage:
@@ -79,7 +70,7 @@ absl::StatusOr<SampleLocation> Locate(FileFormat format, const std::string& path
 absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, Locate(format, path));
   for (const std::string& file : location.files) {
-    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(file));  // ITK would wait for a writer
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(file));
   }
   return location;
 }

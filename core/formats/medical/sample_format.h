@@ -1,5 +1,4 @@
-// NIfTI, NRRD and MetaImage: which of them a file is, and where its samples lie. The part of a
-// header that ITK reads, but does not expose: ITK itself reads NIfTI and NRRD whole.
+// NRRD and MetaImage: which of them a file is, and where its samples lie.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
@@ -13,26 +12,20 @@
 
 namespace isoscope::source {
 
-enum class FileFormat { kNifti, kNrrd, kMetaImage };
+enum class FileFormat { kNrrd, kMetaImage };
 
 // Reads the header of `path`. INVALID_ARGUMENT: not such a header; an encoding that is not
 // supported; more or fewer data files than its sizes need. NOT_FOUND: a data file is missing.
 absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::string& path);
 
-absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
 
-// The format of a file whose header ITK reads: by the ending of the name (NIfTI: .nii .hdr .img,
-// each also .gz; NRRD: .nrrd .nhdr; MetaImage: .mha .mhd), else by the first bytes of an
-// existing file (NRRD, MetaImage). Not set for others.
+// The format of a file: by the ending of the name (NRRD: .nrrd .nhdr;
+// MetaImage: .mha .mhd), else by the first bytes of an existing file. Not set for others.
 std::optional<FileFormat> SampleFormatOf(const std::string& path);
-// "nifti", "nrrd", "metaimage", in any case; not set for other names.
+// "nrrd", "metaimage", in any case; not set for other names.
 std::optional<FileFormat> SampleFormatFromName(const std::string& name);
-
-// The header file of a NIfTI pair: "a.hdr", or "a.hdr.gz" if only that exists, for "a.img" and
-// "a.img.gz"; else `path` itself.
-std::string NiftiHeaderPath(const std::string& path);
 
 }  // namespace isoscope::source
 

@@ -8,35 +8,19 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
 #include "core/formats/medical/meta_image_grid.h"
-#include "core/formats/medical/nifti_layout.h"
 #include "core/formats/medical/nrrd_grid.h"
 #include "core/formats/medical/nrrd_layout.h"
 #include "core/source/adapt/wide_source.h"
 
 namespace isoscope::source {
 namespace {
-
-absl::StatusOr<std::optional<FileLayout>> NiftiFileLayout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiLayout nifti, ReadNiftiLayout(path));
-  if (nifti.steps == 1 && nifti.components == 1) {
-    return std::nullopt;
-  }
-  FileLayout layout{.components = nifti.components,
-                    .steps = nifti.steps,
-                    .interval = nifti.interval,
-                    .time_unit = nifti.time_unit,
-                    .length_unit = nifti.length_unit};
-  ISOSCOPE_ASSIGN_OR_RETURN(layout.location, LocateNiftiSamples(path));  // checks for ITK
-  ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image, ReadImageLayout(FileFormat::kNifti, path));
-  layout.geometry = image.geometry;
-  layout.patient_frame = image.patient_frame;
-  layout.location.volume_count = nifti.steps * nifti.components;
-  return layout;
-}
 
 void TakeGrid(NrrdGrid grid, FileLayout* layout) {
   layout->geometry = grid.geometry;
@@ -45,43 +29,76 @@ void TakeGrid(NrrdGrid grid, FileLayout* layout) {
   layout->faults = std::move(grid.faults);
 }
 
-absl::StatusOr<std::optional<FileLayout>> NrrdFileLayout(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const HeaderFields fields, ReadNrrdFields(path));
-  const std::vector<std::int64_t> sizes =
-      fields.GetIntegers("sizes").value_or(std::vector<std::int64_t>());
-  const std::optional<NrrdSampleType> type = NrrdTypeFromName(fields.Get("type"));
-  FileLayout layout;
-  if (sizes.size() == 4 && sizes[3] != 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(NrrdLayout nrrd, ReadNrrdLayout(path));
-    TakeGrid(std::move(nrrd.grid), &layout);
-    const std::int64_t others = nrrd.tuples * nrrd.volumes;
-    (nrrd.is_time ? layout.steps : layout.components) = others;
-    layout.location.volume_count = nrrd.volumes;
-    layout.location.components = nrrd.tuples;
-    layout.interval = nrrd.interval;
-    layout.time_unit = nrrd.time_unit;
-    layout.sample_unit = nrrd.sample_unit;
-  } else {
-    const bool has_volume = (sizes.size() == 3 || sizes.size() == 4) && type.has_value() &&
-                            *std::min_element(sizes.begin(), sizes.begin() + 3) > 1;
-    if (!has_volume) {
-      return std::nullopt;  // whatever it is, whoever opens it alone says why not
+absl::Status NoVolume(const std::vector<std::int64_t>& sizes, const std::string& path) {
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": ", sizes.size(), "-dimensional, ", absl::StrJoin(sizes, " x "),
+                   " samples; expected one three-dimensional volume",
+                   sizes.size() < 3 ? ", of 2 samples or more along each of three axes"
+                                    : ": extract one (time step, channel)"));
+}
+
+// One volume of the first three axes, whether the header says that they are of space or not, unless
+// it says that one of them is a list of values.
+absl::Status TakeNrrdVolume(const HeaderFields& fields, const NrrdAxisLists& lists,
+                            const std::string& path, FileLayout* layout) {
+  for (std::size_t axis = 0; axis < 3 && !lists.kinds.empty(); ++axis) {
+    const std::string& kind = lists.kinds[axis];
+    if (!IsNrrdKindOfSpace(kind) && !absl::EqualsIgnoreCase(kind, "time")) {
+      return NrrdError(path, absl::StrFormat("axis %d of %s samples is of kind \"%s\", not of "
+                                             "space; expected three axes of space",
+                                             axis, absl::StrJoin(lists.sizes, " x "), kind));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const NrrdAxisLists lists, ReadNrrdLists(fields, path));
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      if (!IsNrrdAxisOfSpace(lists, axis)) {
-        return std::nullopt;
-      }
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(NrrdGrid grid, ReadNrrdGrid(fields, lists, 0, path));
-    grid.length_unit.clear();  // as of all files of one volume
-    TakeGrid(std::move(grid), &layout);
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(NrrdGrid grid, ReadNrrdGrid(fields, lists, 0, path));
+  grid.length_unit.clear();  // as of all files of one volume
+  TakeGrid(std::move(grid), layout);
+  return absl::OkStatus();
+}
+
+absl::Status TakeNrrdVolumes(const std::string& path, FileLayout* layout) {
+  ISOSCOPE_ASSIGN_OR_RETURN(NrrdLayout nrrd, ReadNrrdLayout(path));
+  TakeGrid(std::move(nrrd.grid), layout);
+  const std::int64_t others = nrrd.tuples * nrrd.volumes;
+  (nrrd.is_time ? layout->steps : layout->components) = others;
+  layout->location.volume_count = nrrd.volumes;
+  layout->location.components = nrrd.tuples;
+  layout->first_time = nrrd.first_time;
+  layout->interval = nrrd.interval;
+  layout->time_unit = nrrd.time_unit;
+  layout->sample_unit = nrrd.sample_unit;
+  return absl::OkStatus();
+}
+
+absl::StatusOr<FileLayout> NrrdFileLayout(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const HeaderFields fields, ReadNrrdFields(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const NrrdAxisLists lists, ReadNrrdLists(fields, path));
+  const std::vector<std::int64_t>& sizes = lists.sizes;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::int64_t dimension,
+      fields.GetInteger("dimension", static_cast<std::int64_t>(sizes.size())));
+  if (dimension != static_cast<std::int64_t>(sizes.size())) {
+    return NrrdError(path, absl::StrFormat("dimension %d with sizes \"%s\"; expected as many sizes",
+                                           dimension, fields.Get("sizes")));
+  }
+  if (sizes.size() < 3 ||
+      (sizes.size() > 4 && *std::max_element(sizes.begin() + 3, sizes.end()) > 1)) {
+    return NoVolume(sizes, path);
+  }
+  const std::optional<NrrdSampleType> type = NrrdTypeFromName(fields.Get("type"));
+  if (!type.has_value()) {
+    return NrrdError(path, absl::StrFormat("samples of type \"%s\"; expected integers of 8 to 64 "
+                                           "bits, float or double",
+                                           fields.Get("type")));
+  }
+  FileLayout layout;
+  const bool has_others = sizes.size() == 4 && (sizes[3] != 1 || !IsNrrdAxisOfSpace(lists, 0));
+  ISOSCOPE_RETURN_IF_ERROR(has_others ? TakeNrrdVolumes(path, &layout)
+                                      : TakeNrrdVolume(fields, lists, path, &layout));
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateNrrdSamples(path));
   location.volume_count = layout.location.volume_count;
   location.components = layout.location.components;
-  location.stored_type = type.has_value() ? type->scalar : volume::ScalarType::kUint8;
-  layout.wide = type.has_value() ? type->wide : std::nullopt;
+  location.stored_type = type->scalar;
+  layout.wide = type->wide;
   if (layout.wide.has_value() && location.encoding == SampleEncoding::kText) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: 64-bit integers as text; expected encoding raw, gzip, bzip2 or hex: "
@@ -111,55 +128,41 @@ std::optional<volume::ScalarType> MetaImageType(const std::string& name) {
   return std::nullopt;
 }
 
-// By our own reader alone: MetaIO reads no numbers that are none.
-absl::StatusOr<ImageLayout> MetaImageLayoutByFields(const std::string& path,
-                                                    const volume::GridGeometry& grid) {
+absl::StatusOr<FileLayout> MetaImageFileLayout(const std::string& path, const GridRules& rules) {
+  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateMetaImageSamples(path));
+  FileLayout layout;
+  ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry, ReadMetaImageGrid(path, rules));
   ISOSCOPE_ASSIGN_OR_RETURN(const HeaderFields fields, ReadMetaImageFields(path));
-  ImageLayout image;
-  image.geometry = grid;
-  image.type = MetaImageType(fields.Get("elementtype"));
-  ISOSCOPE_ASSIGN_OR_RETURN(image.dims, fields.GetIntegers("dimsize"));
-  ISOSCOPE_ASSIGN_OR_RETURN(image.components, fields.GetInteger("elementnumberofchannels", 1));
-  if (!image.type.has_value() || image.components < 1 ||
-      *std::min_element(image.dims.begin(), image.dims.end()) < 1) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::int64_t> sizes, fields.GetIntegers("dimsize"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t components,
+                            fields.GetInteger("elementnumberofchannels", 1));
+  const std::optional<volume::ScalarType> type = MetaImageType(fields.Get("elementtype"));
+  if (!type.has_value() || components < 1 || *std::min_element(sizes.begin(), sizes.end()) < 1) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: DimSize = %s, ElementType = %s, ElementNumberOfChannels = %d; expected 1 or more, and "
-        "MET_CHAR, MET_UCHAR, MET_SHORT, MET_USHORT, MET_INT, MET_UINT, MET_FLOAT or MET_DOUBLE",
-        path, fields.Get("dimsize"), fields.Get("elementtype"), image.components));
+        "MET_CHAR, MET_UCHAR, MET_SHORT, MET_USHORT, MET_INT, MET_UINT, MET_FLOAT or MET_DOUBLE: "
+        "convert the file",
+        path, fields.Get("dimsize"), fields.Get("elementtype"), components));
   }
-  return image;
-}
-
-absl::StatusOr<std::optional<FileLayout>> MetaImageFileLayout(const std::string& path,
-                                                              const GridRules& rules) {
-  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateMetaImageSamples(path));
-  const auto by_rules = ReadMetaImageGrid(path, rules);
-  const bool is_replaced = by_rules.ok() && !ReadMetaImageGrid(path, {}).ok();
-  ISOSCOPE_ASSIGN_OR_RETURN(const ImageLayout image,
-                            is_replaced ? MetaImageLayoutByFields(path, *by_rules)
-                                        : ReadImageLayout(FileFormat::kMetaImage, path));
-  const bool has_steps = image.dims.size() == 4 && image.dims[3] > 1;
-  const bool is_of_itk = image.components <= 1 && !has_steps && !is_replaced;
-  if (is_of_itk || image.dims.size() != (has_steps ? 4 : 3) || !image.type.has_value() ||
-      (has_steps && image.components > 1)) {
-    return std::nullopt;
+  const bool has_steps = sizes.size() == 4 && sizes[3] > 1;
+  const bool has_more = sizes.size() > 4 && *std::max_element(sizes.begin() + 3, sizes.end()) > 1;
+  if (has_more || (has_steps && components > 1)) {
+    return NoVolume(sizes, path);
   }
-  FileLayout layout{.geometry = image.geometry, .components = image.components};
   if (has_steps) {  // numbered: nothing says that the fourth axis is time
-    layout.steps = image.dims[3];
+    layout.steps = sizes[3];
     location.volume_count = layout.steps;
   }
-  location.stored_type = *image.type;
-  location.components = image.components;
+  layout.components = components;
+  location.stored_type = *type;
+  location.components = components;
   layout.location = std::move(location);
   return layout;
 }
 
-absl::StatusOr<std::optional<FileLayout>> LayoutOfFile(FileFormat format, const std::string& path,
-                                                       const GridRules& rules) {
+absl::StatusOr<FileLayout> LayoutOfFile(FileFormat format, const std::string& path,
+                                        const GridRules& rules) {
   switch (format) {
-    case FileFormat::kNifti:
-      return NiftiFileLayout(path);
     case FileFormat::kNrrd:
       return NrrdFileLayout(path);
     case FileFormat::kMetaImage:
@@ -175,12 +178,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSampleSeries(FileFormat format
                                                                const std::string& path,
                                                                const std::string& field,
                                                                const GridRules& rules) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileLayout> layout,
-                            LayoutOfFile(format, header_path, rules));
-  if (!layout.has_value()) {
-    return nullptr;
-  }
-  return MakeLayoutSeries(path, field, *std::move(layout), rules);
+  ISOSCOPE_ASSIGN_OR_RETURN(FileLayout layout, LayoutOfFile(format, header_path, rules));
+  return MakeLayoutSeries(path, field, std::move(layout), rules);
 }
 
 }  // namespace isoscope::source

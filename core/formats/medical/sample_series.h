@@ -1,4 +1,4 @@
-// Series in files whose samples are streamed by ourselves: NIfTI, NRRD and MetaImage.
+// Series in NRRD and MetaImage files, whose samples are streamed by ourselves.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_SERIES_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_SERIES_H_
@@ -8,7 +8,6 @@
 
 #include "absl/status/statusor.h"
 
-#include "core/formats/medical/itk_header.h"
 #include "core/formats/medical/sample_format.h"
 #include "core/source/bytes/file_layout.h"
 #include "core/source/grid/grid_rules.h"
@@ -16,17 +15,16 @@
 
 namespace isoscope::source {
 
-// Opens the file as one field of that name; null if it holds one volume that OpenSampleFile takes:
-// of NIfTI and MetaImage, and files that are no volumes.
+// Opens the file as one field of that name.
 //
-//   NIfTI      the fourth axis is time, index * pixdim[4] in its unit; the fifth one components
-//   NRRD       an axis that is not of space, the first or the last: time if that is its kind, else
-//              components (nrrd_layout.h); 64-bit integers (wide_source.h); also one volume
+//   NRRD       a fourth axis that is not of space, the first or the last: time if that is its kind,
+//              else components (nrrd_layout.h); 64-bit integers (wide_source.h)
 //   MetaImage  the channels are components, a fourth axis is steps without a time
 //
 // A volume of a compressed file is read by decoding all that lies before it.
-// `header_path` is the file of the header, `path` is for messages. Errors as OpenSampleFile and
-// ReadNrrdLayout. INVALID_ARGUMENT: more than 100 000 steps.
+// `header_path` is the file of the header, `path` is for messages. Errors as LocateSamples,
+// ReadNrrdLayout, ReadMetaImageGrid and MakeLayoutSeries. INVALID_ARGUMENT also: no volume of three
+// axes; a type that no volume has.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenSampleSeries(FileFormat format,
                                                                const std::string& header_path,
                                                                const std::string& path,

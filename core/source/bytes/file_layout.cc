@@ -1,7 +1,9 @@
 #include "core/source/bytes/file_layout.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
+#include <functional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -22,6 +24,16 @@ constexpr std::int64_t kMaxFileSteps = 100'000;
 constexpr std::size_t kMaxFileFields = 1000;
 constexpr std::int64_t kMaxFileComponents = 4096;
 
+// Of the steps; none of a single one.
+std::vector<double> TimesOf(const FileLayout& layout) {
+  std::vector<double> times = layout.times;
+  const bool has_interval = times.empty() && layout.steps > 1;
+  for (std::int64_t i = 0; has_interval && i < layout.steps; ++i) {
+    times.push_back(layout.first_time + static_cast<double>(i) * layout.interval);
+  }
+  return times;
+}
+
 class LayoutSeries final : public VolumeSeries {
  public:
   LayoutSeries(std::string path, const std::string& field, FileLayout layout)
@@ -37,11 +49,7 @@ class LayoutSeries final : public VolumeSeries {
          layout_.fields.empty() ? std::vector<std::string>{field} : layout_.fields) {
       fields_.push_back({.name = name, .unit = layout_.sample_unit, .components = components});
     }
-    times_ = layout_.times;
-    const bool has_interval = times_.empty() && layout_.steps > 1;
-    for (std::int64_t i = 0; has_interval && i < layout_.steps; ++i) {
-      times_.push_back(static_cast<double>(i) * layout_.interval);
-    }
+    times_ = TimesOf(layout_);
   }
 
   [[nodiscard]] const std::string& name() const override { return path_; }
@@ -149,6 +157,14 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string
   if (layout.components > kMaxFileComponents) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: %d components; expected at most %d",
                                                       path, layout.components, kMaxFileComponents));
+  }
+  const std::vector<double> times = TimesOf(layout);
+  if (!std::all_of(times.begin(), times.end(), [](double time) { return std::isfinite(time); }) ||
+      std::adjacent_find(times.begin(), times.end(), std::greater_equal<>()) != times.end()) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d steps from the time %g on, %g apart; expected finite times, each above the one "
+        "before",
+        path, layout.steps, times.front(), layout.interval));
   }
   return std::make_unique<LayoutSeries>(path, field, std::move(layout));
 }

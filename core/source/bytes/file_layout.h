@@ -42,8 +42,9 @@ struct FileLayout {
   std::vector<std::string> fields{};  // names, unique; empty: one, of the name that Make... gets
   std::int64_t components = 1;
   std::int64_t steps = 1;
+  double first_time = 0;  // of step 0; step i has first_time + i * interval
   double interval = 1;
-  std::vector<double> times{};  // by step, in place of the interval
+  std::vector<double> times{};  // by step, in place of these two
   std::string time_unit{};
   std::string length_unit{};
   std::string sample_unit{};
@@ -59,8 +60,8 @@ struct FileLayout {
 };
 
 // A series of these volumes; `path` is for messages, `field` the name of the only field.
-// INVALID_ARGUMENT: more than 100 000 steps, 1000 fields or 4096 components; a shear, or
-// faults, unless the rules take them.
+// INVALID_ARGUMENT: more than 100 000 steps, 1000 fields or 4096 components; times that are not
+// finite, or not above those before; a shear, or faults, unless the rules take them.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> MakeLayoutSeries(const std::string& path,
                                                                const std::string& field,
                                                                FileLayout layout,

@@ -27,7 +27,7 @@ struct SampleLocation {
   std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if encoded
 
   bool is_big_endian = false;
-  volume::ScalarType stored_type = volume::ScalarType::kUint8;  // NRRD, MetaImage: ITK tells
+  volume::ScalarType stored_type = volume::ScalarType::kUint8;
   // Samples are slope * stored + intercept, in double, unless slope is 1 and intercept 0. Then they
   // keep their type, unless other volumes of the file do not.
   double slope = 1;

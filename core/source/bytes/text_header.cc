@@ -4,7 +4,9 @@
 #include <memory>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
@@ -26,6 +28,10 @@ absl::StatusOr<std::string> ReadTextHeader(const std::string& path) {
   std::string text(static_cast<std::size_t>(std::min(file->size_bytes(), kMaxTextHeaderBytes)),
                    '\0');
   ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, text.size(), text.data()));
+  if (absl::StartsWith(text, "\x1f\x8b\x08")) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": a gzip stream; expected a header of text: decompress it (gunzip -c)"));
+  }
   return text;
 }
 

@@ -16,6 +16,7 @@
 namespace isoscope::source {
 
 // The beginning of the file, 4 MiB at most: a header that lists 100 000 files is shorter.
+// INVALID_ARGUMENT: a gzip stream.
 absl::StatusOr<std::string> ReadTextHeader(const std::string& path);
 
 // Takes the next line off `text`, from `position`, without its end ("\n" or "\r\n"). False at the

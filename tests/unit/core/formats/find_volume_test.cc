@@ -11,6 +11,7 @@
 
 #include "core/formats/open_volume.h"
 #include "core/source/volume_series.h"
+#include "tests/support/medical_files.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -79,7 +80,8 @@ TEST_F(FindVolumeTest, WhateverIsOneVolumeIsASeriesOfOneFieldAndOneStep) {
     EXPECT_EQ(series->fields()[0].unit, "");
     EXPECT_THAT(series->times(), IsEmpty());
     EXPECT_EQ(series->step_count(), 1);
-    EXPECT_EQ(series->time_unit() + series->length_unit(), "");
+    EXPECT_EQ(series->time_unit(), "");
+    EXPECT_EQ(series->length_unit(), path.ends_with(".nii.gz") ? "mm" : "");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plain, OpenVolumeFile(path));
     for (int round = 0; round < 2; ++round) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
@@ -130,6 +132,27 @@ TEST_F(FindVolumeTest, VtkFilesAreSeriesByTheirEnding) {
             "</Collection></VTKFile>");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(tiled_pvd));
   EXPECT_THAT(files, ElementsAre(tiled_pvd, pieces, image));
+}
+
+// ITK knows NIfTI by the ending of the name, so that --format nifti was refused for others.
+TEST_F(FindVolumeTest, NiftiIsKnownByContentIfItIsForced) {
+  const std::string samples = Noise(kDims, ScalarType::kInt16);
+  for (const std::string& path :
+       {Write("head.foo", testing::NiftiHeaderBytes({.dims = kDims}) + samples),
+        Write("head.tif", testing::Gzip(testing::NiftiHeaderBytes({.dims = kDims}) + samples)),
+        Write("head.mgh", testing::Nifti2Bytes({.dims = kDims}) + samples)}) {
+    SCOPED_TRACE(path);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
+                                  OpenVolumeSeries(path, {.axes = "", .format = "nifti"}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
+    EXPECT_EQ(ReadAll(*volume, 1).value(), samples);
+  }
+  EXPECT_THAT(
+      OpenVolumeSeries(Write("noise.foo", std::string(600, 'x')), {.axes = "", .format = "nifti"}),
+      StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("not a NIfTI file")));
+  EXPECT_FALSE(OpenVolumeSeries(Write("a.mgh", testing::MghBytes({}) + samples),
+                                {.axes = "", .format = "nifti"})
+                   .ok());
 }
 
 TEST_F(FindVolumeTest, ErrorsAreThoseOfTheFormat) {

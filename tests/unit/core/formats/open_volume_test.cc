@@ -532,16 +532,8 @@ TEST_F(OpenVolumeTest, NiftiSformHoldsWhereTheQformDiffers) {
   }
 }
 
-TEST_F(OpenVolumeTest, MessagesOfItkHaveNoAddresses) {
-  const std::string header =
-      "NRRD0005\ntype: uint8\ndimension: 2\nspace dimension: 2\nsizes: 2 4\n"
-      "space directions: (1,0) (0,zz)\nencoding: raw\n\n";
-  EXPECT_THAT(OpenVolumeFile(Write("a.nrrd", header + std::string(8, 'x'))).status().message(),
-              AllOf(HasSubstr("space vector 2 of 2"), ::testing::Not(HasSubstr("0x"))));
-}
-
 TEST_F(OpenVolumeTest, NiftiTransformsThatAreNoNumbersAreRefused) {
-  // Found by nifti_fuzz: ITK ends the process on these.
+  // Found by nifti_fuzz: ITK ended the process on these.
   const std::string samples = Noise(kDims, volume::ScalarType::kUint8);
   for (const float element :
        {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), 1e30F}) {

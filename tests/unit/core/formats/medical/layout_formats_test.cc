@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -201,6 +202,11 @@ TEST_F(LayoutFormatsTest, NiftiOf64BitIntegersBecomesFloat64) {
   EXPECT_THAT(
       Open(Write("slope.nii", Nifti2Bytes({.datatype = 1024, .slope = 2}) + BytesOf(values))),
       StatusIs(kInvalid, HasSubstr("slope 2")));
+  // The refusal of NIfTI-1 blamed the datatype.
+  EXPECT_THAT(Open(Write("slope1.nii",
+                         testing::NiftiHeaderBytes({.dims = kDims, .datatype = 1024, .slope = 2}) +
+                             BytesOf(values))),
+              StatusIs(kInvalid, AllOf(HasSubstr("64-bit integers"), HasSubstr("slope 2"))));
   EXPECT_THAT(Open(Write("rgb.nii", Nifti2Bytes({.datatype = 128}) + Volumes(2))),
               StatusIs(kInvalid, HasSubstr("128 (RGB colours)")));
 }
@@ -323,6 +329,16 @@ TEST_F(LayoutFormatsTest, Afni) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("b+tlrc.HEAD")));
   EXPECT_THAT(series->times(), ElementsAre(0, 2.5, 5));
   EXPECT_EQ(series->time_unit(), "s");
+  // The first time was taken as 0.
+  const auto timed = [&](const std::string& floats) {
+    return Write("b+tlrc.HEAD", AfniBytes(3, "1 1 1", "0 0 0",
+                                          AfniNumbers("TAXIS_NUMS", "3 0 77002", 3) +
+                                              AfniNumbers("TAXIS_FLOATS", floats, 5)));
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(timed("10 2.5 0 0 0")));
+  EXPECT_THAT(series->times(), ElementsAre(10, 12.5, 15));
+  EXPECT_THAT(OpenVolumeSeries(timed("nan 2.5 0 0 0")),
+              StatusIs(kInvalid, HasSubstr("from the time nan on")));
 }
 
 TEST_F(LayoutFormatsTest, AfniOfOlderPrograms) {
@@ -450,6 +466,72 @@ TEST_F(LayoutFormatsTest, WhatIsNoPlainVolumeOfParRecIsRefusedWithItsNumbers) {
   Write("gone.PAR", ParBytes(Images({{}})));
   EXPECT_THAT(Open(dir_.Sub("gone.PAR")),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("gone.REC")));
+}
+
+// Words that are no numbers were read as 0, which made slices of zeros.
+TEST_F(LayoutFormatsTest, ColumnsOfParRecAreNumbers) {
+  Write("p.REC", Volumes(4));
+  const auto error = [&](const std::string& from, const std::string& to) {
+    const std::string images = Images({{.slope = 7, .intercept = 9}});
+    EXPECT_NE(images.find(from), std::string::npos) << from;
+    return Open(Write("p.PAR", ParBytes(absl::StrReplaceAll(images, {{from, to}}))));
+  };
+  ISOSCOPE_EXPECT_OK(error(" 9 7 0.004", " 9 7 0.004"));
+  for (const char* bad : {"1e", "nan", "inf", "x"}) {
+    EXPECT_THAT(error(" 7 0.004", absl::StrCat(" ", bad, " 0.004")),
+                StatusIs(kInvalid, AllOf(HasSubstr("line 1 of images"), HasSubstr("rescale slope"),
+                                         HasSubstr(bad))));
+    EXPECT_THAT(error(" 9 7 ", absl::StrCat(" ", bad, " 7 ")),
+                StatusIs(kInvalid, HasSubstr("rescale intercept")));
+  }
+  EXPECT_THAT(error(" 7 0.004", " 0.0 0.004"), StatusIs(kInvalid, HasSubstr("rescale slope 0")));
+  // A column that is not read may hold a text.
+  ISOSCOPE_EXPECT_OK(error(" 0.004 ", " text "));
+  for (const char* bad : {"nan", "inf"}) {
+    EXPECT_THAT(error(" 2.000 1 ", absl::StrCat(" 2.000 ", bad, " ")),
+                StatusIs(kInvalid, AllOf(HasSubstr("slice gap"), HasSubstr("--spacing X,Y,Z"))));
+  }
+}
+
+TEST_F(LayoutFormatsTest, SlicesOfParRecAreOneStack) {
+  Write("p.REC", Volumes(4));
+  const auto open = [&](const std::string& images) {
+    return Open(Write("p.PAR", ParBytes(images)));
+  };
+  // All slices at one place of the REC file.
+  EXPECT_THAT(open(ParImage({.slice = 1}) + ParImage({.slice = 2})),
+              StatusIs(kInvalid, HasSubstr("slice 2 has index 0 in the REC file")));
+  const auto image = [](int slice, const std::string& angles, const std::string& centre,
+                        int dynamic = 1) {
+    return absl::StrReplaceAll(
+        ParImage({.slice = slice, .dynamic = dynamic, .index = 4 * dynamic + slice - 5}),
+        {{" 1860  0 0 0  0 0 0 ", absl::StrCat(" 1860  ", angles, "  ", centre, " ")}});
+  };
+  const auto stack = [&](const std::string& angles, const std::string& centre, int dynamic = 1) {
+    return image(1, "0 5 0", "0 0 0", dynamic) + image(2, "0 5 0", "0 3 0.01", dynamic) +
+           image(3, angles, "0 6 0", dynamic) + image(4, "0 5 0", centre, dynamic);
+  };
+  ISOSCOPE_EXPECT_OK(open(stack("0 5 0", "0 9 0")));
+  EXPECT_THAT(
+      open(stack("0 5 7", "0 9 0")),
+      StatusIs(kInvalid, AllOf(HasSubstr("0, 5, 0 degrees"), HasSubstr("slice 3 by 0, 5, 7"),
+                               HasSubstr("export one stack alone"))));
+  EXPECT_THAT(
+      open(stack("0 5 0", "0 16 0")),
+      StatusIs(kInvalid, AllOf(HasSubstr("the centre of slice 2"), HasSubstr("offcentre"))));
+  // A second volume elsewhere.
+  ISOSCOPE_EXPECT_OK(open(stack("0 5 0", "0 9 0") + stack("0 5 0", "0 9 0", 2)));
+  EXPECT_THAT(open(stack("0 5 0", "0 9 0") + stack("0 5 0", "7 9 0", 2)),
+              StatusIs(kInvalid, HasSubstr("the centre of slice 4 is at 7, 9, 0 mm")));
+}
+
+TEST_F(LayoutFormatsTest, HeadersOfTextInAGzipStreamAreNamedAsSuch) {
+  Write("g.BRIK", Volumes(1));
+  Write("g.REC", Volumes(1));
+  EXPECT_THAT(Open(Write("g.HEAD", Gzip(AfniBytes(1, "1", "0")))),
+              StatusIs(kInvalid, AllOf(HasSubstr("g.HEAD"), HasSubstr("gzip stream"))));
+  EXPECT_THAT(Open(Write("g.PAR", Gzip(ParBytes(Images({{}}))))),
+              StatusIs(kInvalid, AllOf(HasSubstr("g.PAR"), HasSubstr("gzip stream"))));
 }
 
 TEST_F(LayoutFormatsTest, CutFilesAreErrors) {

@@ -1,6 +1,7 @@
 #include "core/formats/medical/meta_image_grid.h"
 
 #include <string>
+#include <tuple>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
@@ -90,6 +91,41 @@ TEST_F(MetaImageGridTest, FieldsThatAreNoneOrContradictEachOtherAreRefused) {
     EXPECT_THAT(Read(lines), StatusIs(kInvalid, HasSubstr("a.mha"))) << lines;
   }
   EXPECT_TRUE(Read("Offset = 1 2 3\nPosition = 1 2 3\n").ok());
+}
+
+// The last one counted.
+TEST_F(MetaImageGridTest, AFieldIsThereOnce) {
+  for (const char* name : {"ElementSpacing", "Offset", "Position", "elementspacing"}) {
+    EXPECT_THAT(Read(absl::StrCat(name, " = 1 1 1\n", name, " = 2 2 2\n")),
+                StatusIs(kInvalid, AllOf(HasSubstr(name), HasSubstr("2 2 2"), HasSubstr("1 1 1"))));
+  }
+  EXPECT_TRUE(Read("Comment = a\nComment = b\nOffset = 1 1 1\nOffset = 1 1 1\n").ok());
+}
+
+TEST_F(MetaImageGridTest, ByteOrdersThatDifferAreRefused) {
+  for (const auto& [order, other, is_good] :
+       {std::tuple{"True", "True", true}, std::tuple{"False", "False", true},
+        std::tuple{"False", "True", false}, std::tuple{"True", "False", false}}) {
+    const std::string path = Write(
+        absl::StrCat("BinaryDataByteOrderMSB = ", order, "\nElementByteOrderMSB = ", other, "\n"));
+    if (is_good) {
+      ISOSCOPE_EXPECT_OK(OpenVolumeFile(path).status());
+    } else {
+      EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("one byte order")));
+    }
+  }
+}
+
+TEST_F(MetaImageGridTest, WhatIsNoVolumeIsNamed) {
+  EXPECT_THAT(OpenVolumeFile(Write("", "4 3 2 1 2", 5)),
+              StatusIs(kInvalid, AllOf(HasSubstr("5-dimensional, 4 x 3 x 2 x 1 x 2 samples"),
+                                       HasSubstr("extract one"))));
+  EXPECT_THAT(OpenVolumeFile(Write("ElementNumberOfChannels = 2\n", "4 3 2 2", 4)),
+              StatusIs(kInvalid, HasSubstr("4-dimensional")));
+  ISOSCOPE_EXPECT_OK(OpenVolumeFile(Write("", "4 3 2 1 1", 5)).status());
+  EXPECT_THAT(OpenVolumeFile(Write("", "4 3 1", 3)), StatusIs(kInvalid, HasSubstr("4 x 3 x 1")));
+  EXPECT_THAT(OpenVolumeFile(Write("ElementNumberOfChannels = 0\n")),
+              StatusIs(kInvalid, HasSubstr("ElementNumberOfChannels = 0")));
 }
 
 TEST_F(MetaImageGridTest, AFourthAxisIsLeftOut) {

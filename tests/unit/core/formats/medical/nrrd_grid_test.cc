@@ -175,6 +175,17 @@ TEST(NrrdGridTest, UnitsOfOneLength) {
   EXPECT_THAT(Read({{"spacings", "1 2 3"}, {"units", "\"mm\" \"s\" \"mm\""}}),
               StatusIs(kInvalid, HasSubstr("\"s\"")));
   EXPECT_TRUE(Read({{"spacings", "1 2 3"}, {"units", "\"mm\" \"\" \"mm\""}}).ok());
+  // Lengths of two units and of none.
+  const std::string mixed = "\"mm\" \"um\" \"\"";
+  EXPECT_THAT(Read({{"spacings", "1 2 3"}, {"units", mixed}}),
+              StatusIs(kInvalid, HasSubstr("expected one unit")));
+  const auto of_space = [](const std::string& units) {
+    return Read({{"space", "LPS"},
+                 {"space directions", "(1,0,0) (0,1,0) (0,0,1)"},
+                 {"space units", units}});
+  };
+  EXPECT_THAT(of_space(mixed), StatusIs(kInvalid, HasSubstr("expected one unit")));
+  EXPECT_THAT(of_space("\"mm\" \"um\""), StatusIs(kInvalid, HasSubstr("expected 3 units")));
 }
 
 TEST(NrrdGridTest, FilesOfOneVolumeAreReadByTheSameRules) {

@@ -1,13 +1,14 @@
 #include "core/formats/medical/nrrd_layout.h"
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "itkNrrdImageIO.h"
 
-#include "core/formats/medical/itk_header.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
@@ -16,6 +17,7 @@ namespace isoscope::source {
 namespace {
 
 using ::isoscope::testing::StatusIs;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -87,9 +89,20 @@ TEST_F(NrrdLayoutTest, VectorsHaveTheGridThatItkReads) {
         "dimension: 4\nsizes: 3 7 6 5\nkinds: vector domain domain domain\nspace: ", space,
         "\nspace directions: none (0.1,1.5,0.3) (-2,0.2,0) (0,0.7,3)\nspace origin: (10,20,30)\n"));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NrrdLayout layout, ReadNrrdLayout(path));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ImageLayout itk, ReadImageLayout(FileFormat::kNrrd, path));
-    EXPECT_EQ(layout.grid.geometry, itk.geometry) << space;
-    EXPECT_EQ(layout.grid.patient_frame.has_value(), itk.patient_frame.has_value());
+    const auto itk = itk::NrrdImageIO::New();
+    itk->SetFileName(path);
+    itk->ReadImageInformation();
+    volume::GridGeometry geometry;
+    for (unsigned axis = 0; axis < 3; ++axis) {
+      const int index = static_cast<int>(axis);
+      geometry.sample_dims[index] = static_cast<std::int64_t>(itk->GetDimensions(axis));
+      geometry.spacing[index] = itk->GetSpacing(axis);
+      geometry.origin[index] = itk->GetOrigin(axis);
+      const std::vector<double> direction = itk->GetDirection(axis);
+      geometry.direction.columns[axis] = {direction[0], direction[1], direction[2]};
+    }
+    EXPECT_EQ(layout.grid.geometry, geometry) << space;
+    EXPECT_TRUE(layout.grid.patient_frame.has_value());
     EXPECT_EQ(layout.tuples, 3);
     EXPECT_EQ(layout.volumes, 1);
     EXPECT_FALSE(layout.is_time);
@@ -122,6 +135,73 @@ TEST_F(NrrdLayoutTest, TimeMayBeAnAxisOfTheSpace) {
   EXPECT_EQ(layout.volumes, 9);
   EXPECT_EQ(layout.interval, 0.5);
   EXPECT_EQ(layout.grid.geometry.spacing, (math::Vec3d{1, 1, 3}));
+}
+
+// Steps that were 0, negative or unknown apart became 1 apart, with the unit of the header.
+TEST_F(NrrdLayoutTest, DistancesOfStepsAreAboveZeroOrNotKnown) {
+  const auto read = [&](const std::string& spacing, const std::string& more = "") {
+    return ReadNrrdLayout(
+        Write(absl::StrCat("dimension: 4\nsizes: 7 6 5 4\nkinds: domain domain domain time\n"
+                           "spacings: 1 2 3 ",
+                           spacing, "\nunits: \"mm\" \"mm\" \"mm\" \"s\"\n", more)));
+  };
+  for (const char* bad : {"0", "-2", "inf", "-inf"}) {
+    EXPECT_THAT(read(bad), StatusIs(kInvalid, AllOf(HasSubstr(bad), HasSubstr("axis 3, of time"))));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(NrrdLayout layout, read("nan"));
+  EXPECT_EQ(layout.interval, 1);
+  EXPECT_EQ(layout.time_unit, "");
+  // The bounds of the axis.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(layout, read("2", "axis mins: 0 0 0 10\n"));
+  EXPECT_EQ(layout.first_time, 10);
+  EXPECT_EQ(layout.interval, 2);
+  EXPECT_EQ(layout.time_unit, "s");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(layout,
+                                read("2", "axis mins: 0 0 0 10\ncenters: cell cell cell cell\n"));
+  EXPECT_EQ(layout.first_time, 11);
+  for (const char* maxs : {"16", "18"}) {  // of samples, of cells
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        layout,
+        read("2", absl::StrCat("axis mins: nan nan nan 10\naxis maxs: nan nan nan ", maxs, "\n")));
+    EXPECT_EQ(layout.first_time, maxs[1] == '6' ? 10 : 11);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(layout,
+                                read("nan",
+                                     "axis mins: nan nan nan 10\naxis maxs: nan nan nan 16\n"
+                                     "centers: ??? ??? ??? node\n"));
+  EXPECT_EQ(layout.first_time, 10);
+  EXPECT_EQ(layout.interval, 2);
+  for (const char* bad : {"axis mins: nan nan nan 10\n", "axis maxs: nan nan nan 16\n",
+                          "axis mins: nan nan nan 10\naxis maxs: nan nan nan 16\n"}) {
+    EXPECT_THAT(read("nan", bad), StatusIs(kInvalid, HasSubstr("of time"))) << bad;
+  }
+  EXPECT_THAT(read("2", "axis mins: nan nan nan 10\naxis maxs: nan nan nan 30\n"),
+              StatusIs(kInvalid, HasSubstr("from 10 to 30")));
+  EXPECT_THAT(read("2", "axis mins: nan nan nan inf\n"), StatusIs(kInvalid, HasSubstr("inf")));
+}
+
+TEST_F(NrrdLayoutTest, TimeOfASpaceBeginsAtItsOrigin) {
+  const auto read = [&](const std::string& origin, const std::string& step = "2",
+                        const std::string& more = "") {
+    return ReadNrrdLayout(
+        Write(absl::StrCat("dimension: 4\nsizes: 7 6 5 4\nspace: LPST\n"
+                           "space directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,",
+                           step, ")\nspace origin: (0,0,0,", origin, ")\n", more)));
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(NrrdLayout layout,
+                                read("10", "2", "space units: \"mm\" \"mm\" \"mm\" \"s\"\n"));
+  EXPECT_EQ(layout.first_time, 10);
+  EXPECT_EQ(layout.interval, 2);
+  EXPECT_EQ(layout.time_unit, "s");
+  EXPECT_EQ(layout.grid.length_unit, "mm");
+  EXPECT_THAT(read("nan"), StatusIs(kInvalid, HasSubstr("the time of the space origin is nan")));
+  for (const char* bad : {"-2", "nan", "inf"}) {
+    EXPECT_THAT(read("10", bad), StatusIs(kInvalid, HasSubstr("of time"))) << bad;
+  }
+  EXPECT_THAT(read("10", "2", "spacings: nan nan nan 2\n"),
+              StatusIs(kInvalid, HasSubstr("expected one of both")));
+  EXPECT_THAT(read("10", "2", "space units: \"mm\" \"mm\" \"mm\"\n"),
+              StatusIs(kInvalid, HasSubstr("expected 4 units")));
 }
 
 TEST_F(NrrdLayoutTest, HeadersThatDoNotSayItAreRefused) {

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -194,13 +195,94 @@ TEST_F(SampleSeriesTest, AFourthAxisOfMetaImageIsSteps) {
   ExpectVolume(*series, 0, 2, 2);
 }
 
-TEST_F(SampleSeriesTest, OneVolumeIsLeftToOthers) {
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto meta,
-      OpenSampleSeries(FileFormat::kMetaImage,
-                       Write("a.mha", MetaHeader(kDims, "MET_SHORT", "LOCAL") + Volumes(1)), "a",
-                       "a"));
-  EXPECT_EQ(meta, nullptr);
+TEST_F(SampleSeriesTest, OneVolumeIsASeriesOfOneStep) {
+  for (const auto& [format, path] :
+       {std::pair{FileFormat::kMetaImage,
+                  Write("a.mha", MetaHeader(kDims, "MET_SHORT", "LOCAL") + Volumes(1))},
+        std::pair{FileFormat::kNrrd,
+                  Write("a.nrrd", NrrdHeader(kDims, "short", "raw") + Volumes(1))}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenSampleSeries(format, path, "name", "a"));
+    EXPECT_EQ(series->name(), "name");
+    EXPECT_THAT(series->times(), IsEmpty());
+    ExpectVolume(*series, 0, 0, 0);
+  }
+}
+
+TEST_F(SampleSeriesTest, NrrdThatIsNoVolumeIsNamed) {
+  const auto open = [&](const std::string& lines, const std::string& type = "short") {
+    return OpenVolumeSeries(
+        Write("n.nrrd", absl::StrCat("NRRD0005\ntype: ", type, "\nendian: little\nencoding: raw\n",
+                                     lines, "\n", Volumes(4))));
+  };
+  EXPECT_THAT(open("dimension: 2\nsizes: 4 3\n"),
+              StatusIs(kInvalid, HasSubstr("2-dimensional, 4 x 3 samples")));
+  EXPECT_THAT(open("dimension: 5\nsizes: 4 3 2 2 2\n"),
+              StatusIs(kInvalid, AllOf(HasSubstr("5-dimensional"), HasSubstr("extract one"))));
+  ISOSCOPE_EXPECT_OK(open("dimension: 5\nsizes: 4 3 2 1 1\n").status());
+  EXPECT_THAT(open("dimension: 4\nsizes: 4 3 2\n"), StatusIs(kInvalid, HasSubstr("dimension 4")));
+  EXPECT_THAT(open("dimension: 3\nsizes: 4 3 1\n"), StatusIs(kInvalid, HasSubstr("4 x 3 x 1")));
+  EXPECT_THAT(open("dimension: 3\nsizes: 4 3 2\n", "block"),
+              StatusIs(kInvalid, HasSubstr("\"block\"")));
+}
+
+// An axis without a direction or a distance became one of samples 1 apart.
+TEST_F(SampleSeriesTest, NrrdAxesThatAreNotOfSpaceAreRefused) {
+  const auto open = [&](const std::string& lines, const GridRules& rules = {}) {
+    const std::string path =
+        Write("n.nrrd", absl::StrCat("NRRD0005\ntype: short\nendian: little\nencoding: raw\n"
+                                     "dimension: 3\nsizes: 4 3 2\n",
+                                     lines, "\n", Volumes(1)));
+    return OpenVolumeFile(path, "", rules).status();
+  };
+  const GridRules both{.has_spacing = true, .has_direction = true};
+  for (const char* directions :
+       {"(0.5,0,0) (0,0.25,0) none", "none (0.5,0,0) (0,0.25,0)", "(0.5,0,0) NONE (0,0.25,0)"}) {
+    for (const char* space :
+         {"space: LPS\n", "space dimension: 3\nkinds: domain domain domain\n"}) {
+      const std::string lines =
+          absl::StrCat(space, "space directions: ", directions, "\nspace origin: (1,2,3)\n");
+      EXPECT_THAT(open(lines), StatusIs(kInvalid, AllOf(HasSubstr("\"none\": it is not of space"),
+                                                        HasSubstr("--spacing X,Y,Z"),
+                                                        HasSubstr("--direction XX"))))
+          << directions;
+      EXPECT_THAT(open(lines, {.has_spacing = true}), StatusIs(kInvalid));
+      ISOSCOPE_EXPECT_OK(open(lines, both));
+    }
+  }
+  const std::string time = "kinds: domain domain time\nspacings: 0.5 0.25 nan\n";
+  EXPECT_THAT(open(time), StatusIs(kInvalid, AllOf(HasSubstr("along axis 2 is not known"),
+                                                   HasSubstr("--spacing X,Y,Z"))));
+  ISOSCOPE_EXPECT_OK(open(time, {.has_spacing = true}));
+  for (const char* kinds :
+       {"vector domain domain", "domain domain list", "domain RGB-color domain"}) {
+    EXPECT_THAT(open(absl::StrCat("kinds: ", kinds, "\nspacings: 1 1 1\n"), both),
+                StatusIs(kInvalid, HasSubstr("not of space")))
+        << kinds;
+  }
+}
+
+// It was read as little-endian.
+TEST_F(SampleSeriesTest, NrrdOfSeveralBytesASampleHasAByteOrder) {
+  const auto open = [&](const std::string& type, const std::string& lines) {
+    return OpenVolumeFile(Write("e.nrrd", absl::StrCat("NRRD0005\ntype: ", type,
+                                                       "\ndimension: 3\nsizes: 4 3 2\n", lines,
+                                                       "\n", std::string(24 * 8, '1'))))
+        .status();
+  };
+  for (const char* type : {"short", "float", "double", "long long"}) {
+    for (const char* lines : {"encoding: raw\n", "encoding: gzip\n", "encoding: hex\n",
+                              "encoding: raw\nendian: middle\n"}) {
+      EXPECT_THAT(open(type, lines),
+                  StatusIs(kInvalid, AllOf(HasSubstr("e.nrrd"), HasSubstr("endian"))))
+          << type << lines;
+    }
+    ISOSCOPE_EXPECT_OK(open(type, "encoding: raw\nendian: BIG\n"));
+  }
+  ISOSCOPE_EXPECT_OK(open("uint8", "encoding: raw\n"));
+  ISOSCOPE_EXPECT_OK(open("short", "encoding: ascii\n"));
+}
+
+TEST_F(SampleSeriesTest, NrrdOfFourAxesOfSpaceIsRefused) {
   EXPECT_THAT(OpenVolumeSeries(Write("four.nrrd", Nrrd4("4 3 2 2", "domain domain domain domain",
                                                         "(1,0,0) (0,1,0) (0,0,1) (0,0,1)"))),
               StatusIs(kInvalid, HasSubstr("four.nrrd")));

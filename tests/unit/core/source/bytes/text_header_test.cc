@@ -30,6 +30,13 @@ TEST(TextHeaderTest, LinesEndAsUnixOrDosOrTheTextDoes) {
   EXPECT_EQ(position, text.size());
 }
 
+TEST(TextHeaderTest, AGzipStreamIsNoText) {
+  const testing::TempDir dir;
+  testing::WriteFile(dir.Sub("a.HEAD"), testing::Gzip("type = string-attribute\n"));
+  EXPECT_THAT(ReadTextHeader(dir.Sub("a.HEAD")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("a.HEAD: a gzip stream")));
+}
+
 TEST(TextHeaderTest, FieldsAreFoundInAnyCaseWithoutSpacesAround) {
   HeaderFields fields("f.mhd");
   fields.Set(" DimSize ", "\t1 2\t 3 ");

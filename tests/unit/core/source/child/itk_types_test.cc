@@ -1,5 +1,6 @@
 #include "core/source/child/itk_types.h"
 
+#include <stdexcept>
 #include <utility>
 
 #include "gmock/gmock.h"
@@ -31,6 +32,15 @@ TEST(ScalarTypeOfTest, EveryTypeOfOursIsKnownAndOthersAreRefusedByName) {
         ScalarTypeOf(component, "/d/v.dcm").status(),
         StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("/d/v.dcm: samples of type")));
   }
+}
+
+TEST(TextOfItkTest, MessagesHaveNoAddresses) {
+  itk::ExceptionObject error("a.cxx", 7);
+  error.SetDescription("ITK ERROR: NrrdImageIO(0x55ae): too many axes");
+  EXPECT_EQ(TextOfItk(error), "too many axes");
+  error.SetDescription("too many axes");
+  EXPECT_EQ(TextOfItk(error), "too many axes");
+  EXPECT_EQ(TextOfItk(std::runtime_error("of others")), "of others");
 }
 
 }  // namespace

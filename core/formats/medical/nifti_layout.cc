@@ -1,24 +1,28 @@
-// NIfTI-2 is NIfTI-1 with wider numbers in another order: a header of 540 bytes in front of the
-// samples ("n+2", .nii), or beside them ("ni2", a pair .hdr and .img). The first number, 540, shows
-// the byte order:
+// NIfTI is a header in front of the samples (one file .nii), or beside them (a pair .hdr and .img);
+// either may be a gzip stream. Its numbers have the byte order of the machine that wrote it: the
+// first one, 348 or 540, shows which. NIfTI-2 is NIfTI-1 with wider numbers in another order:
 //
-//   byte   0  int32      540
-//   byte   4  char[8]    "n+2" or "ni2", and bytes that a transfer as text changes
-//   byte  12  int16      type of the samples
-//   byte  16  int64[8]   number of axes, x, y, z, t, components, two more
-//   byte 104  double[8]  sign of z in the qform, distances of samples along the axes
-//   byte 168  int64      bytes before the samples
-//   byte 176  double     slope, intercept; a slope of 0 (or NaN) means that none is set
-//   byte 344  int32      qform_code, sform_code; 0: the transform is not set
-//   byte 352  double     quaternion b, c, d, and its offset x, y, z
-//   byte 400  double[12] rows of the sform
-//   byte 500  int32      units, of space in bits 0 to 2, of time in bits 3 to 5
+//   NIfTI-1           NIfTI-2
+//   byte   0 int32      0 int32   348; 540
+//   byte 344 char[4]    4 char[8] "n+1" or "n+2"; of a pair "ni1" or "ni2"
+//   byte  40 int16     16 int64   [8]: number of axes, x, y, z, t, components, two more
+//   byte  70 int16     12 int16   type of the samples (kNiftiTypes)
+//   byte  76 float    104 double  [8]: sign of z in the qform (qfac), distances along the axes
+//   byte 108 float    168 int64   vox_offset: bytes before the samples, 352 or 544 at least in .nii
+//   byte 112 float    176 double  slope, intercept; a slope of 0 (or NaN) means that none is set
+//   byte 123 uint8    500 int32   units, of space in bits 0 to 2, of time in bits 3 to 5
+//   byte 136 float    216 double  toffset: the time of the first step
+//   byte 252 int16    344 int32   qform_code; above 0 the quaternion holds
+//   byte 254 int16    348 int32   sform_code; above 0 the affine transform holds
+//   byte 256 float    352 double  quaternion b, c, d, and its offset x, y, z
+//   byte 280 float    400 double  [3][4], rows of the sform
 //
-// Files of NIfTI-1 whose names do not say so are read here, too, and those of 64-bit integers. ITK
-// reads the others, which it knows by their names; only their grid is read here (nifti_location.cc
-// has the bytes).
+// The samples of all steps of the first component come first.
 //
-// Source: https://nifti.nimh.nih.gov/nifti-2, nifti2.h; the transforms as in nifti1.h.
+// Source: https://nifti.nimh.nih.gov/nifti-1, nifti1.h; https://nifti.nimh.nih.gov/nifti-2,
+// nifti2.h.
+
+#include "core/formats/medical/nifti_layout.h"
 
 #include <algorithm>
 #include <array>
@@ -30,9 +34,9 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
+#include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/formats/medical/layout_formats.h"
-#include "core/formats/medical/nifti_layout.h"
 #include "core/source/adapt/wide_source.h"
 #include "core/source/bytes/binary_header.h"
 #include "core/source/bytes/file_start.h"
@@ -71,11 +75,15 @@ class NiftiNumbers {
     return is_second_ ? static_cast<double>(header_.Load<std::int64_t>(168))
                       : static_cast<double>(header_.Load<float>(108));
   }
+  // The least vox_offset of a single file: the header, and four bytes that tell of extensions.
+  [[nodiscard]] std::int64_t least_skip() const { return header_bytes() + 4; }
   [[nodiscard]] double slope() const { return Real(112, 176, 0); }
   [[nodiscard]] double intercept() const { return Real(112, 176, 1); }
   [[nodiscard]] std::int32_t units() const {
     return is_second_ ? header_.Load<std::int32_t>(500) : header_.Load<std::uint8_t>(123);
   }
+  // The time of the first step.
+  [[nodiscard]] double first_time() const { return Real(136, 216, 0); }
   [[nodiscard]] bool has_qform() const { return Code(252, 344) > 0; }
   [[nodiscard]] bool has_sform() const { return Code(254, 348) > 0; }
   // b, c, d, and the offset x, y, z.
@@ -86,6 +94,10 @@ class NiftiNumbers {
       rows[i / 4][i % 4] = Real(280, 400, i);
     }
     return rows;
+  }
+  // The byte of a number of the sform.
+  [[nodiscard]] std::size_t SformByte(std::size_t number) const {
+    return is_second_ ? 400 + 8 * number : 280 + 4 * number;
   }
   [[nodiscard]] bool is_pair() const {
     return header_.bytes().substr(is_second_ ? 4 : 344, 3) == (is_second_ ? "ni2" : "ni1");
@@ -184,6 +196,23 @@ AffineRows TransformOf(const NiftiNumbers& header, const std::string& path, File
   return rows;
 }
 
+// Numbers that were meant as others, as those of the other byte order. What is no number at all
+// becomes a fault of the layout.
+absl::Status CheckSform(const NiftiNumbers& header, const std::string& path) {
+  constexpr double kMaxElement = 1e12;
+  const AffineRows rows = header.Sform();
+  for (std::size_t i = 0; i < 12 && header.has_sform(); ++i) {
+    const double element = rows[i / 4][i % 4];
+    if (std::isfinite(element) && std::abs(element) > kMaxElement) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: the transform of the %s header (sform) has %g at byte %d; expected a number of "
+          "millimetres: the file is damaged",
+          path, header.name(), element, header.SformByte(i)));
+    }
+  }
+  return absl::OkStatus();
+}
+
 // Millimetres of the file's unit of length: metres, millimetres, micrometres.
 double MillimetresOf(std::int32_t units) {
   switch (units & 7) {
@@ -194,6 +223,24 @@ double MillimetresOf(std::int32_t units) {
     default:
       return 1;
   }
+}
+
+// The times of several steps: their numbers, without a unit, where the header has no interval above 0.
+absl::Status SetNiftiTimes(const NiftiNumbers& header, const std::string& path,
+                           FileLayout* layout) {
+  const double interval = header.Distance(4);
+  if (layout->steps == 1 || !std::isfinite(interval) || interval <= 0) {
+    return absl::OkStatus();
+  }
+  layout->interval = interval;
+  layout->time_unit = NiftiTimeUnit(static_cast<std::uint8_t>(header.units() & 0xff));
+  layout->first_time = header.first_time();
+  if (!std::isfinite(layout->first_time)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: toffset of the %s header is %g; expected the time of the first step, a finite number",
+        path, header.name(), layout->first_time));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, FileLayout* layout) {
@@ -207,6 +254,12 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   for (std::size_t axis = 0; axis < static_cast<std::size_t>(axes); ++axis) {
     dims[axis] = header.Size(axis + 1);
   }
+  if (axes < 3) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d-dimensional, %s samples; expected one three-dimensional volume, of 2 samples or "
+        "more along each of three axes",
+        path, axes, absl::StrJoin(dims.begin(), dims.begin() + axes, " x ")));
+  }
   if (*std::min_element(dims.begin(), dims.end()) < 1 || dims[5] != 1 || dims[6] != 1 ||
       dims[3] > kMaxVolumes || dims[4] > kMaxVolumes) {
     return absl::InvalidArgumentError(
@@ -216,6 +269,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   layout->steps = dims[3];
   layout->components = dims[4];
   layout->location.volume_count = dims[3] * dims[4];
+  ISOSCOPE_RETURN_IF_ERROR(CheckSform(header, path));
   AffineRows rows = TransformOf(header, path, layout);
   for (std::array<double, 4>& row : rows) {
     for (double& number : row) {
@@ -231,12 +285,7 @@ absl::Status SetNiftiAxes(const NiftiNumbers& header, const std::string& path, F
   }
   const std::int32_t length_unit = header.units() & 7;
   layout->length_unit = length_unit >= 1 && length_unit <= 3 ? "mm" : "";
-  const double interval = header.Distance(4);
-  if (std::isfinite(interval) && interval > 0) {
-    layout->interval = interval;
-    layout->time_unit = NiftiTimeUnit(static_cast<std::uint8_t>(header.units() & 0xff));
-  }
-  return absl::OkStatus();
+  return SetNiftiTimes(header, path, layout);
 }
 
 std::optional<WideType> WideTypeOf(std::int16_t datatype) {
@@ -254,21 +303,42 @@ absl::StatusOr<NiftiNumbers> ReadNiftiNumbers(const std::string& path, bool* is_
         absl::StrFormat("%s: the NIfTI header has %d bytes, expected %d: the file is cut", path,
                         head.bytes.size(), header_bytes));
   }
+  if (IsAnalyzeHeader(head.bytes)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": no NIfTI-1 magic at byte 344 (an ANALYZE 7.5 header?): convert it to NIfTI"));
+  }
+  if (!is_second && !IsNifti1Header(head.bytes)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: the header starts with %d, expected 348, or 540 and the mark of NIfTI-2: not a NIfTI "
+        "file",
+        path, base::LoadLittleEndian<std::int32_t>(head.bytes.data())));
+  }
   *is_gzip = head.is_gzip;
   return NiftiNumbers(
       head.bytes, BeginsBigEndian(head.bytes, static_cast<std::uint32_t>(header_bytes)), is_second);
 }
 
-}  // namespace
-
-absl::StatusOr<volume::GridGeometry> ReadNiftiGrid(const std::string& path) {
-  bool is_gzip = false;
-  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiNumbers header, ReadNiftiNumbers(path, &is_gzip));
-  FileLayout layout;
-  ISOSCOPE_RETURN_IF_ERROR(SetNiftiAxes(header, path, &layout));
-  ISOSCOPE_RETURN_IF_ERROR(layout.faults.Check({}, path));
-  return layout.geometry;
+// Bytes before the samples. In a single file they lie behind the header; 0 says no more than that.
+absl::StatusOr<std::int64_t> NiftiSkip(const NiftiNumbers& header, const std::string& path) {
+  const double skip = header.skip();
+  if (!(skip >= 0 && skip < 0x1p53)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %s vox_offset %g; expected 0 or more", path, header.name(), skip));
+  }
+  const auto bytes = static_cast<std::int64_t>(skip);
+  if (header.is_pair() || bytes >= header.least_skip()) {
+    return bytes;
+  }
+  if (skip > 0) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %s vox_offset %g, which is within the header; expected %d bytes or more before the "
+        "samples of a single file, or 0 for %d",
+        path, header.name(), skip, header.least_skip(), header.least_skip()));
+  }
+  return header.least_skip();
 }
+
+}  // namespace
 
 absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
   bool is_gzip = false;
@@ -283,17 +353,12 @@ absl::StatusOr<FileLayout> ReadNiftiHeaderLayout(const std::string& path) {
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, NiftiSampleType(header.datatype(), path));
   }
-  if (!(header.skip() >= 0 && header.skip() < 0x1p53)) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: %s vox_offset %g; expected 0 or more",
-                                                      path, header.name(), header.skip()));
-  }
-  auto skip = static_cast<std::int64_t>(header.skip());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t skip, NiftiSkip(header, path));
   if (header.is_pair()) {
     ISOSCOPE_ASSIGN_OR_RETURN(location.files, NiftiImageOfPair(path));
     is_gzip = IsNiftiStream(path, location.files.front());
   } else {
     location.files = {path};
-    skip = std::max(skip, header.header_bytes());
   }
   location.encoding = is_gzip ? SampleEncoding::kDeflate : SampleEncoding::kRaw;
   (location.is_encoded() ? location.decoded_skip : location.offset) = skip;
