@@ -246,6 +246,8 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
                      .unit = file->Text(volume, {"units"}),
                      .components = NetcdfComponents(volume, components)},
            .number = found.numbers[i]});
+    } else if (!AreOnOneGrid(chosen, volume)) {
+      described.elsewhere.push_back(volume.name);
     }
   }
   return WalledTexts(described);
