@@ -32,9 +32,9 @@ absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& sourc
                    : std::optional<std::size_t>(static_cast<std::size_t>(field - fields.begin()));
       });
   if (!found.has_value()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        source.name(), ": no field \"", text, "\"; it has ", source::DescribeFields(fields),
-        source::OtherGridAdvice(source, text)));
+    return absl::InvalidArgumentError(absl::StrCat(source.name(), ": no field \"", text,
+                                                   "\"; it has ", source::DescribeFields(fields),
+                                                   source::OtherGridAdvice(source, text)));
   }
   // A number names a component, too.
   const std::vector<std::string>& components = fields[found->field].components;

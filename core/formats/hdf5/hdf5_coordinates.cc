@@ -234,10 +234,10 @@ absl::StatusOr<std::vector<double>> ElementSizes(hid_t dataset, const GridRules&
     return std::vector<double>();
   }
   return NoSampleDistance(
-      "", absl::StrFormat("its attribute %s has %s in place of three distances, of z, y and x",
-                          kName,
-                          sizes.size() == 3 ? absl::StrJoin(sizes, ", ")
-                                            : absl::StrCat(sizes.size(), " numbers")));
+      "",
+      absl::StrFormat(
+          "its attribute %s has %s in place of three distances, of z, y and x", kName,
+          sizes.size() == 3 ? absl::StrJoin(sizes, ", ") : absl::StrCat(sizes.size(), " numbers")));
 }
 
 }  // namespace

@@ -38,8 +38,9 @@ absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const s
                                         const std::string& name);
 
 // The grid of the samples. An axis without coordinates has the spacing of the attribute
-// "element_size_um", else 1 (cf_grid.h). INVALID_ARGUMENT: an axis that is not even, unless `takes_uneven`;
-// such an attribute without three distances, unless the rules have others; otherwise as CfGridOf.
+// "element_size_um", else 1 (cf_grid.h). INVALID_ARGUMENT: an axis that is not even, unless
+// `takes_uneven`; such an attribute without three distances, unless the rules have others;
+// otherwise as CfGridOf.
 struct Hdf5Grid {
   volume::GridGeometry geometry;
   AxisDistances distances;

@@ -97,7 +97,8 @@ absl::StatusOr<double> NumberInDataset(hid_t group, const std::string& name, dou
     return fallback;
   }
   const Hdf5Handle dataset(H5Dopen2(group, name.c_str(), H5P_DEFAULT), H5Dclose);
-  const Hdf5Handle type(dataset.is_valid() ? H5Dget_type(dataset.get()) : H5I_INVALID_HID, H5Tclose);
+  const Hdf5Handle type(dataset.is_valid() ? H5Dget_type(dataset.get()) : H5I_INVALID_HID,
+                        H5Tclose);
   const Hdf5Handle space(dataset.is_valid() ? H5Dget_space(dataset.get()) : H5I_INVALID_HID,
                          H5Sclose);
   const H5T_class_t kind = type.is_valid() ? H5Tget_class(type.get()) : H5T_NO_CLASS;

@@ -133,8 +133,8 @@ absl::Status CheckMinc2Scale(hid_t file) {
     const Hdf5Handle space(H5Dget_space(limits.get()), H5Sclose);
     const std::int64_t count = H5Sget_simple_extent_npoints(space.get());
     if (count < 1 || count > kMaxMincLimits) {
-      return absl::InvalidArgumentError(absl::StrFormat("its %s has %d numbers; expected 1 to %d",
-                                                        name, count, kMaxMincLimits));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("its %s has %d numbers; expected 1 to %d", name, count, kMaxMincLimits));
     }
     std::vector<double> numbers(static_cast<std::size_t>(count));
     if (H5Dread(limits.get(), H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers.data()) <
@@ -148,9 +148,9 @@ absl::Status CheckMinc2Scale(hid_t file) {
 }
 
 absl::Status NamedMinc2(const std::string& path, const absl::Status& status) {
-  return status.ok() ? status
-                     : absl::Status(status.code(), absl::StrCat(path, ": MINC 2: ",
-                                                                status.message()));
+  return status.ok()
+             ? status
+             : absl::Status(status.code(), absl::StrCat(path, ": MINC 2: ", status.message()));
 }
 
 }  // namespace
@@ -159,7 +159,8 @@ absl::StatusOr<std::array<double, 3>> CheckMinc2Header(const std::string& path) 
   ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file, OpenHdf5File(path));
   std::array<double, 3> factors{1, 1, 1};
   for (std::size_t axis = 0; axis < factors.size(); ++axis) {
-    const auto factor = CheckMinc2Axis(file.get(), absl::StrCat(std::string(1, "xyz"[axis]), "space"));
+    const auto factor =
+        CheckMinc2Axis(file.get(), absl::StrCat(std::string(1, "xyz"[axis]), "space"));
     ISOSCOPE_RETURN_IF_ERROR(NamedMinc2(path, factor.status()));
     factors[axis] = *factor;
   }

@@ -72,9 +72,9 @@ absl::StatusOr<double> MincUnitFactor(absl::string_view from, absl::string_view 
   const std::optional<LengthUnit> unit = LengthUnitOf(from);
   const std::optional<LengthUnit> wanted = LengthUnitOf(to);
   if (!unit.has_value() || !wanted.has_value()) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "axes of space in \"%s\" and \"%s\"; expected one unit, or units of length",
-        base::Printable(to), base::Printable(from)));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("axes of space in \"%s\" and \"%s\"; expected one unit, or units of length",
+                        base::Printable(to), base::Printable(from)));
   }
   return unit->metres / wanted->metres;
 }
@@ -83,8 +83,8 @@ absl::Status CheckMincNumbers(absl::string_view name, const std::vector<double>&
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     if (!std::isfinite(numbers[i])) {
       return absl::InvalidArgumentError(absl::StrFormat(
-          "its %s has %g at index %d, and scales samples; expected finite numbers: correct it", name,
-          numbers[i], i));
+          "its %s has %g at index %d, and scales samples; expected finite numbers: correct it",
+          name, numbers[i], i));
     }
   }
   return absl::OkStatus();

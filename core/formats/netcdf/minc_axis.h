@@ -29,8 +29,8 @@ struct MincAxis {
 // INVALID_ARGUMENT: samples at uneven distances. Messages of this file are to follow a name and a
 // colon.
 absl::Status CheckMincSpacing(const MincAxis& axis);
-// The same, of an axis of space. INVALID_ARGUMENT also: a start or step that is no finite number, a step
-// of 0; cosines that are no vector of length 1.
+// The same, of an axis of space. INVALID_ARGUMENT also: a start or step that is no finite number, a
+// step of 0; cosines that are no vector of length 1.
 absl::Status CheckMincAxis(const MincAxis& axis);
 // The direction of the axis. REQUIRES: CheckMincAxis.
 math::Vec3d MincDirectionOf(const MincAxis& axis);

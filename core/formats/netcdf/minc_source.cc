@@ -21,9 +21,9 @@
 #include "itkMINCImageIO.h"
 
 #include "core/base/status_macros.h"
-#include "core/math/matrix.h"
 #include "core/formats/netcdf/minc1_series.h"
 #include "core/formats/netcdf/minc2_header.h"
+#include "core/math/matrix.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/child/itk_types.h"
 #include "core/source/child/silent_libraries.h"

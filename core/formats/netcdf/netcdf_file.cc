@@ -244,17 +244,18 @@ absl::StatusOr<PackingNumbers> ReadPacking(const NetcdfVariable& variable, const
     return PackingNumbers{};
   }
   numbers.values = NetcdfNumbers(variable.group, variable.id, name);
-  const bool is_good =
-      numbers.values.size() == count && std::none_of(numbers.values.begin(), numbers.values.end(),
-                                                     [](double value) { return std::isnan(value); });
+  const bool is_good = numbers.values.size() == count &&
+                       std::none_of(numbers.values.begin(), numbers.values.end(),
+                                    [](double value) { return std::isnan(value); });
   if (is_good) {
     return numbers;
   }
   const std::string text = NetcdfText(variable.group, variable.id, name);
   return absl::InvalidArgumentError(absl::StrFormat(
       "its attribute %s is %s; expected %s: correct it (ncatted), or remove it", name,
-      numbers.values.empty() ? absl::StrCat("the text \"", base::Printable(text.substr(0, 40)), "\"")
-                             : absl::StrJoin(numbers.values, ", "),
+      numbers.values.empty()
+          ? absl::StrCat("the text \"", base::Printable(text.substr(0, 40)), "\"")
+          : absl::StrJoin(numbers.values, ", "),
       count == 1 ? "one number" : "two numbers, the least valid one and the largest"));
 }
 
@@ -335,9 +336,7 @@ absl::Status ReadLimits(const NetcdfVariable& variable, nc_type scaled, double u
   };
   packing->valid_min = range.values.empty() ? limit(least, 0) : limit(range, 0);
   packing->valid_max = range.values.empty() ? limit(most, 0) : limit(range, 1);
-  const PackingNumbers& any = !range.values.empty()   ? range
-                              : !least.values.empty() ? least
-                                                      : most;
+  const PackingNumbers& any = !range.values.empty() ? range : !least.values.empty() ? least : most;
   if (packing->slope < 0 && any.type == scaled && WidthOf(scaled) > WidthOf(stored)) {
     std::swap(packing->valid_min, packing->valid_max);
   }

@@ -98,7 +98,7 @@ class NetcdfFile {
   const int id_;
   std::map<int, CfAxis> axes_;                       // by dimension
   std::map<std::pair<int, int>, CfAxis> auxiliary_;  // by group and variable
-  int visited_ = 0;             // variables
+  int visited_ = 0;                                  // variables
 };
 
 // Calls visitor.operator()<T>() with the C++ type of the stored bits.

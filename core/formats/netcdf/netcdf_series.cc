@@ -232,7 +232,8 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
   if (chosen.roles.time.has_value()) {
     ISOSCOPE_RETURN_IF_ERROR(DescribeNetcdfTimes(chosen, path, &described));
   }
-  if (const auto grid = CfUnevenGridOf(chosen.axes, chosen.roles, {.has_spacing = true}); grid.ok()) {
+  if (const auto grid = CfUnevenGridOf(chosen.axes, chosen.roles, {.has_spacing = true});
+      grid.ok()) {
     described.distances = grid->distances;  // else whoever opens a volume gets the error
   }
   for (std::size_t i = 0; i < found.volumes.size(); ++i) {

@@ -103,10 +103,10 @@ absl::Status CheckGiven(const std::vector<CfAxis>& axes, const CfRoles& roles,
   }
   return length == nullptr || index == nullptr
              ? absl::OkStatus()
-             : NoSampleDistance("", absl::StrFormat("axis \"%s\" has coordinates in %s, and axis "
-                                                    "\"%s\" has none",
-                                                    name(length), base::Printable(length->units),
-                                                    name(index)));
+             : NoSampleDistance(
+                   "", absl::StrFormat("axis \"%s\" has coordinates in %s, and axis "
+                                       "\"%s\" has none",
+                                       name(length), base::Printable(length->units), name(index)));
 }
 
 absl::Status UnevenAxis(const CfAxis& axis, std::size_t worst, double deviation, double step) {
@@ -154,7 +154,8 @@ absl::StatusOr<std::vector<double>> DistancesOf(const CfAxis& axis) {
     if (i > 0 && !(distances[i] > distances[i - 1])) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "axis \"%s\" has the coordinate %g behind %g, its coordinate %d of %d; expected "
-          "coordinates that ascend or descend from the first to the last: write them so (longitudes "
+          "coordinates that ascend or descend from the first to the last: write them so "
+          "(longitudes "
           "go on beyond 360)",
           axis.name, axis.values[i], axis.values[i - 1], i, axis.values.size()));
     }
@@ -331,8 +332,8 @@ std::string SuggestCfAxes(const std::vector<CfAxis>& axes) {
   return CfRolesOfLetters(letters, axes).has_value() ? letters : "";
 }
 
-absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
-                                              const CfRoles& roles, const GridRules& rules) {
+absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles,
+                                              const GridRules& rules) {
   ISOSCOPE_RETURN_IF_ERROR(CheckGiven(axes, roles, rules));
   for (const std::size_t axis : roles.space) {
     ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis even, MeanAxisOf(axes[axis]));

@@ -135,7 +135,8 @@ TEST(NetcdfFileTest, PackingThatMakesNoSenseIsRefusedByName) {
            {{{"valid_min", {NAN}}}, "valid_min is nan"},
            {{{"valid_range", {5}}}, "valid_range is 5; expected two numbers"},
            {{{"valid_range", {5, 1}}}, "no sample is valid by its valid_range, from 5 to 1"},
-           {{{"valid_min", {5}}, {"valid_max", {1}}}, "by its valid_min and valid_max, from 5 to 1"},
+           {{{"valid_min", {5}}, {"valid_max", {1}}},
+            "by its valid_min and valid_max, from 5 to 1"},
            {{{"valid_range", {0, 5}}, {"valid_max", {3}}}, "valid_range beside valid_max"}}) {
     EXPECT_THAT(PackingWith(NC_SHORT, c.attributes),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(c.message)));

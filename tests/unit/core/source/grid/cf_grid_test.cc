@@ -337,8 +337,9 @@ TEST(CfGridTest, AxisThatTurnsBackIsRefusedByTheCoordinateThatDoes) {
   std::vector<CfAxis> axes = Axes({"z", "lat", "lon"});
   axes[2].values = {350, 355, 0, 5};
   const CfRoles roles = *CfRolesOf(axes);
-  const auto is_back = StatusIs(kInvalid, AllOf(HasSubstr("\"lon\" has the coordinate 0 behind 355"),
-                                                ::testing::Not(HasSubstr("--resample"))));
+  const auto is_back =
+      StatusIs(kInvalid, AllOf(HasSubstr("\"lon\" has the coordinate 0 behind 355"),
+                               ::testing::Not(HasSubstr("--resample"))));
   EXPECT_THAT(CfGridOf(axes, roles), is_back);
   EXPECT_THAT(CfUnevenGridOf(axes, roles), is_back);
 }

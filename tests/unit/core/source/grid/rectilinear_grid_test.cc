@@ -41,9 +41,10 @@ TEST(RectilinearGridTest, UnevenAxesNeedResampling) {
 TEST(RectilinearGridTest, FoldedAxisIsRefusedWithoutAdviceToResample) {
   const RectilinearAxes axes{.points = {{{0, 1}, {0, 1, 2, 1, 2, 3}, {0, 1}}}};
   for (const bool resamples : {false, true}) {
-    EXPECT_THAT(RectilinearGridOf(axes, false, {.resamples = resamples}),
-                StatusIs(kInvalid, ::testing::AllOf(HasSubstr("\"y\" has the coordinate 1 behind 2"),
-                                                    ::testing::Not(HasSubstr("--resample")))));
+    EXPECT_THAT(
+        RectilinearGridOf(axes, false, {.resamples = resamples}),
+        StatusIs(kInvalid, ::testing::AllOf(HasSubstr("\"y\" has the coordinate 1 behind 2"),
+                                            ::testing::Not(HasSubstr("--resample")))));
   }
 }
 
