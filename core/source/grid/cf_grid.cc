@@ -60,8 +60,10 @@ std::array<double, 3> UnitFactorsOf(const std::vector<CfAxis>& axes, const CfRol
     std::optional<std::string> unit;
     bool is_one = true;
     for (std::size_t i = 0; i < sizes.size(); ++i) {
-      const std::string& own = axes[roles.space[i]].units;
-      sizes[i] = measure(own);
+      const CfAxis& axis = axes[roles.space[i]];
+      const std::string& own = axis.units;
+      const bool is_index = axis.values.empty() && !axis.step.has_value();
+      sizes[i] = is_index ? 0 : measure(own);
       if (sizes[i] != 0) {
         is_one = is_one && unit.value_or(own) == own;
         unit = own;
