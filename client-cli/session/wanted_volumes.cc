@@ -11,6 +11,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/source/series_parts.h"
+#include "core/source/series_selection.h"
 #include "core/store/series_manifest.h"
 #include "core/volume/field_name.h"
 
@@ -32,7 +33,8 @@ absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& sourc
       });
   if (!found.has_value()) {
     return absl::InvalidArgumentError(absl::StrCat(source.name(), ": no field \"", text,
-                                                   "\"; it has ", source::DescribeFields(fields)));
+                                                   "\"; it has ", source::DescribeFields(fields),
+                                                   source::OtherGridAdvice(source, text)));
   }
   // A number names a component, too.
   const std::vector<std::string>& components = fields[found->field].components;

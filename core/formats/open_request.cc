@@ -130,6 +130,9 @@ class IdentifiedSeries final : public VolumeSeries {
   [[nodiscard]] const std::vector<double>& times() const override { return series_->times(); }
   [[nodiscard]] const std::string& time_unit() const override { return series_->time_unit(); }
   [[nodiscard]] const std::string& length_unit() const override { return series_->length_unit(); }
+  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
+    return series_->FieldsElsewhere();
+  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     if (!stamps_of_steps_.contains(step)) {
       ISOSCOPE_RETURN_IF_ERROR(IdentityOfStep(step).status());

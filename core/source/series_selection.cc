@@ -5,11 +5,13 @@
 #include <cstddef>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::source {
@@ -39,6 +41,9 @@ class SelectedSeries final : public VolumeSeries {
   [[nodiscard]] const std::vector<double>& times() const override { return times_; }
   [[nodiscard]] const std::string& time_unit() const override { return source_->time_unit(); }
   [[nodiscard]] const std::string& length_unit() const override { return source_->length_unit(); }
+  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
+    return source_->FieldsElsewhere();
+  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     return source_->Open(field_indices_[static_cast<std::size_t>(field)], component,
                          step_numbers_[static_cast<std::size_t>(step)]);
@@ -79,10 +84,12 @@ absl::StatusOr<std::vector<int>> ChooseFields(const VolumeSeries& source,
     });
     if (found == all.end()) {
       return absl::InvalidArgumentError(
-          absl::StrFormat("%s: no field \"%s\"; it has %s", source.name(), selection.fields[i],
-                          absl::StrJoin(all, ", ", [](std::string* out, const SourceField& field) {
-                            absl::StrAppend(out, "\"", field.name, "\"");
-                          })));
+          absl::StrFormat("%s: no field \"%s\"; it has %s%s", source.name(), selection.fields[i],
+                          absl::StrJoin(all, ", ",
+                                        [](std::string* out, const SourceField& field) {
+                                          absl::StrAppend(out, "\"", field.name, "\"");
+                                        }),
+                          OtherGridAdvice(source, selection.fields[i])));
     }
     const auto index = static_cast<int>(found - all.begin());
     if (std::find(chosen.begin(), chosen.end(), index) != chosen.end()) {
@@ -110,6 +117,16 @@ absl::StatusOr<std::vector<int>> ChooseSteps(const VolumeSeries& source,
 }
 
 }  // namespace
+
+std::string OtherGridAdvice(const VolumeSeries& source, absl::string_view field) {
+  for (const std::string& name : source.FieldsElsewhere()) {
+    if (field == name || absl::StartsWith(field, absl::StrCat(name, ":"))) {
+      return absl::StrCat("; it lies on another grid: open ",
+                          base::ShellWord(absl::StrCat(source.name(), ":", name)));
+    }
+  }
+  return "";
+}
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectFrom(std::unique_ptr<VolumeSeries> source,
                                                          const SeriesSelection& selection) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "core/source/volume_series.h"
 
@@ -28,6 +29,10 @@ struct SeriesSelection {
   std::optional<StepRange> steps = std::nullopt;  // not set: all
   std::optional<double> time = std::nullopt;      // finite; of a source without times
 };
+
+// What to do about a field, or a component of one ("u:x"), that a source has on another grid: "; it
+// lies on another grid: open run.nc:u". "" if it has it nowhere.
+std::string OtherGridAdvice(const VolumeSeries& source, absl::string_view field);
 
 // INVALID_ARGUMENT: no such field (lists those there are) or step, a field twice, or a time
 // although the source has times.

@@ -39,6 +39,9 @@ class VolumeSeries {
   [[nodiscard]] virtual const std::string& time_unit() const = 0;    // may be empty
   [[nodiscard]] virtual const std::string& length_unit() const = 0;  // may be empty
 
+  // Names of fields that the file has on another grid: "b", if the path name() + ":b" opens it.
+  [[nodiscard]] virtual std::vector<std::string> FieldsElsewhere() const { return {}; }
+
   [[nodiscard]] int step_count() const {
     return times().empty() ? 1 : static_cast<int>(times().size());
   }

@@ -24,6 +24,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
+#include "core/base/printable.h"
 #include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_attributes.h"
@@ -79,7 +80,21 @@ absl::Status TakeCoordinates(hid_t dataset, CfAxis* axis) {
   return absl::OkStatus();
 }
 
-// The axes by NeXus; false if the dataset is in no plot.
+// INVALID_ARGUMENT: the group says that the values of its plot are other ones than it stores.
+absl::Status CheckNexusValues(hid_t group, const std::string& signal) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const NexusScale scale, FindNexusSignalScale(group, signal));
+  if (scale == NexusScale()) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "its group scales the values by %s_scaling_factor and %s_offset (or scaling_factor and "
+      "offset), (value + %g) * %g, but samples are read as they are stored: write the scaled "
+      "values, and remove both",
+      signal, signal, scale.offset, scale.factor));
+}
+
+// The axes by NeXus; false if the dataset is in no plot. Names of coordinates that are not there
+// are names alone, if none of them is; else they are faults.
 absl::StatusOr<bool> TakeNexusAxes(const NamedHdf5Dataset& named, std::vector<CfAxis>* axes) {
   const std::string& path = named.parts.dataset;
   const std::size_t slash = path.rfind('/') + 1;  // 0 without one: in the root
@@ -89,8 +104,11 @@ absl::StatusOr<bool> TakeNexusAxes(const NamedHdf5Dataset& named, std::vector<Cf
   if (!group.is_valid()) {
     return false;
   }
+  const std::string signal = path.substr(slash);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> names,
-                            FindNexusAxes(group.get(), path.substr(slash), axes->size()));
+                            FindNexusAxes(group.get(), signal, axes->size()));
+  std::vector<std::size_t> missing;
+  bool are_names_alone = true;
   for (std::size_t i = 0; i < names.size(); ++i) {
     CfAxis& axis = (*axes)[i];
     axis.name = names[i];
@@ -98,8 +116,26 @@ absl::StatusOr<bool> TakeNexusAxes(const NamedHdf5Dataset& named, std::vector<Cf
         names[i].empty() ? H5I_INVALID_HID : H5Dopen2(group.get(), names[i].c_str(), H5P_DEFAULT),
         H5Dclose);
     if (dataset.is_valid()) {
+      are_names_alone = false;
       ISOSCOPE_RETURN_IF_ERROR(TakeCoordinates(dataset.get(), &axis));
+      ISOSCOPE_ASSIGN_OR_RETURN(const NexusScale scale, FindNexusScale(group.get(), names[i]));
+      for (double& value : axis.values) {
+        value = scale.Apply(value);
+      }
+    } else if (!names[i].empty()) {
+      missing.push_back(i);
     }
+  }
+  for (std::size_t i = 0; i < missing.size() && !are_names_alone; ++i) {
+    CfAxis& axis = (*axes)[missing[i]];
+    const absl::Status fault = NoSampleDistance(
+        "", absl::StrFormat("its group names the coordinates \"%s\" of axis %d, and has no such "
+                            "dataset (\".\" stands for none)",
+                            base::Printable(axis.name), missing[i]));
+    axis.fault = std::string(fault.message());
+  }
+  if (!names.empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckNexusValues(group.get(), signal));
   }
   return !names.empty();
 }
@@ -180,27 +216,28 @@ absl::StatusOr<Hdf5Layout> LayoutAsGiven(const std::vector<CfAxis>& axes,
   return *layout;
 }
 
-// By world axis of space: "element_size_um", in the order of the dataset; 1 without it.
+// By axis of space, slowest first: "element_size_um"; none without it, or if it makes no sense and
+// the rules have other distances.
 absl::StatusOr<std::vector<double>> ElementSizes(hid_t dataset, const GridRules& rules) {
   constexpr char kName[] = "element_size_um";
   if (H5Aexists(dataset, kName) <= 0) {
-    return std::vector<double>{1, 1, 1};
+    return std::vector<double>();
   }
-  const std::vector<double> sizes = Hdf5Numbers(dataset, kName);
+  std::vector<double> sizes = Hdf5Numbers(dataset, kName);
   const bool is_good =
       sizes.size() == 3 && std::all_of(sizes.begin(), sizes.end(),
                                        [](double size) { return std::isfinite(size) && size > 0; });
-  if (!is_good && rules.has_spacing) {
-    return std::vector<double>{1, 1, 1};
+  if (is_good) {
+    return sizes;
   }
-  if (!is_good) {
-    return NoSampleDistance(
-        "",
-        absl::StrFormat("its attribute %s has %s in place of three distances, of z, y and x", kName,
-                        sizes.size() == 3 ? absl::StrJoin(sizes, ", ")
-                                          : absl::StrCat(sizes.size(), " numbers")));
+  if (rules.has_spacing) {
+    return std::vector<double>();
   }
-  return sizes;
+  return NoSampleDistance(
+      "",
+      absl::StrFormat(
+          "its attribute %s has %s in place of three distances, of z, y and x", kName,
+          sizes.size() == 3 ? absl::StrJoin(sizes, ", ") : absl::StrCat(sizes.size(), " numbers")));
 }
 
 }  // namespace
@@ -271,22 +308,23 @@ absl::StatusOr<Hdf5Grid> Hdf5GridOf(const NamedHdf5Dataset& named, const std::ve
   for (CfAxis& axis : placed) {
     axis.positive = axis.positive.empty() ? "up" : axis.positive;
   }
-  if (!takes_uneven) {
-    ISOSCOPE_RETURN_IF_ERROR(CfGridOf(placed, roles).status());
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid uneven, CfUnevenGridOf(placed, roles));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> sizes,
                             ElementSizes(named.dataset.get(), rules));
-  Hdf5Grid grid;
-  grid.geometry = uneven.geometry;
-  grid.distances = std::move(uneven.distances);
-  for (std::size_t i = 0; i < 3; ++i) {
-    if (placed[roles.space[i]].values.empty()) {
-      grid.geometry.spacing[static_cast<int>(2 - i)] = sizes[i];
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    CfAxis& axis = placed[roles.space[i]];
+    if (axis.values.empty()) {
+      axis.step = sizes[i];
+      axis.units = "um";
+      axis.fault = "";
     }
   }
-  grid.length_unit = CfLengthUnit(placed, roles);
-  return grid;
+  if (!takes_uneven) {
+    ISOSCOPE_RETURN_IF_ERROR(CfGridOf(placed, roles, rules).status());
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid uneven, CfUnevenGridOf(placed, roles, rules));
+  return Hdf5Grid{.geometry = uneven.geometry,
+                  .distances = std::move(uneven.distances),
+                  .length_unit = CfLengthUnit(placed, roles)};
 }
 
 }  // namespace isoscope::source

@@ -21,7 +21,8 @@ namespace isoscope::source {
 // The axes of a dataset, slowest first. Names and coordinates are those of the plot of NeXus that
 // the dataset belongs to, else those of its dimension scales; a name alone may also stand in
 // DIMENSION_LABELS, `axes` or `axistags`. Borders between samples (one number more than samples)
-// become middles. INVALID_ARGUMENT: coordinates of another length, or of several axes (names them).
+// become middles; NeXus may scale coordinates. INVALID_ARGUMENT: coordinates of another length, or
+// of several axes (names them); values that NeXus scales.
 absl::StatusOr<std::vector<CfAxis>> Hdf5AxesOf(const NamedHdf5Dataset& named);
 
 // Which axis is what.
@@ -37,8 +38,9 @@ absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const s
                                         const std::string& name);
 
 // The grid of the samples. An axis without coordinates has the spacing of the attribute
-// "element_size_um", else 1. INVALID_ARGUMENT: an axis that is not even, unless `takes_uneven`;
-// such an attribute without three distances, unless the rules have others; otherwise as CfGridOf.
+// "element_size_um", else 1 (cf_grid.h). INVALID_ARGUMENT: an axis that is not even, unless
+// `takes_uneven`; such an attribute without three distances, unless the rules have others;
+// otherwise as CfGridOf.
 struct Hdf5Grid {
   volume::GridGeometry geometry;
   AxisDistances distances;

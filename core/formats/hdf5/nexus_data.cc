@@ -7,6 +7,8 @@
 //   /entry/data/counts       [20][64][64]
 //   /entry/data/z            [20], or [21]: the borders between samples; @units = "mm"
 //
+//   /entry/data/z_offset, z_scaling_factor      of z: (value + offset) * factor; 0 and 1 by default
+//
 // "." is an axis without coordinates. Before 2014 the dataset had them: @signal = 1, @axes =
 // "z:y:x".
 //
@@ -23,6 +25,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 
+#include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_attributes.h"
 #include "core/formats/hdf5/hdf5_mesh.h"
 #include "core/source/hdf5/hdf5_handle.h"
@@ -88,7 +91,55 @@ absl::StatusOr<std::vector<std::string>> AxesOfGroup(hid_t group, std::size_t ra
   return axes;
 }
 
+// The number in a dataset of one element; `fallback` if there is none.
+absl::StatusOr<double> NumberInDataset(hid_t group, const std::string& name, double fallback) {
+  if (H5Lexists(group, name.c_str(), H5P_DEFAULT) <= 0) {
+    return fallback;
+  }
+  const Hdf5Handle dataset(H5Dopen2(group, name.c_str(), H5P_DEFAULT), H5Dclose);
+  const Hdf5Handle type(dataset.is_valid() ? H5Dget_type(dataset.get()) : H5I_INVALID_HID,
+                        H5Tclose);
+  const Hdf5Handle space(dataset.is_valid() ? H5Dget_space(dataset.get()) : H5I_INVALID_HID,
+                         H5Sclose);
+  const H5T_class_t kind = type.is_valid() ? H5Tget_class(type.get()) : H5T_NO_CLASS;
+  double number = 0;
+  if ((kind != H5T_INTEGER && kind != H5T_FLOAT) ||
+      H5Sget_simple_extent_npoints(space.get()) != 1 ||
+      H5Dread(dataset.get(), H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, &number) < 0 ||
+      !std::isfinite(number)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "its group has \"%s\", which is not one finite number; expected a scale of the values: "
+        "correct it, or remove it",
+        name));
+  }
+  return number;
+}
+
+absl::StatusOr<NexusScale> ScaleIn(hid_t group, const std::string& factor,
+                                   const std::string& offset) {
+  NexusScale scale;
+  ISOSCOPE_ASSIGN_OR_RETURN(scale.factor, NumberInDataset(group, factor, 1));
+  ISOSCOPE_ASSIGN_OR_RETURN(scale.offset, NumberInDataset(group, offset, 0));
+  if (scale.factor == 0) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "its group has \"%s\" of 0; expected a factor of the values: correct it, or remove it",
+        factor));
+  }
+  return scale;
+}
+
 }  // namespace
+
+absl::StatusOr<NexusScale> FindNexusScale(hid_t group, const std::string& name) {
+  return ScaleIn(group, absl::StrCat(name, "_scaling_factor"), absl::StrCat(name, "_offset"));
+}
+
+absl::StatusOr<NexusScale> FindNexusSignalScale(hid_t group, const std::string& name) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const NexusScale own, FindNexusScale(group, name));
+  return own == NexusScale() && FindNexusSignal(group) == name
+             ? ScaleIn(group, "scaling_factor", "offset")
+             : absl::StatusOr<NexusScale>(own);
+}
 
 std::string FindNexusDefault(hid_t file) {
   std::string path = "/";

@@ -30,6 +30,21 @@ std::string FindNexusSignal(hid_t group);
 absl::StatusOr<std::vector<std::string>> FindNexusAxes(hid_t group, const std::string& name,
                                                        std::size_t rank);
 
+// What turns the stored values of the field `name` of a group to real ones: (value + offset) *
+// factor, by the fields `name`_scaling_factor and `name`_offset.
+struct NexusScale {
+  double factor = 1;
+  double offset = 0;
+
+  [[nodiscard]] double Apply(double value) const { return (value + offset) * factor; }
+  friend bool operator==(const NexusScale&, const NexusScale&) = default;
+};
+// INVALID_ARGUMENT: such a field that is not one finite number, or a factor of 0. The message is to
+// follow a name and a colon.
+absl::StatusOr<NexusScale> FindNexusScale(hid_t group, const std::string& name);
+// The same of the field that the group plots, for which older files have scaling_factor and offset.
+absl::StatusOr<NexusScale> FindNexusSignalScale(hid_t group, const std::string& name);
+
 }  // namespace isoscope::source
 
 #endif  // ISOSCOPE_CORE_FORMATS_HDF5_NEXUS_DATA_H_

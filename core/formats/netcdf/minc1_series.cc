@@ -33,13 +33,13 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/netcdf/minc_axis.h"
 #include "core/formats/netcdf/netcdf_file.h"
 #include "core/formats/netcdf/netcdf_source.h"
 #include "core/source/adapt/rescale.h"
 #include "core/source/child/walled_series.h"
 #include "core/source/child/walled_source.h"
 #include "core/source/grid/affine_grid.h"
-#include "core/source/grid/stack_layout.h"
 
 namespace isoscope::source {
 namespace {
@@ -136,29 +136,18 @@ absl::Status SetMinc1Type(Minc1File* minc) {
   return absl::OkStatus();
 }
 
-// What the variable of an axis says; its defaults are those of MINC.
-struct Minc1Axis {
-  double start = 0;
-  double step = 1;
-  bool has_step = false;
-  math::Vec3d direction;
-  std::string unit;
-};
+// With the name of the file in front.
+absl::Status NamedMinc1(const Minc1File& minc, const absl::Status& status) {
+  return status.ok() ? status : Minc1Error(minc, std::string(status.message()));
+}
 
-absl::StatusOr<Minc1Axis> ReadMinc1Axis(const Minc1File& minc, std::size_t index) {
-  const std::string& name = minc.image.axes[index].name;
-  Minc1Axis axis;
-  if (name[0] >= 'x' && name[0] <= 'z') {
-    axis.direction[name[0] - 'x'] = 1;
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<NetcdfVariable> variable, minc.file->Find(name));
+// What the variable of an axis says.
+absl::StatusOr<MincAxis> ReadMinc1Axis(const Minc1File& minc, std::size_t index) {
+  MincAxis axis{.name = minc.image.axes[index].name};
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<NetcdfVariable> variable,
+                            minc.file->Find(axis.name));
   if (!variable.has_value()) {
     return axis;
-  }
-  if (minc.file->Text(*variable, {"spacing"}) == "irregular") {
-    return Minc1Error(minc, absl::StrFormat("the samples along its axis %s lie at uneven distances "
-                                            "(spacing = \"irregular\"): resample it (mincresample)",
-                                            name));
   }
   const auto number = [&](const char* attribute, double* value) {
     const std::vector<double> numbers = minc.file->Numbers(*variable, attribute);
@@ -169,69 +158,43 @@ absl::StatusOr<Minc1Axis> ReadMinc1Axis(const Minc1File& minc, std::size_t index
   };
   number("start", &axis.start);
   axis.has_step = number("step", &axis.step);
-  const std::vector<double> cosines = minc.file->Numbers(*variable, "direction_cosines");
-  if (!cosines.empty()) {
-    math::Vec3d direction;
-    for (std::size_t i = 0; i < 3 && cosines.size() == 3; ++i) {
-      direction[static_cast<int>(i)] = cosines[i];
-    }
-    constexpr double kTolerance = 0.01;  // of rounded texts, and far below a wrong scale
-    if (!(std::abs(math::Length(direction) - 1) <= kTolerance)) {
-      return Minc1Error(minc, absl::StrFormat("the direction_cosines of %s are %s; expected three "
-                                              "numbers, a vector of length 1",
-                                              name, absl::StrJoin(cosines, ", ")));
-    }
-    axis.direction = direction;
-  }
+  axis.spacing = minc.file->Text(*variable, {"spacing"});
+  axis.cosines = minc.file->Numbers(*variable, "direction_cosines");
   axis.unit = minc.file->Text(*variable, {"units"});
+  ISOSCOPE_RETURN_IF_ERROR(NamedMinc1(minc, CheckMincSpacing(axis)));
   return axis;
-}
-
-// The factor that turns lengths of one unit to another.
-absl::StatusOr<double> Minc1UnitFactor(const Minc1File& minc, const std::string& from,
-                                       const std::string& to) {
-  const std::optional<LengthUnit> unit = LengthUnitOf(from);
-  const std::optional<LengthUnit> wanted = LengthUnitOf(to);
-  if (from == to) {
-    return 1;
-  }
-  if (!unit.has_value() || !wanted.has_value()) {
-    return Minc1Error(minc,
-                      absl::StrFormat("axes of space in \"%s\" and \"%s\"; expected one unit, "
-                                      "or units of length",
-                                      to, from));
-  }
-  return unit->metres / wanted->metres;
 }
 
 absl::Status SetMinc1Grid(Minc1File* minc) {
   const CfRoles& roles = minc->image.roles;
   AffineRows rows{};
   math::Index3 dims;
-  std::array<Minc1Axis, 3> axes;
+  std::array<MincAxis, 3> axes;
   std::vector<std::string> units;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::size_t index = 2 - i;  // the last axis of space is index x
-    ISOSCOPE_ASSIGN_OR_RETURN(const Minc1Axis axis, ReadMinc1Axis(*minc, roles.space[i]));
+    ISOSCOPE_ASSIGN_OR_RETURN(const MincAxis axis, ReadMinc1Axis(*minc, roles.space[i]));
+    ISOSCOPE_RETURN_IF_ERROR(NamedMinc1(*minc, CheckMincAxis(axis)));
     dims[static_cast<int>(index)] = minc->image.axes[roles.space[i]].size;
     axes.at(index) = axis;
-    units.push_back(axis.unit.empty() ? "mm" : axis.unit);  // MINC's own unit
+    units.push_back(MincUnitOf(axis));
   }
   minc->length_unit = units[0];
   for (std::size_t index = 0; index < 3; ++index) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const double factor,
-                              Minc1UnitFactor(*minc, units.at(2 - index), units[0]));
-    const Minc1Axis& axis = axes.at(index);
+    const auto factor = MincUnitFactor(units.at(2 - index), units[0]);
+    ISOSCOPE_RETURN_IF_ERROR(NamedMinc1(*minc, factor.status()));
+    const MincAxis& axis = axes.at(index);
+    const math::Vec3d direction = MincDirectionOf(axis);
     for (std::size_t r = 0; r < 3; ++r) {
-      const double cosine = axis.direction[static_cast<int>(r)];
-      rows.at(r).at(index) = cosine * axis.step * factor;
-      rows.at(r).at(3) += cosine * axis.start * factor;
+      const double cosine = direction[static_cast<int>(r)];
+      rows.at(r).at(index) = cosine * axis.step * *factor;
+      rows.at(r).at(3) += cosine * axis.start * *factor;
     }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(minc->geometry,
                             GridFromAffine(dims, rows, PatientWorld::kRas, minc->file->path()));
   if (minc->step_count() > 1) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Minc1Axis time, ReadMinc1Axis(*minc, *roles.time));
+    ISOSCOPE_ASSIGN_OR_RETURN(const MincAxis time, ReadMinc1Axis(*minc, *roles.time));
     const bool has_times =
         time.has_step && time.step > 0 && std::isfinite(time.step) && std::isfinite(time.start);
     for (std::int64_t i = 0; i < minc->step_count(); ++i) {
@@ -268,6 +231,7 @@ absl::StatusOr<Minc1Limits> ReadMinc1Limits(const Minc1File& minc, const char* n
     stride *= static_cast<std::size_t>(variable->axes[i].size);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(limits.values, minc.file->Values(*variable));
+  ISOSCOPE_RETURN_IF_ERROR(NamedMinc1(minc, CheckMincNumbers(name, limits.values)));
   return limits;
 }
 
@@ -301,6 +265,8 @@ absl::Status SetMinc1Scales(Minc1File* minc) {
     return absl::OkStatus();
   }
   minc->valid = Minc1ValidRange(*minc);
+  ISOSCOPE_RETURN_IF_ERROR(
+      NamedMinc1(*minc, CheckMincNumbers("valid_range", {minc->valid[0], minc->valid[1]})));
   ISOSCOPE_ASSIGN_OR_RETURN(minc->least, ReadMinc1Limits(*minc, "image-min", 0));
   ISOSCOPE_ASSIGN_OR_RETURN(minc->most, ReadMinc1Limits(*minc, "image-max", 1));
   const std::int64_t steps =

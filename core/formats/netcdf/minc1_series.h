@@ -20,7 +20,8 @@ bool IsMinc1(absl::string_view head);
 // child process. Values are the real ones, in LPS: float32 if that holds every stored value, else
 // float64; those that are stored without a scale keep their type. The length unit is that of the
 // axes, or millimetres. INVALID_ARGUMENT: no "image" with axes xspace, yspace and zspace; vectors;
-// axes of uneven samples; a file that is cut. DATA_LOSS: as OpenWalledSeries.
+// as CheckMincAxis; a scale of samples that is not finite; a file that is cut. DATA_LOSS: as
+// OpenWalledSeries.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMinc1Series(const std::string& path,
                                                               const std::string& field);
 

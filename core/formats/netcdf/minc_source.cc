@@ -8,6 +8,7 @@
 #include "core/formats/netcdf/minc_source.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <exception>
@@ -21,6 +22,8 @@
 
 #include "core/base/status_macros.h"
 #include "core/formats/netcdf/minc1_series.h"
+#include "core/formats/netcdf/minc2_header.h"
+#include "core/math/matrix.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/child/itk_types.h"
 #include "core/source/child/silent_libraries.h"
@@ -74,14 +77,28 @@ class MincSource final : public VolumeSource {
   const std::string name_;
 };
 
-absl::StatusOr<volume::GridGeometry> GridOf(const itk::ImageIOBase& io, const std::string& path) {
+// `factors`: what turns the lengths along each axis to millimetres.
+absl::StatusOr<volume::GridGeometry> GridOf(const itk::ImageIOBase& io,
+                                            const std::array<double, 3>& factors,
+                                            const std::string& path) {
   AffineRows rows;
+  math::Mat3d directions;
+  math::Vec3d origin{io.GetOrigin(0), io.GetOrigin(1), io.GetOrigin(2)};
   for (unsigned axis = 0; axis < 3; ++axis) {
     const std::vector<double> direction = io.GetDirection(axis);
+    directions.columns.at(axis) = {direction.at(0), direction.at(1), direction.at(2)};
     for (unsigned r = 0; r < 3; ++r) {
-      rows.at(r).at(axis) = direction.at(r) * io.GetSpacing(axis);
-      rows.at(r).at(3) = io.GetOrigin(r);
+      rows.at(r).at(axis) = direction.at(r) * io.GetSpacing(axis) * factors.at(axis);
     }
+  }
+  if (factors != std::array<double, 3>{1, 1, 1}) {
+    // The origin is the sum of the starts along the axes, each in the unit of its own.
+    const math::Vec3d starts = math::Inverted(directions) * origin;
+    origin = directions *
+             math::Vec3d{starts.x * factors[0], starts.y * factors[1], starts.z * factors[2]};
+  }
+  for (unsigned r = 0; r < 3; ++r) {
+    rows.at(r).at(3) = origin[static_cast<int>(r)];
   }
   return GridFromAffine({static_cast<std::int64_t>(io.GetDimensions(0)),
                          static_cast<std::int64_t>(io.GetDimensions(1)),
@@ -99,6 +116,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincChild(const std::string& p
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincFile(const std::string& path,
                                                            const std::string& /*part*/) {
   PrepareHdf5();
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto factors, CheckMinc2Header(path));
   try {
     auto io = itk::MINCImageIO::New();
     io->SetFileName(path);
@@ -111,7 +129,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMincFile(const std::string& pa
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
                               ScalarTypeOf(io->GetComponentType(), path));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, GridOf(*io, path));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, GridOf(*io, factors, path));
     return std::make_unique<MincSource>(std::move(io), geometry, type, path);
   } catch (const std::exception& error) {
     return absl::InvalidArgumentError(

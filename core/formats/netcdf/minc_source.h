@@ -16,7 +16,7 @@ namespace isoscope::source {
 // Opens a MINC 2 file, which is HDF5, as one field of that name. The libraries run in a child
 // process, which reads a plane at a time. Values are the real ones, in LPS. A classic netCDF file
 // is MINC 1. INVALID_ARGUMENT: not a MINC file; of MINC 2 time or vectors; sheared directions; as
-// OpenMinc1Series. DATA_LOSS: as OpenWalled.
+// CheckMinc2Header and OpenMinc1Series. DATA_LOSS: as OpenWalled.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMincSeries(const std::string& path,
                                                              const std::string& field);
 

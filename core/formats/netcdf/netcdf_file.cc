@@ -1,6 +1,8 @@
 // The library gives groups, variables, dimensions and attributes numbers. A coordinate variable has
 // the name of a dimension and that dimension alone; it stands in the group of the variable that
-// uses it, or in one around it.
+// uses it, or in one around it. Variables of other names are coordinates, too, of a variable that
+// names them: t:coordinates = "depth", depth(k). Source: CF Metadata Conventions 1.10, chapter 5,
+// and the NetCDF Users Guide, "Attribute Conventions", for packing.
 
 #include "core/formats/netcdf/netcdf_file.h"
 
@@ -8,16 +10,18 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <limits>
-#include <type_traits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/formats/netcdf/netcdf_classic.h"
 #include "core/io/file.h"
+#include "core/source/grid/cf_words.h"
 #include "core/source/hdf5/hdf5_file.h"
 #include "core/source/hdf5/hdf5_path.h"
 #include "netcdf.h"
@@ -115,24 +119,22 @@ bool NetcdfTypeOf(int group, int variable, volume::ScalarType* stored,
   }
 }
 
-// A number of an attribute as the stored type has it; not set if that can't hold it. An unsigned
-// type takes the bits of a negative one (_Unsigned).
-template <typename T>
-std::optional<double> AsStored(double number) {
-  if constexpr (std::is_same_v<T, float>) {
-    return static_cast<double>(static_cast<float>(number));
-  } else if constexpr (std::is_integral_v<T>) {
-    const double range = std::ldexp(1.0, std::numeric_limits<T>::digits);
-    if (std::is_unsigned_v<T> && number < 0) {
-      number += range;
+// A number of an attribute as the stored type compares it. `range`: UnsignedRange.
+double AsStored(const NetcdfVariable& variable, double range, double number) {
+  return variable.stored == volume::ScalarType::kFloat32
+             ? static_cast<double>(static_cast<float>(number))
+             : number + (number < 0 ? range : 0);
+}
+
+// The variable of that name in the group, or in the nearest one around it; false if there is none.
+bool FindNetcdfVariable(int group, const std::string& name, int* owner, int* variable) {
+  while (nc_inq_varid(group, name.c_str(), variable) != NC_NOERR) {
+    if (nc_inq_grp_parent(group, &group) != NC_NOERR) {
+      return false;
     }
-    const double least = std::is_signed_v<T> ? -range : 0;
-    return number >= least && number < range && number == std::floor(number)
-               ? std::optional<double>(number)
-               : std::nullopt;
-  } else {
-    return number;
   }
+  *owner = group;
+  return true;
 }
 
 // The coordinate variable of a dimension; false if there is none.
@@ -205,6 +207,195 @@ absl::Status ReadCoordinates(int group, int variable, CfAxis* axis) {
   return absl::OkStatus();
 }
 
+// Takes the attributes and the numbers of a variable with the coordinates of an axis.
+absl::Status TakeCoordinates(int group, int variable, CfAxis* axis) {
+  axis->axis = NetcdfText(group, variable, "axis");
+  axis->positive = NetcdfText(group, variable, "positive");
+  axis->standard_name = NetcdfText(group, variable, "standard_name");
+  axis->units = NetcdfText(group, variable, "units");
+  return ReadCoordinates(group, variable, axis);
+}
+
+// Whether coordinates that a variable names are those of an axis, by what both say they mean.
+bool AreCoordinatesOf(const CfAxis& axis, const CfAxis& coordinates) {
+  const char own = CfLetterOf(axis);
+  const char other = CfLetterOf(coordinates);
+  if (axis.size < 2 && other != 'T') {
+    return false;
+  }
+  return other != '?' ? own == '?' || own == other
+                      : own != '?' || MetresOfCfUnit(coordinates.units) != 0;
+}
+
+// ---- Packing. -----------------------------------------------------------------------------------
+
+struct PackingNumbers {
+  std::vector<double> values{};  // none if there is no such attribute
+  nc_type type = NC_NAT;
+};
+
+// INVALID_ARGUMENT: not `count` numbers.
+absl::StatusOr<PackingNumbers> ReadPacking(const NetcdfVariable& variable, const char* name,
+                                           std::size_t count) {
+  PackingNumbers numbers;
+  std::size_t size = 0;
+  if (nc_inq_att(variable.group, variable.id, name, &numbers.type, &size) != NC_NOERR ||
+      size == 0) {
+    return PackingNumbers{};
+  }
+  numbers.values = NetcdfNumbers(variable.group, variable.id, name);
+  const bool is_good = numbers.values.size() == count &&
+                       std::none_of(numbers.values.begin(), numbers.values.end(),
+                                    [](double value) { return std::isnan(value); });
+  if (is_good) {
+    return numbers;
+  }
+  const std::string text = NetcdfText(variable.group, variable.id, name);
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "its attribute %s is %s; expected %s: correct it (ncatted), or remove it", name,
+      numbers.values.empty()
+          ? absl::StrCat("the text \"", base::Printable(text.substr(0, 40)), "\"")
+          : absl::StrJoin(numbers.values, ", "),
+      count == 1 ? "one number" : "two numbers, the least valid one and the largest"));
+}
+
+// In the order of the values that a type holds; floats are wider than all integers.
+int WidthOf(nc_type type) {
+  switch (type) {
+    case NC_BYTE:
+    case NC_UBYTE:
+      return 0;
+    case NC_SHORT:
+    case NC_USHORT:
+      return 1;
+    case NC_INT:
+    case NC_UINT:
+      return 2;
+    case NC_INT64:
+    case NC_UINT64:
+      return 3;
+    case NC_FLOAT:
+      return 4;
+    case NC_DOUBLE:
+      return 5;
+    default:
+      return -1;
+  }
+}
+
+// Sets slope and intercept; the type of scaled values is the wider one of both attributes.
+absl::StatusOr<nc_type> ReadScale(const NetcdfVariable& variable, NetcdfPacking* packing) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const PackingNumbers scale, ReadPacking(variable, "scale_factor", 1));
+  ISOSCOPE_ASSIGN_OR_RETURN(const PackingNumbers offset, ReadPacking(variable, "add_offset", 1));
+  packing->slope = scale.values.empty() ? 1 : scale.values[0];
+  packing->intercept = offset.values.empty() ? 0 : offset.values[0];
+  if (!std::isfinite(packing->slope) || packing->slope == 0) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("its attribute scale_factor is %g; expected a finite number other than 0: "
+                        "correct it (ncatted), or remove it",
+                        packing->slope));
+  }
+  if (!std::isfinite(packing->intercept)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("its attribute add_offset is %g; expected a finite number: correct it "
+                        "(ncatted), or remove it",
+                        packing->intercept));
+  }
+  return WidthOf(offset.type) > WidthOf(scale.type) ? offset.type : scale.type;
+}
+
+// Sets valid_min and valid_max. `scaled`: the type of scaled values, NC_NAT if there are none.
+absl::Status ReadLimits(const NetcdfVariable& variable, nc_type scaled, double unsigned_range,
+                        NetcdfPacking* packing) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const PackingNumbers range, ReadPacking(variable, "valid_range", 2));
+  ISOSCOPE_ASSIGN_OR_RETURN(const PackingNumbers least, ReadPacking(variable, "valid_min", 1));
+  ISOSCOPE_ASSIGN_OR_RETURN(const PackingNumbers most, ReadPacking(variable, "valid_max", 1));
+  if (!range.values.empty() && !(least.values.empty() && most.values.empty())) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "it has the attribute valid_range beside %s; expected one of them: remove the other "
+        "(ncatted)",
+        least.values.empty() ? "valid_max" : "valid_min"));
+  }
+  nc_type stored = NC_NAT;
+  nc_inq_vartype(variable.group, variable.id, &stored);
+  const auto limit = [&](const PackingNumbers& numbers,
+                         std::size_t index) -> std::optional<double> {
+    if (numbers.values.empty()) {
+      return std::nullopt;
+    }
+    const double number = numbers.values[index];
+    if (numbers.type != scaled || WidthOf(scaled) <= WidthOf(stored)) {
+      return AsStored(variable, unsigned_range, number);
+    }
+    const double packed = (number - packing->intercept) / packing->slope;
+    constexpr double kRounding = 1e-3;  // of a stored integer that the limit means
+    return WidthOf(stored) < WidthOf(NC_FLOAT) &&
+                   std::abs(packed - std::nearbyint(packed)) < kRounding
+               ? std::nearbyint(packed)
+               : packed;
+  };
+  packing->valid_min = range.values.empty() ? limit(least, 0) : limit(range, 0);
+  packing->valid_max = range.values.empty() ? limit(most, 0) : limit(range, 1);
+  const PackingNumbers& any = !range.values.empty() ? range : !least.values.empty() ? least : most;
+  if (packing->slope < 0 && any.type == scaled && WidthOf(scaled) > WidthOf(stored)) {
+    std::swap(packing->valid_min, packing->valid_max);
+  }
+  if (packing->valid_min.has_value() && packing->valid_max.has_value() &&
+      *packing->valid_min > *packing->valid_max) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "no sample is valid by its %s, from %g to %g; expected the least valid number before the "
+        "largest: correct it (ncatted), or remove it",
+        range.values.empty() ? "valid_min and valid_max" : "valid_range",
+        range.values.empty() ? least.values[0] : range.values[0],
+        range.values.empty() ? most.values[0] : range.values[1]));
+  }
+  return absl::OkStatus();
+}
+
+// What the library writes where nobody did; not set for bytes, whose values are all data, and for
+// integers of 64 bits, where it is no double: WideSource refuses it.
+std::optional<double> DefaultFillOf(nc_type type) {
+  switch (type) {
+    case NC_SHORT:
+      return NC_FILL_SHORT;
+    case NC_USHORT:
+      return NC_FILL_USHORT;
+    case NC_INT:
+      return NC_FILL_INT;
+    case NC_UINT:
+      return NC_FILL_UINT;
+    case NC_FLOAT:
+      return static_cast<double>(NC_FILL_FLOAT);
+    case NC_DOUBLE:
+      return NC_FILL_DOUBLE;
+    default:
+      return std::nullopt;
+  }
+}
+
+// As they are stored.
+std::vector<double> MissingValues(const NetcdfVariable& variable, double unsigned_range) {
+  std::vector<double> missing = NetcdfNumbers(variable.group, variable.id, "_FillValue");
+  nc_type stored = NC_NAT;
+  nc_inq_vartype(variable.group, variable.id, &stored);
+  const bool is_float = stored == NC_FLOAT || stored == NC_DOUBLE;
+  int is_unfilled = 0;  // netCDF-4 says of a variable that nothing was written but its values
+  nc_inq_var_fill(variable.group, variable.id, &is_unfilled, nullptr);
+  const std::optional<double> fill = DefaultFillOf(stored);
+  if (missing.empty() && fill.has_value() && (is_float || is_unfilled == 0)) {
+    missing.push_back(*fill);
+  }
+  const std::vector<double> others = NetcdfNumbers(variable.group, variable.id, "missing_value");
+  missing.insert(missing.end(), others.begin(), others.end());
+  for (double& number : missing) {
+    number = AsStored(variable, unsigned_range, number);
+  }
+  missing.erase(std::remove_if(missing.begin(), missing.end(),
+                               [](double number) { return std::isnan(number); }),
+                missing.end());
+  return missing;
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<NetcdfFile>> NetcdfFile::Open(const std::string& path) {
@@ -247,15 +438,86 @@ absl::StatusOr<std::vector<CfAxis>> NetcdfFile::AxesOf(int group,
     int variable = 0;
     if (length > 0 && length <= kMaxNetcdfAxis &&
         FindCoordinate(group, dimension, name.data(), &owner, &variable)) {
-      axis.axis = NetcdfText(owner, variable, "axis");
-      axis.positive = NetcdfText(owner, variable, "positive");
-      axis.standard_name = NetcdfText(owner, variable, "standard_name");
-      axis.units = NetcdfText(owner, variable, "units");
-      ISOSCOPE_RETURN_IF_ERROR(ReadCoordinates(owner, variable, &axis));
+      ISOSCOPE_RETURN_IF_ERROR(TakeCoordinates(owner, variable, &axis));
     }
     axes.push_back(axes_.emplace(dimension, std::move(axis)).first->second);
   }
   return axes;
+}
+
+absl::Status NetcdfFile::TakeAuxiliary(NetcdfVariable* variable) {
+  const std::string list = NetcdfText(variable->group, variable->id, "coordinates");
+  const std::vector<std::string> names =
+      absl::StrSplit(list, absl::ByAnyChar(" \t\n"), absl::SkipEmpty());
+  // Coordinates of one dimension go before those of several.
+  for (const bool is_straight : {true, false}) {
+    for (const std::string& name : names) {
+      int group = 0;
+      int id = 0;
+      int rank = 0;
+      if (!FindNetcdfVariable(variable->group, name, &group, &id) ||
+          nc_inq_varndims(group, id, &rank) != NC_NOERR || rank < 1 || (rank == 1) != is_straight) {
+        continue;
+      }
+      std::vector<int> dimensions(static_cast<std::size_t>(rank));
+      nc_inq_vardimid(group, id, dimensions.data());
+      ISOSCOPE_RETURN_IF_ERROR(TakeAuxiliaryAxis(group, id, dimensions, variable));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status NetcdfFile::TakeAuxiliaryAxis(int group, int id, const std::vector<int>& dimensions,
+                                           NetcdfVariable* variable) {
+  std::vector<std::size_t> places;  // of the dimensions, in the variable
+  for (const int dimension : dimensions) {
+    const auto found =
+        std::find(variable->dimensions.begin(), variable->dimensions.end(), dimension);
+    if (found == variable->dimensions.end()) {
+      return absl::OkStatus();
+    }
+    places.push_back(static_cast<std::size_t>(found - variable->dimensions.begin()));
+  }
+  std::array<char, NC_MAX_NAME + 1> name{};
+  nc_inq_varname(group, id, name.data());
+  CfAxis& first = variable->axes[places[0]];
+  if (places.size() == 1) {
+    if (!first.values.empty() || first.size < 1 ||
+        first.size > static_cast<std::int64_t>(kMaxNetcdfAxis)) {
+      return absl::OkStatus();
+    }
+    auto known = auxiliary_.find({group, id});
+    if (known == auxiliary_.end()) {
+      CfAxis read{.name = name.data(), .size = first.size};
+      ISOSCOPE_RETURN_IF_ERROR(TakeCoordinates(group, id, &read));
+      known = auxiliary_.emplace(std::pair{group, id}, std::move(read)).first;
+    }
+    if (!known->second.values.empty() && AreCoordinatesOf(first, known->second)) {
+      const char own = CfLetterOf(first);
+      first = known->second;
+      if (CfLetterOf(first) == '?' && (own == 'T' || (own >= 'X' && own <= 'Z'))) {
+        first.axis = std::string(1, own);  // by the name of the dimension
+      }
+    }
+    return absl::OkStatus();
+  }
+  const CfAxis meaning{.name = name.data(),
+                       .axis = NetcdfText(group, id, "axis"),
+                       .positive = NetcdfText(group, id, "positive"),
+                       .standard_name = NetcdfText(group, id, "standard_name"),
+                       .units = NetcdfText(group, id, "units")};
+  const char letter = CfLetterOf(meaning);
+  for (const std::size_t place : places) {
+    CfAxis& axis = variable->axes[place];
+    if (letter >= 'X' && letter <= 'Z' && axis.values.empty() && axis.size > 1) {
+      axis.fault = absl::StrFormat(
+          "its coordinates \"%s\" depend on %d axes, among them \"%s\", which has none of its own: "
+          "the grid is curved; expected coordinates of one axis each: regrid it (cdo remapbil), or "
+          "take it by its indices, which --spacing X,Y,Z and --origin X,Y,Z place",
+          base::Printable(meaning.name), places.size(), base::Printable(axis.name));
+    }
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<std::optional<NetcdfVariable>> NetcdfFile::Describe(int group, int id,
@@ -274,6 +536,7 @@ absl::StatusOr<std::optional<NetcdfVariable>> NetcdfFile::Describe(int group, in
   variable.dimensions.resize(static_cast<std::size_t>(rank));
   nc_inq_vardimid(group, id, variable.dimensions.data());
   ISOSCOPE_ASSIGN_OR_RETURN(variable.axes, AxesOf(group, variable.dimensions));
+  ISOSCOPE_RETURN_IF_ERROR(TakeAuxiliary(&variable));
   return variable;
 }
 
@@ -366,36 +629,12 @@ std::string NetcdfFile::Text(const NetcdfVariable& variable,
   return "";
 }
 
-NetcdfPacking NetcdfFile::PackingOf(const NetcdfVariable& variable) const {
-  const auto numbers = [&](const char* name) {
-    return NetcdfNumbers(variable.group, variable.id, name);
-  };
+absl::StatusOr<NetcdfPacking> NetcdfFile::PackingOf(const NetcdfVariable& variable) {
   NetcdfPacking packing;
-  VisitNetcdfType(variable, [&]<typename T>() {
-    const auto add_missing = [&](double number) {
-      const std::optional<double> stored = AsStored<T>(number);
-      if (stored.has_value() && !std::isnan(*stored)) {
-        packing.missing.push_back(*stored);
-      }
-    };
-    const std::vector<double> fill = numbers("_FillValue");
-    std::for_each(fill.begin(), fill.end(), add_missing);
-    const std::vector<double> missing = numbers("missing_value");
-    std::for_each(missing.begin(), missing.end(), add_missing);
-    if (fill.empty() && std::is_floating_point_v<T> && !variable.wide.has_value()) {
-      add_missing(NC_FILL_DOUBLE);
-    }
-    const auto limit = [&](const std::vector<double>& values, std::size_t index) {
-      return index < values.size() ? AsStored<T>(values[index]) : std::nullopt;
-    };
-    const std::vector<double> range = numbers("valid_range");
-    packing.valid_min = range.size() == 2 ? limit(range, 0) : limit(numbers("valid_min"), 0);
-    packing.valid_max = range.size() == 2 ? limit(range, 1) : limit(numbers("valid_max"), 0);
-  });
-  const std::vector<double> scale = numbers("scale_factor");
-  const std::vector<double> offset = numbers("add_offset");
-  packing.slope = scale.empty() ? 1 : scale[0];
-  packing.intercept = offset.empty() ? 0 : offset[0];
+  const double unsigned_range = UnsignedRange(variable.group, variable.id, variable.stored);
+  ISOSCOPE_ASSIGN_OR_RETURN(const nc_type scaled, ReadScale(variable, &packing));
+  ISOSCOPE_RETURN_IF_ERROR(ReadLimits(variable, scaled, unsigned_range, &packing));
+  packing.missing = MissingValues(variable, unsigned_range);
   return packing;
 }
 

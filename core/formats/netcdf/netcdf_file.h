@@ -21,8 +21,10 @@
 namespace isoscope::source {
 
 // How stored values become samples. Missing are those of _FillValue and missing_value, those
-// outside valid_min, valid_max or valid_range and, of floats without a _FillValue, the library's
-// own: they become NaN. The others become scale_factor * stored + add_offset.
+// outside valid_min, valid_max or valid_range and, without a _FillValue, what the library writes
+// where nobody did, but of bytes and integers of 64 bits: they become NaN. The others become
+// scale_factor * stored + add_offset. All members are as values are stored, also limits that the
+// file gives as they are scaled.
 struct NetcdfPacking {
   double slope = 1;
   double intercept = 0;
@@ -42,7 +44,9 @@ struct NetcdfVariable {
   int id = 0;
   std::string name;  // "group/u" within a group
   std::vector<int> dimensions{};
-  std::vector<CfAxis> axes{};  // by dimension
+  // By dimension. Without a coordinate variable: by the attribute "coordinates", which names
+  // variables along one dimension; along several, they are the fault of the axis.
+  std::vector<CfAxis> axes{};
   CfRoles roles{};
   volume::ScalarType stored{};
   std::optional<WideType> wide{};
@@ -71,7 +75,10 @@ class NetcdfFile {
   [[nodiscard]] std::vector<double> Numbers(const NetcdfVariable& variable, const char* name) const;
   // All elements of a variable. INVALID_ARGUMENT: more than 2^24 of them. DATA_LOSS: can't be read.
   [[nodiscard]] absl::StatusOr<std::vector<double>> Values(const NetcdfVariable& variable) const;
-  [[nodiscard]] NetcdfPacking PackingOf(const NetcdfVariable& variable) const;
+  // INVALID_ARGUMENT: an attribute of packing that is a text, no number, or of another count; a
+  // scale_factor of 0; valid_range beside another limit; limits that leave no value. The message is
+  // to follow a name and a colon.
+  [[nodiscard]] static absl::StatusOr<NetcdfPacking> PackingOf(const NetcdfVariable& variable);
 
  private:
   NetcdfFile(std::string path, int id) : path_(std::move(path)), id_(id) {}
@@ -82,11 +89,16 @@ class NetcdfFile {
   absl::Status Visit(int group, const std::string& prefix, int depth,
                      std::vector<NetcdfVariable>* arrays);
   absl::StatusOr<std::vector<CfAxis>> AxesOf(int group, const std::vector<int>& dimensions);
+  // Completes the axes by the attribute "coordinates".
+  absl::Status TakeAuxiliary(NetcdfVariable* variable);
+  absl::Status TakeAuxiliaryAxis(int group, int id, const std::vector<int>& dimensions,
+                                 NetcdfVariable* variable);
 
   const std::string path_;
   const int id_;
-  std::map<int, CfAxis> axes_;  // by dimension
-  int visited_ = 0;             // variables
+  std::map<int, CfAxis> axes_;                       // by dimension
+  std::map<std::pair<int, int>, CfAxis> auxiliary_;  // by group and variable
+  int visited_ = 0;                                  // variables
 };
 
 // Calls visitor.operator()<T>() with the C++ type of the stored bits.

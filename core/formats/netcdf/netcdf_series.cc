@@ -42,15 +42,20 @@ bool IsNetcdfNamed(const NetcdfVariable& variable, const std::string& part) {
   return variable.name == part || absl::StartsWith(part, absl::StrCat(variable.name, ":"));
 }
 
-// Whether both lie on one grid, in the same order, with the same steps.
+// Whether both lie on one grid, in the same order, with the same steps. The attribute "coordinates"
+// may give one dimension other coordinates, under another name, in another variable.
 bool AreOnOneGrid(const NetcdfVariable& a, const NetcdfVariable& b) {
+  const auto are_alike = [&](std::size_t i, std::size_t k) {
+    return a.dimensions[i] == b.dimensions[k] && a.axes[i].name == b.axes[k].name &&
+           a.axes[i].fault == b.axes[k].fault;
+  };
   for (std::size_t i = 0; i < 3; ++i) {
-    if (a.dimensions[a.roles.space[i]] != b.dimensions[b.roles.space[i]]) {
+    if (!are_alike(a.roles.space[i], b.roles.space[i])) {
       return false;
     }
   }
   return a.roles.time.has_value() == b.roles.time.has_value() &&
-         (!a.roles.time.has_value() || a.dimensions[*a.roles.time] == b.dimensions[*b.roles.time]);
+         (!a.roles.time.has_value() || are_alike(*a.roles.time, *b.roles.time));
 }
 
 // The variable whose grid is read; REQUIRES: at least one.
@@ -227,7 +232,8 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
   if (chosen.roles.time.has_value()) {
     ISOSCOPE_RETURN_IF_ERROR(DescribeNetcdfTimes(chosen, path, &described));
   }
-  if (const auto grid = CfUnevenGridOf(chosen.axes, chosen.roles); grid.ok()) {
+  if (const auto grid = CfUnevenGridOf(chosen.axes, chosen.roles, {.has_spacing = true});
+      grid.ok()) {
     described.distances = grid->distances;  // else whoever opens a volume gets the error
   }
   for (std::size_t i = 0; i < found.volumes.size(); ++i) {
@@ -241,6 +247,8 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
                      .unit = file->Text(volume, {"units"}),
                      .components = NetcdfComponents(volume, components)},
            .number = found.numbers[i]});
+    } else if (!AreOnOneGrid(chosen, volume)) {
+      described.elsewhere.push_back(volume.name);
     }
   }
   return WalledTexts(described);
@@ -261,7 +269,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfPart(const std::string& 
     const CfRoles& known = wanted.roles;
     if (roles.ok() && step < (known.time.has_value() ? wanted.axes[*known.time].size : 1) &&
         component < (known.component.has_value() ? wanted.axes[*known.component].size : 1)) {
-      return OpenNetcdfVolume(std::move(file), wanted, step, component, takes_uneven);
+      GridRules rules = GivenRules(part);
+      rules.resamples = takes_uneven;
+      return OpenNetcdfVolume(std::move(file), wanted, step, component, rules);
     }
   }
   return absl::InvalidArgumentError(

@@ -226,19 +226,22 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<N
                                                                const NetcdfVariable& variable,
                                                                std::int64_t step,
                                                                std::int64_t component,
-                                                               bool takes_uneven) {
+                                                               const GridRules& rules) {
   auto geometry = absl::StatusOr<volume::GridGeometry>(absl::UnknownError(""));
-  if (takes_uneven) {
-    const auto grid = CfUnevenGridOf(variable.axes, variable.roles);
+  if (rules.resamples) {
+    const auto grid = CfUnevenGridOf(variable.axes, variable.roles, rules);
     geometry = grid.ok() ? absl::StatusOr<volume::GridGeometry>(grid->geometry) : grid.status();
   } else {
-    geometry = CfGridOf(variable.axes, variable.roles);
+    geometry = CfGridOf(variable.axes, variable.roles, rules);
   }
   if (!geometry.ok()) {
     return NamedNetcdf(geometry.status(), *file, variable);
   }
-  NetcdfPacking packing = file->PackingOf(variable);
-  return OpenOnGrid(std::move(file), variable, std::move(packing), *geometry, step, component);
+  auto packing = NetcdfFile::PackingOf(variable);
+  if (!packing.ok()) {
+    return NamedNetcdf(packing.status(), *file, variable);
+  }
+  return OpenOnGrid(std::move(file), variable, *std::move(packing), *geometry, step, component);
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenStoredNetcdf(std::unique_ptr<NetcdfFile> file,

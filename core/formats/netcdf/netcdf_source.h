@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/formats/netcdf/netcdf_file.h"
+#include "core/source/grid/grid_rules.h"
 #include "core/source/volume_source.h"
 #include "core/volume/grid_geometry.h"
 
@@ -17,14 +18,14 @@ namespace isoscope::source {
 
 // Opens one step and one component of a variable, which then owns the file. Samples have the stored
 // type if the packing is plain; else float32 if that holds every stored value, else float64. Keeps
-// the chunks of neighbouring rows, at most 32 MiB of them. `takes_uneven`: the grid is that of
-// CfUnevenGridOf. INVALID_ARGUMENT: no grid of a volume; chunks of more than 256 MiB. REQUIRES:
-// indices in range, 0 where there is no such axis.
+// the chunks of neighbouring rows, at most 32 MiB of them. If the rules resample, the grid is that
+// of CfUnevenGridOf. INVALID_ARGUMENT: no grid of a volume; as PackingOf; chunks of more than 256
+// MiB. REQUIRES: indices in range, 0 where there is no such axis.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenNetcdfVolume(std::unique_ptr<NetcdfFile> file,
                                                                const NetcdfVariable& variable,
                                                                std::int64_t step,
                                                                std::int64_t component,
-                                                               bool takes_uneven = false);
+                                                               const GridRules& rules = {});
 
 // The same on a grid that is known, of samples as they are stored. REQUIRES: the roles of space
 // and the grid have the same sizes.

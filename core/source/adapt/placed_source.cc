@@ -55,6 +55,9 @@ class PlacedSeries final : public VolumeSeries {
   [[nodiscard]] const std::vector<double>& times() const override { return series_->times(); }
   [[nodiscard]] const std::string& time_unit() const override { return series_->time_unit(); }
   [[nodiscard]] const std::string& length_unit() const override { return series_->length_unit(); }
+  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
+    return series_->FieldsElsewhere();
+  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
                               series_->Open(field, component, step));

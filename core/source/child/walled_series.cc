@@ -4,6 +4,7 @@
 //   time_unit=s
 //   length_unit=m
 //   distances_z=0 2 3 6      only of an axis that is not even: where its samples lie
+//   elsewhere=v              a field on another grid
 //   field=u                  begins a field
 //   number=3                 by which the child knows it
 //   unit=, long_name=
@@ -77,6 +78,10 @@ bool TakeText(const std::string& text, WalledFile* file) {
   if (absl::StartsWith(key, "distances_") && key.size() == 11 && key[10] >= 'x' && key[10] <= 'z') {
     return TakeDistances(value, &file->distances[static_cast<std::size_t>(key[10] - 'x')]);
   }
+  if (key == "elsewhere") {
+    file->elsewhere.push_back(value);
+    return !value.empty();
+  }
   if (key == "field") {
     file->fields.push_back({.field = {.name = value, .components = {}}});
     return !value.empty();
@@ -131,6 +136,9 @@ class WalledSeries final : public VolumeSeries {
   [[nodiscard]] const std::vector<double>& times() const override { return file_.times; }
   [[nodiscard]] const std::string& time_unit() const override { return file_.time_unit; }
   [[nodiscard]] const std::string& length_unit() const override { return file_.length_unit; }
+  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
+    return file_.elsewhere;
+  }
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -161,6 +169,9 @@ std::vector<std::string> WalledTexts(const WalledFile& file) {
       texts.push_back(absl::StrCat("distances_", std::string(1, "xyz"[axis]), "=",
                                    JoinedNumbers(file.distances[axis])));
     }
+  }
+  for (const std::string& name : file.elsewhere) {
+    texts.push_back(absl::StrCat("elsewhere=", name));
   }
   for (const WalledFile::Field& field : file.fields) {
     texts.push_back(absl::StrCat("field=", field.field.name));

@@ -28,6 +28,7 @@ struct WalledFile {
     std::int64_t number = 0;  // by which the child knows it
   };
   std::vector<Field> fields{};
+  std::vector<std::string> elsewhere{};  // VolumeSeries::FieldsElsewhere
   std::vector<double> times{};
   std::string time_unit{};
   std::string length_unit{};

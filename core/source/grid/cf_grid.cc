@@ -15,6 +15,7 @@
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/source/grid/cf_words.h"
+#include "core/source/grid/sample_distance.h"
 
 namespace isoscope::source {
 namespace {
@@ -50,16 +51,64 @@ absl::StatusOr<bool> IsCfDown(const CfAxis& axis, char letter) {
   return IsCfDepth(axis);
 }
 
-// Whether the axes have several units, all of length.
-bool HasSeveralLengths(const std::vector<CfAxis>& axes, const CfRoles& roles) {
-  bool is_one = true;
-  for (const std::size_t axis : roles.space) {
-    if (MetresOfCfUnit(axes[axis].units) == 0) {
-      return false;
+// What turns the coordinates of the axes of space to one unit, where there are several: lengths
+// become metres, angles degrees. 1 for other axes.
+std::array<double, 3> UnitFactorsOf(const std::vector<CfAxis>& axes, const CfRoles& roles) {
+  std::array<double, 3> factors{1, 1, 1};
+  for (double (*const measure)(absl::string_view) : {&MetresOfCfUnit, &DegreesOfCfUnit}) {
+    std::array<double, 3> sizes{};
+    std::optional<std::string> unit;
+    bool is_one = true;
+    for (std::size_t i = 0; i < sizes.size(); ++i) {
+      const CfAxis& axis = axes[roles.space[i]];
+      const std::string& own = axis.units;
+      const bool is_index = axis.values.empty() && !axis.step.has_value();
+      sizes[i] = is_index ? 0 : measure(own);
+      if (sizes[i] != 0) {
+        is_one = is_one && unit.value_or(own) == own;
+        unit = own;
+      }
     }
-    is_one = is_one && axes[axis].units == axes[roles.space[0]].units;
+    for (std::size_t i = 0; i < sizes.size() && !is_one; ++i) {
+      factors[i] = sizes[i] != 0 ? sizes[i] : factors[i];
+    }
   }
-  return !is_one;
+  return factors;
+}
+
+// INVALID_ARGUMENT: the file does not tell all distances, but some.
+absl::Status CheckGiven(const std::vector<CfAxis>& axes, const CfRoles& roles,
+                        const GridRules& rules) {
+  if (rules.has_spacing) {
+    return absl::OkStatus();
+  }
+  const CfAxis* length = nullptr;
+  const CfAxis* index = nullptr;
+  const auto name = [&](const CfAxis* axis) {
+    const auto place = static_cast<std::size_t>(axis - axes.data());
+    std::string letter = "?";
+    for (std::size_t i = 0; i < roles.space.size(); ++i) {
+      letter = roles.space[i] == place ? std::string(1, roles.letters[i]) : letter;
+    }
+    return axis->name.empty() ? letter : base::Printable(axis->name);
+  };
+  for (const std::size_t place : roles.space) {
+    const CfAxis& axis = axes[place];
+    if (!axis.fault.empty()) {
+      return absl::InvalidArgumentError(axis.fault);
+    }
+    if (axis.values.empty() && !axis.step.has_value()) {
+      index = &axis;
+    } else if (MetresOfCfUnit(axis.units) != 0) {
+      length = &axis;
+    }
+  }
+  return length == nullptr || index == nullptr
+             ? absl::OkStatus()
+             : NoSampleDistance(
+                   "", absl::StrFormat("axis \"%s\" has coordinates in %s, and axis "
+                                       "\"%s\" has none",
+                                       name(length), base::Printable(length->units), name(index)));
 }
 
 absl::Status UnevenAxis(const CfAxis& axis, std::size_t worst, double deviation, double step) {
@@ -78,7 +127,7 @@ struct EvenAxis {
 absl::StatusOr<EvenAxis> MeanAxisOf(const CfAxis& axis) {
   const std::vector<double>& values = axis.values;
   if (values.empty()) {
-    return EvenAxis{};  // counted from 0
+    return EvenAxis{.first = 0, .step = axis.step.value_or(1)};
   }
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!std::isfinite(values[i])) {
@@ -98,7 +147,25 @@ absl::StatusOr<EvenAxis> MeanAxisOf(const CfAxis& axis) {
   return even;
 }
 
-// INVALID_ARGUMENT: the axis leaves these steps.
+// From the first coordinate on, in either direction: that of the first step.
+absl::StatusOr<std::vector<double>> DistancesOf(const CfAxis& axis) {
+  std::vector<double> distances;
+  const double sign = axis.values[1] < axis.values[0] ? -1 : 1;
+  for (std::size_t i = 0; i < axis.values.size(); ++i) {
+    distances.push_back(sign * (axis.values[i] - axis.values.front()));
+    if (i > 0 && !(distances[i] > distances[i - 1])) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "axis \"%s\" has the coordinate %g behind %g, its coordinate %d of %d; expected "
+          "coordinates that ascend or descend from the first to the last: write them so "
+          "(longitudes "
+          "go on beyond 360)",
+          axis.name, axis.values[i], axis.values[i - 1], i, axis.values.size()));
+    }
+  }
+  return distances;
+}
+
+// INVALID_ARGUMENT: the axis leaves these steps, or turns back.
 absl::Status CheckEven(const CfAxis& axis, const EvenAxis& even) {
   const std::vector<double>& values = axis.values;
   double largest = 0;
@@ -115,25 +182,10 @@ absl::Status CheckEven(const CfAxis& axis, const EvenAxis& even) {
   constexpr double kTolerance = 1e-3;
   const double precision = largest * (axis.is_single ? 0x1p-22 : 0x1p-50);
   if (std::abs(deviation) > std::max(kTolerance * std::abs(even.step), precision)) {
+    ISOSCOPE_RETURN_IF_ERROR(DistancesOf(axis).status());  // which resampling needs
     return UnevenAxis(axis, worst, deviation, even.step);
   }
   return absl::OkStatus();
-}
-
-// From the first coordinate on, in either direction.
-absl::StatusOr<std::vector<double>> DistancesOf(const CfAxis& axis) {
-  std::vector<double> distances;
-  const double sign = axis.values.back() < axis.values.front() ? -1 : 1;
-  for (std::size_t i = 0; i < axis.values.size(); ++i) {
-    distances.push_back(sign * (axis.values[i] - axis.values.front()));
-    if (i > 0 && !(distances[i] > distances[i - 1])) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "axis \"%s\" has the coordinate %g behind %g; expected coordinates that ascend or "
-          "descend from the first to the last",
-          axis.name, axis.values[i], axis.values[i - 1]));
-    }
-  }
-  return distances;
 }
 
 // A letter for each axis: '?' if it is not known, '-' if the axis is left out.
@@ -282,18 +334,21 @@ std::string SuggestCfAxes(const std::vector<CfAxis>& axes) {
   return CfRolesOfLetters(letters, axes).has_value() ? letters : "";
 }
 
-absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
-                                              const CfRoles& roles) {
+absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles,
+                                              const GridRules& rules) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckGiven(axes, roles, rules));
   for (const std::size_t axis : roles.space) {
     ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis even, MeanAxisOf(axes[axis]));
     ISOSCOPE_RETURN_IF_ERROR(CheckEven(axes[axis], even));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const CfUnevenGrid grid, CfUnevenGridOf(axes, roles));
+  ISOSCOPE_ASSIGN_OR_RETURN(const CfUnevenGrid grid, CfUnevenGridOf(axes, roles, rules));
   return grid.geometry;
 }
 
-absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles) {
-  const bool to_metres = HasSeveralLengths(axes, roles);
+absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles,
+                                            const GridRules& rules) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckGiven(axes, roles, rules));
+  const std::array<double, 3> factors = UnitFactorsOf(axes, roles);
   CfUnevenGrid grid;
   volume::GridGeometry& geometry = grid.geometry;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -302,7 +357,7 @@ absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, con
     const std::size_t index = 2 - i;  // the fastest is index x
     const int world = letter - 'X';
     ISOSCOPE_ASSIGN_OR_RETURN(const EvenAxis mean, MeanAxisOf(axis));
-    const double scale = to_metres ? MetresOfCfUnit(axis.units) : 1;
+    const double scale = factors[i];
     ISOSCOPE_ASSIGN_OR_RETURN(const bool is_down, IsCfDown(axis, letter));
     const double sign = is_down ? -1 : 1;
     math::Vec3d direction{0, 0, 0};
@@ -325,7 +380,10 @@ std::string CfLengthUnit(const std::vector<CfAxis>& axes, const CfRoles& roles) 
   const std::string& unit = axes[roles.space[0]].units;
   const bool is_one = std::all_of(roles.space.begin(), roles.space.end(),
                                   [&](std::size_t axis) { return axes[axis].units == unit; });
-  return HasSeveralLengths(axes, roles) ? "m" : is_one ? unit : "";
+  const bool are_lengths =
+      std::all_of(roles.space.begin(), roles.space.end(),
+                  [&](std::size_t axis) { return MetresOfCfUnit(axes[axis].units) != 0; });
+  return is_one ? unit : are_lengths ? "m" : "";
 }
 
 absl::StatusOr<std::vector<double>> CfTimesOf(const CfAxis& axis) {

@@ -14,6 +14,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/source/grid/axis_distances.h"
+#include "core/source/grid/grid_rules.h"
 #include "core/volume/grid_geometry.h"
 
 namespace isoscope::source {
@@ -28,6 +29,11 @@ struct CfAxis {
   std::string units{};
   std::vector<double> values{};  // its coordinates, NaN: missing; none if it has no such variable
   bool is_single = false;        // the coordinates are stored as 32-bit floats
+  // Without coordinates: how far its samples are apart, the first at 0; not set: an index.
+  std::optional<double> step = std::nullopt;
+  // Without coordinates: a sentence that says why those of the file can't be read; "" if it has
+  // none.
+  std::string fault{};
 };
 
 // T, C (components, members of an ensemble), Z, Y or X; '?' if nothing says it. In this order
@@ -63,21 +69,24 @@ std::string SuggestCfAxes(const std::vector<CfAxis>& axes);
 // The grid of the samples as they are stored: index x is the fastest axis. Its directions are those
 // of world x, y and z, turned around where coordinates descend, and for Z where they count down: by
 // `positive`, else units of pressure, else the standard name, else a name such as "depth" of
-// coordinates that are not negative. Axes without coordinates count from 0. INVALID_ARGUMENT:
-// coordinates that are not even (names the axis, the worst coordinate and its distance from an even
-// one): more than a thousandth of a step, and more than their precision; missing (NaN), infinite,
-// or all equal; a `positive` that is neither up nor down. Axes in different units of length are all
-// converted to metres.
-absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes,
-                                              const CfRoles& roles);
+// coordinates that are not negative. Axes without coordinates count from 0. Lengths in different
+// units are converted to metres, angles to degrees; axes with other units, or none, stay as they
+// are. INVALID_ARGUMENT: coordinates that are not even (names the axis, the worst coordinate and
+// its distance from an even one): more than a thousandth of a step, and more than their precision;
+// that neither ascend nor descend; missing (NaN), infinite, or all equal; a `positive` that is
+// neither up nor down. Also, unless the rules have a spacing: the fault of an axis; an axis without
+// coordinates beside one with lengths.
+absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles,
+                                              const GridRules& rules = {});
 
-// The same grid with uneven axes, for ResampleSource: their spacing is the mean. INVALID_ARGUMENT:
-// coordinates that neither ascend nor descend.
+// The same grid with uneven axes, for ResampleSource: their spacing is the mean. Errors as
+// CfGridOf, but for axes that are not even.
 struct CfUnevenGrid {
   volume::GridGeometry geometry{};
   AxisDistances distances{};
 };
-absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles);
+absl::StatusOr<CfUnevenGrid> CfUnevenGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles,
+                                            const GridRules& rules = {});
 
 // The unit of all three axes, "m" if they are different units of length; "" if they have several.
 std::string CfLengthUnit(const std::vector<CfAxis>& axes, const CfRoles& roles);

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <numbers>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -191,6 +192,35 @@ constexpr std::array<LengthWord, 8> kLengthPrefixes{{{"", 1},
                                                      {"micro", 1e-6},
                                                      {"nano", 1e-9}}};
 
+// In lower case; those of kCfUnits for longitude and latitude are degrees, too.
+struct AngleWord {
+  const char* text;
+  double degrees;
+};
+constexpr double kDegreesOfRadian = 180 / std::numbers::pi;
+constexpr std::array<AngleWord, 22> kCfAngles{{{"degree", 1},
+                                               {"degrees", 1},
+                                               {"deg", 1},
+                                               {"arc_degree", 1},
+                                               {"arc_degrees", 1},
+                                               {"angular_degree", 1},
+                                               {"angular_degrees", 1},
+                                               {"\xc2\xb0", 1},
+                                               {"radian", kDegreesOfRadian},
+                                               {"radians", kDegreesOfRadian},
+                                               {"rad", kDegreesOfRadian},
+                                               {"milliradian", 1e-3 * kDegreesOfRadian},
+                                               {"milliradians", 1e-3 * kDegreesOfRadian},
+                                               {"mrad", 1e-3 * kDegreesOfRadian},
+                                               {"microradian", 1e-6 * kDegreesOfRadian},
+                                               {"microradians", 1e-6 * kDegreesOfRadian},
+                                               {"urad", 1e-6 * kDegreesOfRadian},
+                                               {"arc_minute", 1.0 / 60},
+                                               {"arc_minutes", 1.0 / 60},
+                                               {"arcminute", 1.0 / 60},
+                                               {"arc_second", 1.0 / 3600},
+                                               {"arcsecond", 1.0 / 3600}}};
+
 std::string CfLower(absl::string_view text) {
   return absl::AsciiStrToLower(absl::StripAsciiWhitespace(text));
 }
@@ -293,6 +323,18 @@ CfDirection CfDirectionOfStandardName(absl::string_view name) {
 double MetresOfCfUnit(absl::string_view unit) {
   const auto [factor, word] = SplitCfFactor(unit);
   return factor * MetresOfCfWord(word);
+}
+
+double DegreesOfCfUnit(absl::string_view unit) {
+  const auto [factor, word] = SplitCfFactor(unit);
+  const std::string lower = CfLower(word);
+  if (const char letter = CfLetterIn(kCfUnits, lower); letter == 'X' || letter == 'Y') {
+    return factor;
+  }
+  const auto* const found =
+      std::find_if(kCfAngles.begin(), kCfAngles.end(),
+                   [&](const AngleWord& angle) { return lower == angle.text; });
+  return found == kCfAngles.end() ? 0 : factor * found->degrees;
 }
 
 }  // namespace isoscope::source

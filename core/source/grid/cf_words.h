@@ -28,6 +28,8 @@ bool IsCfPressure(absl::string_view units);
 
 // 0 if the unit is none of length. "1000 m" is a unit, too.
 double MetresOfCfUnit(absl::string_view unit);
+// 0 if the unit is none of an angle.
+double DegreesOfCfUnit(absl::string_view unit);
 
 }  // namespace isoscope::source
 

@@ -21,7 +21,7 @@ struct RectilinearAxes {
 
 // The grid of the points, or of the cells' centres, with distances only if it is uneven and the
 // rules resample. INVALID_ARGUMENT: fewer than two samples on an axis; uneven (CfGridOf), unless
-// the rules resample, and then coordinates that neither ascend nor descend.
+// the rules resample; coordinates that neither ascend nor descend.
 absl::StatusOr<CfUnevenGrid> RectilinearGridOf(RectilinearAxes axes, bool is_of_cells,
                                                const GridRules& rules);
 

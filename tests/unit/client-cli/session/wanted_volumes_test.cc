@@ -107,6 +107,17 @@ TEST(WantedVolumesTest, AnExactNameWithColonsComesFirst) {
   EXPECT_THAT(VolumesOf(WithField("u:x:rms")), ElementsAre(Pair(2, 3)));
 }
 
+TEST(WantedVolumesTest, FieldOnAnotherGridIsNamedWithThePathThatOpensIt) {
+  partition::MemorySeries flow = Flow();
+  flow.path = "run.nc";
+  flow.elsewhere = {"q"};
+  for (const char* field : {"q", "q:x"}) {
+    EXPECT_THAT(ChooseVolumes(WithField(field), flow),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("it lies on another grid: open run.nc:q")));
+  }
+}
+
 TEST(WantedVolumesTest, RefusesAFieldOrComponentThatIsNotThere) {
   EXPECT_THAT(ChooseVolumes(WithField("q"), Flow()),
               StatusIs(absl::StatusCode::kInvalidArgument,

@@ -36,6 +36,7 @@ class MemorySeries final : public source::VolumeSeries {
   [[nodiscard]] const std::vector<double>& times() const override { return times_; }
   [[nodiscard]] const std::string& time_unit() const override { return time_unit_text; }
   [[nodiscard]] const std::string& length_unit() const override { return length_unit_text; }
+  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override { return elsewhere; }
   absl::StatusOr<std::unique_ptr<source::VolumeSource>> Open(int field, int component,
                                                              int step) override {
     ++open_count;
@@ -79,6 +80,7 @@ class MemorySeries final : public source::VolumeSeries {
   std::string identity = "a request, and the stamps of its files\n";
   std::function<std::string(int)> identity_of;
   std::function<absl::Status(int)> identity_error;
+  std::vector<std::string> elsewhere{};
   std::string time_unit_text = "s";
   std::string length_unit_text = "m";
   volume::GridGeometry geometry;

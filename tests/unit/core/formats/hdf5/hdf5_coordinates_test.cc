@@ -80,6 +80,7 @@ TEST_F(Hdf5CoordinatesTest, AxesOfNexusGiveSpacingOriginAndUnit) {
 TEST_F(Hdf5CoordinatesTest, NamesDecideWhichAxisIsWhich) {
   WritePlot({"x", "y", "z"});
   Write("g/x", {2}, {0, 5});
+  Write("g/y", {3}, {0, 1, 2});
   Write("g/z", {4}, {100, 101, 102, 103});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
   const volume::GridGeometry& grid = source->geometry();
@@ -116,8 +117,62 @@ TEST_F(Hdf5CoordinatesTest, CoordinatesThatDoNotFitAreRefusedByName) {
                                                  "have 5 elements; expected 3, or 4"))));
 }
 
+TEST_F(Hdf5CoordinatesTest, CoordinatesThatAPlotNamesAndHasNotAreRefusedByName) {
+  WritePlot({"z", "y", "x"});
+  Write("g/z", {2}, {0, 2});
+  Write("g/x", {4}, {0, 1, 2, 3});
+  EXPECT_THAT(Open("g/v"),
+              StatusIs(kInvalid, AllOf(HasSubstr("names the coordinates \"y\" of axis 1"),
+                                       HasSubstr("no such dataset"), HasSubstr("--spacing"))));
+  EXPECT_TRUE(Open("g/v", "", {.has_spacing = true}).ok());
+}
+
+TEST_F(Hdf5CoordinatesTest, NexusScalesCoordinates) {
+  WritePlot({"z", "y", "x"});
+  Write("g/z", {2}, {0, 2});
+  Write("g/y", {3}, {0, 1, 2});
+  Write("g/x", {4}, {0, 1, 2, 3});
+  Write("g/x_scaling_factor", {1}, {0.5});
+  Write("g/x_offset", {1}, {10});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
+  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 1, 2}));
+  EXPECT_EQ(source->geometry().origin, (math::Vec3d{5, 0, 0}));
+}
+
+TEST_F(Hdf5CoordinatesTest, ValuesThatNexusScalesAreRefusedByName) {
+  WritePlot({"z", "y", "x"});
+  Write("g/v_scaling_factor", {1}, {0.1});
+  EXPECT_THAT(Open("g/v"), StatusIs(kInvalid, AllOf(HasSubstr("v_scaling_factor"),
+                                                    HasSubstr("(value + 0) * 0.1"))));
+}
+
+TEST_F(Hdf5CoordinatesTest, LengthsInSeveralUnitsBecomeMetresBesideOtherAxes) {
+  WritePlot({"z", "y", "x"});
+  Write("g/z", {2}, {0, 2});
+  Write("g/y", {3}, {0, 0.5, 1});
+  Write("g/x", {4}, {0, 1, 2, 3});
+  WriteHdf5Texts(file_.get(), "g/z", "units", {"um"});
+  WriteHdf5Texts(file_.get(), "g/x", "units", {"mm"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
+  EXPECT_LT(math::Length(source->geometry().spacing - math::Vec3d{1e-3, 0.5, 2e-6}), 1e-15);
+  EXPECT_EQ(series_->length_unit(), "");
+}
+
+TEST_F(Hdf5CoordinatesTest, LengthsAlongOneAxisOnlyAreRefused) {
+  Write("u", {2, 3, 4}, samples_);
+  Write("z", {2}, {0, 250});
+  WriteHdf5Texts(file_.get(), "z", "units", {"m"});
+  WriteHdf5Scales(file_.get(), "u", {"/z", "", ""});
+  EXPECT_THAT(Open("u"), StatusIs(kInvalid, AllOf(HasSubstr("\"z\" has coordinates in m"),
+                                                  HasSubstr("\"X\" has none"))));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u", "", {.has_spacing = true}));
+  EXPECT_EQ(source->geometry().spacing.z, 250);
+}
+
 TEST_F(Hdf5CoordinatesTest, UnevenAxisNeedsResampling) {
   WritePlot({"z", "y", "x"});
+  Write("g/z", {2}, {0, 1});
+  Write("g/y", {3}, {0, 1, 2});
   Write("g/x", {4}, {0, 1, 2, 5});
   EXPECT_THAT(Open("g/v"),
               StatusIs(kInvalid, AllOf(HasSubstr("\"x\" is not even"), HasSubstr("--resample"))));
@@ -171,6 +226,22 @@ TEST_F(Hdf5CoordinatesTest, ElementSizeIsForAxesWithoutCoordinates) {
   WriteHdf5Numbers(file_.get(), "u", "element_size_um", {4, 2, 0.5});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u"));
   EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 9}));
+}
+
+TEST_F(Hdf5CoordinatesTest, ElementSizeIsInMicrometres) {
+  Write("u", {2, 3, 4}, samples_);
+  WriteHdf5Numbers(file_.get(), "u", "element_size_um", {4, 2, 0.5});
+  Write("mixed", {2, 3, 4}, samples_);
+  WriteHdf5Numbers(file_.get(), "mixed", "element_size_um", {4, 2, 0.5});
+  Write("z", {2}, {0, 0.002});
+  WriteHdf5Texts(file_.get(), "z", "units", {"mm"});
+  WriteHdf5Scales(file_.get(), "mixed", {"/z", "", ""});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u"));
+  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
+  EXPECT_EQ(series_->length_unit(), "um");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mixed, Open("mixed"));
+  EXPECT_LT(math::Length(mixed->geometry().spacing - math::Vec3d{0.5e-6, 2e-6, 2e-6}), 1e-15);
+  EXPECT_EQ(series_->length_unit(), "m");
 }
 
 TEST_F(Hdf5CoordinatesTest, ElementSizeThatIsNoneIsRefusedByName) {

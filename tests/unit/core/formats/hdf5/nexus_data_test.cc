@@ -109,6 +109,30 @@ TEST_F(NexusDataTest, AxesOfTheGroupByTheirPlaceOrTheirIndices) {
   EXPECT_THAT(more, ElementsAre("x", "", "z"));
 }
 
+TEST_F(NexusDataTest, FieldsMayHaveAScaleInTheGroup) {
+  Plot("g", "v");
+  Dataset("g/x", {4});
+  const auto number = [&](const std::string& name, std::vector<double> values) {
+    WriteHdf5Dataset(file_.get(), name, {values.size()}, H5T_IEEE_F64LE, values.data());
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NexusScale none, FindNexusScale(Open("g").get(), "x"));
+  EXPECT_EQ(none, NexusScale());
+  number("g/x_scaling_factor", {0.5});
+  number("g/x_offset", {10});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NexusScale scale, FindNexusScale(Open("g").get(), "x"));
+  EXPECT_EQ(scale.Apply(2), 6);
+  number("g/offset", {3});  // older files: of the signal
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NexusScale signal,
+                                FindNexusSignalScale(Open("g").get(), "v"));
+  EXPECT_EQ(signal.offset, 3);
+  number("g/v_scaling_factor", {0});
+  EXPECT_THAT(FindNexusSignalScale(Open("g").get(), "v"),
+              StatusIs(kInvalid, HasSubstr("\"v_scaling_factor\" of 0")));
+  number("g/y_offset", {1, 2});
+  EXPECT_THAT(FindNexusScale(Open("g").get(), "y"),
+              StatusIs(kInvalid, HasSubstr("\"y_offset\", which is not one finite number")));
+}
+
 TEST_F(NexusDataTest, CurvedGridsAndWrongAxesAreRefusedByName) {
   Plot("curved", "v");
   WriteHdf5Texts(file_.get(), "curved", "axes", {"z", "y", "x"});

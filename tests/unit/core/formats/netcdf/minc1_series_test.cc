@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <random>
 #include <string>
 #include <utility>
@@ -52,6 +53,9 @@ struct Minc1 {
   std::string spacing = "regular__";
   bool has_limits = true;
   std::vector<double> cosines{0, 1, 0};  // of xspace
+  // Of xspace, in place of the numbers below.
+  std::optional<double> step = std::nullopt;
+  std::optional<double> start = std::nullopt;
   std::string unit_of_z = "mm";
 };
 
@@ -84,6 +88,11 @@ class Minc1SeriesTest : public ::testing::Test {
     }
     // x runs along world y, y against world x.
     writer.Attribute("xspace", "direction_cosines", minc.cosines);
+    for (const auto& [name, number] : {std::pair{"step", minc.step}, {"start", minc.start}}) {
+      if (number.has_value()) {
+        writer.Attribute("xspace", name, {*number});
+      }
+    }
     writer.Attribute("yspace", "direction_cosines", {-1, 0, 0});
     std::vector<int> all;
     std::vector<int> of_limits;
@@ -292,6 +301,19 @@ TEST_F(Minc1SeriesTest, HostileBytesAreErrorsOrValues) {
     }
   }
   EXPECT_GT(refused, 3) << "the bytes that count were hit";
+}
+
+TEST_F(Minc1SeriesTest, NumbersThatAreNoneAreRefusedByName) {
+  EXPECT_THAT(OpenMinc1Series(Write({.step = 0}), "f"),
+              StatusIs(kInvalid, HasSubstr("MINC 1: the step of xspace is 0")));
+  EXPECT_THAT(OpenMinc1Series(Write({.step = std::nan("")}), "f"),
+              StatusIs(kInvalid, HasSubstr("the step of xspace is nan")));
+  EXPECT_THAT(OpenMinc1Series(Write({.start = std::nan("")}), "f"),
+              StatusIs(kInvalid, HasSubstr("the start of xspace is nan")));
+  EXPECT_THAT(OpenMinc1Series(Write({.valid = {std::nan(""), 9}}), "f"),
+              StatusIs(kInvalid, HasSubstr("valid_range has nan at index 0")));
+  EXPECT_THAT(OpenMinc1Series(Write({.most = {1, std::nan("")}}), "f"),
+              StatusIs(kInvalid, HasSubstr("image-max has nan at index 1")));
 }
 
 TEST_F(Minc1SeriesTest, CosinesAreAVectorOfLengthOneAndUnitsOneLength) {

@@ -13,6 +13,8 @@
 
 #include "core/formats/open_volume.h"
 #include "core/source/volume_source.h"
+#include "hdf5.h"
+#include "tests/support/hdf5_file.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -84,6 +86,38 @@ TEST(MincSourceTest, CornersAndValues) {
       EXPECT_EQ(values[static_cast<std::size_t>(i)], static_cast<float>(100 + i));
     }
   }
+}
+
+// Changes an attribute of an axis.
+void ChangeMinc(const std::string& path, const std::string& axis, const std::string& attribute,
+                const std::vector<double>& numbers, const std::string& text = "") {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  ASSERT_GE(file, 0);
+  const std::string name = "/minc-2.0/dimensions/" + axis;
+  if (H5Aexists_by_name(file, name.c_str(), attribute.c_str(), H5P_DEFAULT) > 0) {
+    H5Adelete_by_name(file, name.c_str(), attribute.c_str(), H5P_DEFAULT);
+  }
+  if (text.empty()) {
+    testing::WriteHdf5Numbers(file, name, attribute, numbers);
+  } else {
+    testing::WriteHdf5Texts(file, name, attribute, {text}, true);
+  }
+  H5Fclose(file);
+}
+
+// ITK and libminc would take the step of another axis, and millimetres for any unit.
+TEST(MincSourceTest, HeaderIsCheckedBeforeTheLibrariesReadIt) {
+  const testing::TempDir dir;
+  std::string path = WriteMinc(dir);
+  ChangeMinc(path, "xspace", "step", {0});
+  EXPECT_THAT(OpenVolumeFile(path),
+              StatusIs(kInvalid, HasSubstr("a.mnc: MINC 2: the step of xspace is 0")));
+  path = WriteMinc(dir);
+  ChangeMinc(path, "zspace", "units", {}, "cm");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path));
+  const volume::GridGeometry& grid = volume->geometry();
+  EXPECT_LT(math::Length(grid.spacing - math::Vec3d{1.5, 2, 30}), 1e-9);
+  EXPECT_LT(math::Length(grid.origin - math::Vec3d{-10, -20, 300}), 1e-9);
 }
 
 TEST(MincSourceTest, OtherFilesAreRefused) {

@@ -30,6 +30,8 @@ class NetcdfWriter {
     EXPECT_EQ(nc_def_dim(file_, name.c_str(), size, &id), NC_NOERR);
     return id;
   }
+  // Of variables that follow: nothing is written but their values. netCDF-4.
+  void LeaveUnfilled() { fills_ = false; }
   using Texts = std::vector<std::pair<std::string, std::string>>;
   using Numbers = std::vector<std::pair<std::string, double>>;
   // Values are converted from double; `count` elements on each dimension.
@@ -45,6 +47,9 @@ class NetcdfWriter {
     if (!chunk.empty()) {
       EXPECT_EQ(nc_def_var_chunking(file_, id, NC_CHUNKED, chunk.data()), NC_NOERR);
       EXPECT_EQ(nc_def_var_deflate(file_, id, 1, 1, 4), NC_NOERR);
+    }
+    if (!fills_) {
+      EXPECT_EQ(nc_def_var_fill(file_, id, NC_NOFILL, nullptr), NC_NOERR);
     }
     for (const auto& [key, text] : texts) {
       EXPECT_EQ(nc_put_att_text(file_, id, key.c_str(), text.size(), text.c_str()), NC_NOERR);
@@ -72,6 +77,7 @@ class NetcdfWriter {
 
  private:
   int file_ = 0;
+  bool fills_ = true;
 };
 
 }  // namespace isoscope::testing

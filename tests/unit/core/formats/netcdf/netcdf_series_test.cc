@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -11,6 +12,7 @@
 #include "gtest/gtest.h"
 
 #include "core/formats/open_volume.h"
+#include "core/source/series_selection.h"
 #include "core/source/volume_source.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
@@ -104,10 +106,11 @@ TEST_F(NetcdfSeriesTest, VariablesAreFieldsAndTimesAreStepsInEveryFormat) {
       }
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto still, OpenVolumeFile(path + ":still"));
-    EXPECT_EQ(still->scalar_type(), ScalarType::kInt32);
+    // Where nobody wrote an integer, it is missing.
+    EXPECT_EQ(still->scalar_type(), ScalarType::kFloat64);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*still, 1));
     for (std::size_t i = 0; i < kSamples; ++i) {
-      EXPECT_EQ(ValuesOf<std::int32_t>(read)[i], static_cast<int>(3 * i) - 20);
+      EXPECT_EQ(ValuesOf<double>(read)[i], static_cast<double>(3 * i) - 20);
     }
     EXPECT_THAT(
         OpenVolumeFile(path),
@@ -136,6 +139,7 @@ TEST_F(NetcdfSeriesTest, EveryTypeIsReadAsItIs) {
     }
     {
       NetcdfWriter writer(dir_.Sub("a.nc"), NC_NETCDF4);
+      writer.LeaveUnfilled();
       const std::vector<int> dims{writer.Dimension("a", 2), writer.Dimension("b", 3),
                                   writer.Dimension("d", 4)};
       writer.Variable("p", c.type, dims, {2, 3, 4}, values, {}, {}, {1, 2, 3});
@@ -160,6 +164,9 @@ TEST_F(NetcdfSeriesTest, MissingValuesAreHoles) {
     std::vector<double> values = Ramp();
     values[5] = NC_FILL_FLOAT;
     writer.Variable("library", NC_FLOAT, dims, {2, 3, 4}, values);
+    std::vector<double> unwritten = Ramp();
+    unwritten[5] = NC_FILL_SHORT;
+    writer.Variable("unwritten", NC_SHORT, dims, {2, 3, 4}, unwritten);
     writer.Variable("missing", NC_INT, dims, {2, 3, 4}, Ramp(), {}, {{"missing_value", -5}});
     writer.Variable("valid", NC_BYTE, dims, {2, 3, 4}, Ramp(), {},
                     {{"valid_min", -17}, {"valid_max", 40}});
@@ -173,6 +180,9 @@ TEST_F(NetcdfSeriesTest, MissingValuesAreHoles) {
   const auto library = ValuesOf<float>(read("library", ScalarType::kFloat32));
   EXPECT_TRUE(std::isnan(library[5]));
   EXPECT_EQ(library[4], -8);
+  const auto unwritten = ValuesOf<float>(read("unwritten", ScalarType::kFloat32));
+  EXPECT_TRUE(std::isnan(unwritten[5]));
+  EXPECT_EQ(unwritten[4], -8);
   const auto missing = ValuesOf<double>(read("missing", ScalarType::kFloat64));
   EXPECT_TRUE(std::isnan(missing[5]));
   EXPECT_EQ(missing[6], -2);
@@ -255,6 +265,64 @@ TEST_F(NetcdfSeriesTest, RefusesInASentence) {
                                        HasSubstr("expected one Z"))));
   testing::WriteFile(dir_.Sub("a.nc"), "CDF\x01 and no more");
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a.nc")), StatusIs(kInvalid, HasSubstr("netCDF")));
+}
+
+// CF 5: a variable names coordinates whose names are not those of dimensions.
+TEST_F(NetcdfSeriesTest, CoordinatesThatAVariableNamesPlaceItOrAreRefused) {
+  const std::string path = dir_.Sub("c.nc");
+  {
+    NetcdfWriter writer(path, 0);
+    const int z = writer.Dimension("k", 2);
+    const int y = writer.Dimension("y", 3);
+    const int x = writer.Dimension("x", 4);
+    writer.Variable("depth", NC_DOUBLE, {z}, {2}, {2, 7}, {{"units", "m"}, {"positive", "down"}});
+    writer.Variable("y", NC_DOUBLE, {y}, {3}, {0, 1, 2}, {{"units", "m"}});
+    writer.Variable("x", NC_DOUBLE, {x}, {4}, {0, 1, 2, 3}, {{"units", "m"}});
+    writer.Variable("high", NC_DOUBLE, {z, y, x}, {2, 3, 4}, Ramp(),
+                    {{"units", "m"}, {"standard_name", "altitude"}});
+    writer.Variable("t", NC_FLOAT, {z, y, x}, {2, 3, 4}, Ramp(), {{"coordinates", "depth"}});
+    writer.Variable("u", NC_FLOAT, {z, y, x}, {2, 3, 4}, Ramp(), {{"coordinates", "high"}});
+    writer.Variable("half", NC_FLOAT, {z, y, x}, {2, 3, 4}, Ramp());
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path + ":t"));
+  ASSERT_EQ(series->fields().size(), 1u) << "others have other coordinates";
+  EXPECT_EQ(series->length_unit(), "m");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
+  const auto world = volume->geometry().world_from_index();
+  EXPECT_EQ(math::TransformPoint(world, {0, 0, 0}), (math::Vec3d{0, 0, -2}));
+  EXPECT_EQ(math::TransformPoint(world, {3, 2, 1}), (math::Vec3d{3, 2, -7}));
+  EXPECT_THAT(OpenVolumeFile(path + ":u"),
+              StatusIs(kInvalid, AllOf(HasSubstr("c.nc:u"), HasSubstr("\"high\" depend on 3 axes"),
+                                       HasSubstr("--spacing X,Y,Z"))));
+  EXPECT_THAT(OpenVolumeFile(path + ":half"),
+              StatusIs(kInvalid, AllOf(HasSubstr("c.nc:half"), HasSubstr("\"k\" has none"),
+                                       HasSubstr("--spacing X,Y,Z"))));
+  for (const char* name : {":u", ":half"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto indexed,
+                                  OpenVolumeFile(path + name, "", {.has_spacing = true}));
+    EXPECT_EQ(indexed->geometry().spacing.z, 1) << name;
+  }
+}
+
+TEST_F(NetcdfSeriesTest, FieldOnAnotherGridIsNamedWithThePathThatOpensIt) {
+  const std::string path = dir_.Sub("g.nc");
+  {
+    NetcdfWriter writer(path, 0);
+    const std::vector<int> dims{writer.Dimension("z", 2), writer.Dimension("y", 3),
+                                writer.Dimension("x", 4)};
+    const int other = writer.Dimension("x2", 4);
+    writer.Variable("a", NC_FLOAT, dims, {2, 3, 4}, Ramp());
+    writer.Variable("c", NC_FLOAT, dims, {2, 3, 4}, Ramp());
+    writer.Variable("b", NC_FLOAT, {dims[0], dims[1], other}, {2, 3, 4}, Ramp());
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(path));
+  EXPECT_EQ(series->fields().size(), 2u);
+  EXPECT_THAT(series->FieldsElsewhere(), ElementsAre("b"));
+  EXPECT_THAT(SelectFrom(std::move(series), {.fields = {"b"}}),
+              StatusIs(kInvalid, AllOf(HasSubstr("no field \"b\""),
+                                       HasSubstr("another grid: open " + path + ":b"))));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto named, OpenVolumeSeries(path + ":b"));
+  EXPECT_EQ(named->fields()[0].name, "b");
 }
 
 TEST_F(NetcdfSeriesTest, DimensionsWithoutMeaningAreNamedAndAxesGivesIt) {

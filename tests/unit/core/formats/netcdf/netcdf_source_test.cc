@@ -25,6 +25,7 @@ TEST(NetcdfSourceTest, ReadsStepsAndComponentsWhateverTheOrderOfAxes) {
   const std::vector<std::size_t> sizes{5, 2, 4, 2, 3};
   {
     NetcdfWriter writer(dir.Sub("a.nc"), NC_NETCDF4);
+    writer.LeaveUnfilled();
     std::vector<int> dims;
     const std::vector<std::string> names{"x", "time", "z", "component", "y"};
     for (std::size_t i = 0; i < names.size(); ++i) {

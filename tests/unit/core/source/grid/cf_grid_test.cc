@@ -263,6 +263,87 @@ TEST(CfGridTest, SeveralUnitsOfLengthBecomeMetres) {
   EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "");
 }
 
+// Evenly spaced coordinates of an axis.
+CfAxis Even(const std::string& name, const std::string& units, double step) {
+  return {.name = name, .size = 4, .units = units, .values = {0, step, 2 * step, 3 * step}};
+}
+
+TEST(CfGridTest, LengthsBecomeMetresBesideAxesOfOtherUnits) {
+  for (const char* other : {"hPa", "", "degrees", "K"}) {
+    const std::vector<CfAxis> axes{Even("z", other, 100), Even("y", "km", 1), Even("x", "m", 1000)};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(axes, *CfRolesOf(axes)));
+    EXPECT_EQ(grid.spacing, (math::Vec3d{1000, 1000, 100})) << other;
+    EXPECT_EQ(CfLengthUnit(axes, *CfRolesOf(axes)), "") << other;
+  }
+  // One unit of length stays.
+  const std::vector<CfAxis> one{Even("z", "hPa", 100), Even("y", "km", 1), Even("x", "km", 2)};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(one, *CfRolesOf(one)));
+  EXPECT_EQ(grid.spacing, (math::Vec3d{2, 1, 100}));
+}
+
+TEST(CfGridTest, AnglesBecomeDegrees) {
+  std::vector<CfAxis> axes{Even("z", "m", 10), Even("lat", "radian", 0.5),
+                           Even("lon", "degrees_east", 2)};
+  axes[1].standard_name = "latitude";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_NEAR(grid.spacing.y, 28.64788975654116, 1e-12);
+  EXPECT_EQ(grid.spacing.x, 2);
+  EXPECT_EQ(grid.spacing.z, 10);
+  axes[2].units = "radian";  // one unit stays
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto same, CfGridOf(axes, *CfRolesOf(axes)));
+  EXPECT_EQ(same.spacing, (math::Vec3d{2, 0.5, 10}));
+}
+
+TEST(CfGridTest, LengthsAlongSomeAxesOnlyAreRefusedUnlessTheSpacingIsGiven) {
+  std::vector<CfAxis> axes = Axes({"z", "y", "x"});
+  axes[0] = Even("z", "m", 250);
+  const CfRoles roles = *CfRolesOf(axes);
+  const auto is_half = StatusIs(
+      kInvalid, AllOf(HasSubstr("axis \"z\" has coordinates in m, and axis \"x\" has none"),
+                      HasSubstr("--spacing X,Y,Z")));
+  EXPECT_THAT(CfGridOf(axes, roles), is_half);
+  EXPECT_THAT(CfUnevenGridOf(axes, roles), is_half);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto grid, CfGridOf(axes, roles, {.has_spacing = true}));
+  EXPECT_EQ(grid.spacing, (math::Vec3d{1, 1, 250}));
+  // Numbers without a unit, or of one that is no length, stand beside indices.
+  for (const char* units : {"", "hPa", "level"}) {
+    axes[0].units = units;
+    EXPECT_TRUE(CfGridOf(axes, roles).ok()) << units;
+  }
+}
+
+TEST(CfGridTest, AxisMayHaveAStepOrAFaultInPlaceOfCoordinates) {
+  std::vector<CfAxis> axes = Axes({"z", "y", "x"});
+  const CfRoles roles = *CfRolesOf(axes);
+  for (CfAxis& axis : axes) {
+    axis.units = "um";
+    axis.step = 0.5;
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto grid, CfGridOf(axes, roles));
+  EXPECT_EQ(grid.spacing, (math::Vec3d{0.5, 0.5, 0.5}));
+  EXPECT_EQ(CfLengthUnit(axes, roles), "um");
+  axes[0] = Even("z", "mm", 2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(grid, CfGridOf(axes, roles));
+  EXPECT_LT(math::Length(grid.spacing - math::Vec3d{0.5e-6, 0.5e-6, 2e-3}), 1e-15);
+  axes[1].step = std::nullopt;
+  axes[1].fault = "its coordinates are curved";
+  EXPECT_THAT(CfGridOf(axes, roles), StatusIs(kInvalid, HasSubstr("are curved")));
+  EXPECT_THAT(CfUnevenGridOf(axes, roles), StatusIs(kInvalid, HasSubstr("are curved")));
+  EXPECT_TRUE(CfGridOf(axes, roles, {.has_spacing = true}).ok());
+}
+
+// Resampling needs an order, so it is no advice.
+TEST(CfGridTest, AxisThatTurnsBackIsRefusedByTheCoordinateThatDoes) {
+  std::vector<CfAxis> axes = Axes({"z", "lat", "lon"});
+  axes[2].values = {350, 355, 0, 5};
+  const CfRoles roles = *CfRolesOf(axes);
+  const auto is_back =
+      StatusIs(kInvalid, AllOf(HasSubstr("\"lon\" has the coordinate 0 behind 355"),
+                               ::testing::Not(HasSubstr("--resample"))));
+  EXPECT_THAT(CfGridOf(axes, roles), is_back);
+  EXPECT_THAT(CfUnevenGridOf(axes, roles), is_back);
+}
+
 TEST(CfGridTest, UnitsAndTimes) {
   std::vector<CfAxis> axes = Axes({"z", "y", "x"});
   for (CfAxis& axis : axes) {

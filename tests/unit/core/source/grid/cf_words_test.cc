@@ -124,5 +124,23 @@ TEST(CfWordsTest, LengthsInMetres) {
   }
 }
 
+TEST(CfWordsTest, AnglesInDegrees) {
+  for (const auto& [unit, degrees] :
+       std::vector<std::pair<std::string, double>>{{"degrees", 1},
+                                                   {"Degree", 1},
+                                                   {"degrees_north", 1},
+                                                   {"degree_E", 1},
+                                                   {"radian", 57.295779513082323},
+                                                   {"rad", 57.295779513082323},
+                                                   {"microradian", 57.295779513082323e-6},
+                                                   {"arcminute", 1.0 / 60},
+                                                   {"0.5 degrees", 0.5},
+                                                   {"level", 0},
+                                                   {"m", 0},
+                                                   {"", 0}}) {
+    EXPECT_DOUBLE_EQ(DegreesOfCfUnit(unit), degrees) << unit;
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::source

@@ -38,6 +38,16 @@ TEST(RectilinearGridTest, UnevenAxesNeedResampling) {
   EXPECT_EQ(cells.geometry.origin, (math::Vec3d{1, 0.5, 0.5}));
 }
 
+TEST(RectilinearGridTest, FoldedAxisIsRefusedWithoutAdviceToResample) {
+  const RectilinearAxes axes{.points = {{{0, 1}, {0, 1, 2, 1, 2, 3}, {0, 1}}}};
+  for (const bool resamples : {false, true}) {
+    EXPECT_THAT(
+        RectilinearGridOf(axes, false, {.resamples = resamples}),
+        StatusIs(kInvalid, ::testing::AllOf(HasSubstr("\"y\" has the coordinate 1 behind 2"),
+                                            ::testing::Not(HasSubstr("--resample")))));
+  }
+}
+
 TEST(RectilinearGridTest, CoordinatesOf32BitsMayBeRounded) {
   RectilinearAxes axes{.points = {{{1e6, 1000000.0625, 1000000.1875}, {0, 1}, {0, 1}}}};
   EXPECT_THAT(RectilinearGridOf(axes, false, {}), StatusIs(kInvalid));

@@ -1,0 +1,23 @@
+// What ITK and libminc take from the header of a MINC 2 file without a check: a step of 0 becomes
+// that of another axis, samples at uneven distances become even, and units are passed over. Calls
+// the HDF5 library: for the process that it runs in (walled_source.h).
+
+#ifndef ISOSCOPE_CORE_FORMATS_NETCDF_MINC2_HEADER_H_
+#define ISOSCOPE_CORE_FORMATS_NETCDF_MINC2_HEADER_H_
+
+#include <array>
+#include <string>
+
+#include "absl/status/statusor.h"
+
+namespace isoscope::source {
+
+// By axis x, y and z: what turns its lengths to millimetres; 1 for an axis that is not there.
+// INVALID_ARGUMENT: as CheckMincAxis; an attribute that is no number; units that are none of
+// length; a valid_range, image-min or image-max of integers that is not finite. Otherwise as
+// OpenHdf5File. A file that is not laid out as MINC 2 is left to the libraries.
+absl::StatusOr<std::array<double, 3>> CheckMinc2Header(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_FORMATS_NETCDF_MINC2_HEADER_H_
