@@ -106,6 +106,7 @@ UNTESTED_HEADERS = {
     "core/source/grid/axis_distances.h": "one type",
     "core/source/grid/vtk_extent.h": "inside of vti_grid_test",
     "core/formats/medical/sample_format.h": "inside of open_volume_test",
+    "core/formats/netcdf/minc_axis.h": "inside of minc1_series_test and minc2_header_test",
     "core/source/bytes/slice_image.h": "inside of image_slices_test",
     "core/source/hdf5/hdf5_file_lookup.h": "inside of hdf5_links_test and hdf5_storage_test",
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
