@@ -147,10 +147,13 @@ endfunction()
 # isoscope_room_tests(NAME formats_vtk_tests DEPS isoscope::formats PkgConfig::EXPAT)
 #
 # Makes one program of all sources FOO_test.cc of the folder, and one CTest entry FOO_test for each: it runs the suites of
-# that source alone, in a process of its own. Label: unit.
+# that source alone, in a process of its own. Label: unit. Sources of APART are programs of their own.
 function(isoscope_room_tests)
-  cmake_parse_arguments(ARG "" "NAME" "DEPS" ${ARGN})
+  cmake_parse_arguments(ARG "" "NAME" "DEPS;APART" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS *_test.cc)
+  foreach(apart IN LISTS ARG_APART)
+    list(REMOVE_ITEM sources "${CMAKE_CURRENT_SOURCE_DIR}/${apart}")
+  endforeach()
   add_executable(${ARG_NAME} ${sources})
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE

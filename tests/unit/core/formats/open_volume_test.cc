@@ -466,9 +466,7 @@ TEST_F(OpenVolumeTest, FourthAxisOfOneSampleIsAcceptedMoreIsRefused) {
   const std::string four = Write(
       "two.nii", NiftiHeaderBytes({.dims = kDims, .dim_count = 4, .dim4 = 2}) + samples + samples);
   EXPECT_THAT(OpenVolumeFile(four).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument,
-                       AllOf(HasSubstr("steps: 2, from 0 to 1"), HasSubstr("isoscope partition"),
-                             HasSubstr("--step 1` or `--time 1`"))));
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("steps: 2, from 0 to 1")));
   const std::string flat = Write(
       "flat.mha",
       "ObjectType = Image\nNDims = 2\nDimSize = 4 4\nElementType = MET_UCHAR\nElementDataFile = "
@@ -482,8 +480,7 @@ TEST_F(OpenVolumeTest, VectorsAreRefusedAndSixtyFourBitIntegersWhereTheyAreNotEx
       "rgb.mha", MetaHeader({4, 4, 4}, "MET_UCHAR", "LOCAL", "ElementNumberOfChannels = 3\n") +
                      std::string(192, 'x'));
   EXPECT_THAT(OpenVolumeFile(rgb).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument,
-                       HasSubstr("fields: rgb (x, y, z); make a dataset")));
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("rgb (x, y, z)")));
   const std::string wide = Write(
       "wide.nrrd", NrrdHeader({4, 4, 4}, "unsigned long long", "raw") + std::string(512, 'x'));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto large, OpenVolumeFile(wide));

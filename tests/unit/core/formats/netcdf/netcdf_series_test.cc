@@ -112,11 +112,8 @@ TEST_F(NetcdfSeriesTest, VariablesAreFieldsAndTimesAreStepsInEveryFormat) {
     for (std::size_t i = 0; i < kSamples; ++i) {
       EXPECT_EQ(ValuesOf<double>(read)[i], static_cast<double>(3 * i) - 20);
     }
-    EXPECT_THAT(
-        OpenVolumeFile(path),
-        StatusIs(kInvalid, AllOf(HasSubstr("fields: u [m/s], packed; steps: 3, from 0 to 2 s"),
-                                 HasSubstr("isoscope partition"),
-                                 HasSubstr("--field u --step 2` or `--time 2`"))));
+    EXPECT_THAT(OpenVolumeFile(path),
+                StatusIs(kInvalid, HasSubstr("u [m/s], packed; steps: 3, from 0 to 2 s")));
     EXPECT_THAT(OpenVolumeSeries(path + ":w"), StatusIs(absl::StatusCode::kNotFound));
   }
 }

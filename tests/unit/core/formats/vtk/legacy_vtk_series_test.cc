@@ -168,10 +168,8 @@ TEST_F(LegacyVtkSeriesTest, ArraysAreFieldsWithComponents) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pair, OpenVolumeFile(dir_.Sub("a.vtk") + ":pair:1"));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string imaginary, ReadAll(*pair, 2));
     EXPECT_EQ(ValuesOf<double>(imaginary)[0], 80);
-    EXPECT_THAT(
-        OpenVolumeFile(dir_.Sub("a.vtk")),
-        StatusIs(kInvalid, AllOf(HasSubstr("rho m [kg/m^3], v (x, y, z), pair (re, im part)"),
-                                 HasSubstr("choose one, as in"))));
+    EXPECT_THAT(OpenVolumeFile(dir_.Sub("a.vtk")),
+                StatusIs(kInvalid, HasSubstr("rho m [kg/m^3], v (x, y, z), pair (re, im part)")));
   }
 }
 

@@ -189,7 +189,7 @@ TEST_F(VtrImageTest, WhatIsNoGridIsRefusedWithASentence) {
   };
   expect("1 1.5 2 2.5", "1 1.5 2", "3 numbers; expected 4");
   expect("1 1.5 2 2.5", "1 1.5 b 2.5", "number 2 is \"b\"");
-  expect("10 8 6", "10 12 6", "axis \"y\" is not even");
+  expect("10 8 6", "10 12 6", "axis \"y\" has the coordinate 6 behind 12");
   expect("<Piece Extent=\"2 5", "<Piece Extent=\"2 4", "expected all of it in one piece");
   expect("Name=\"z\" ", "/><DataArray type=\"Float64\" ", "more than three arrays");
   expect("<Coordinates>", "<Coordinate>", "line");

@@ -129,6 +129,7 @@ std::pair<double, double> LevelsOf(CfAxis level,
   std::vector<CfAxis> axes = Axes({level.name, "y", "x"});
   level.size = 4;
   level.values = std::move(values);
+  axes[1].values = axes[2].values = {0, 1, 2, 3};  // no axis is half given
   axes[0] = std::move(level);
   const auto grid = CfGridOf(axes, *CfRolesOf(axes));
   EXPECT_TRUE(grid.ok()) << grid.status();
