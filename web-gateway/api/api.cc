@@ -249,7 +249,9 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
             self->dataset_ = std::move(*found->mutable_dataset());
             ((*self).*next)();
           } else {
-            self->RespondError(absl::IsNotFound(found.status()) ? unknown : found.status());
+            const bool is_unknown =
+                absl::IsNotFound(found.status()) || absl::IsUnimplemented(found.status());
+            self->RespondError(is_unknown ? unknown : found.status());
           }
         });
   }
