@@ -84,6 +84,8 @@ absl::Status CheckGiven(const std::vector<CfAxis>& axes, const CfRoles& roles,
   }
   const CfAxis* length = nullptr;
   const CfAxis* index = nullptr;
+  const CfAxis* unitless = nullptr;
+  std::set<std::string> lengths;
   const auto name = [&](const CfAxis* axis) {
     const auto place = static_cast<std::size_t>(axis - axes.data());
     std::string letter = "?";
@@ -101,7 +103,15 @@ absl::Status CheckGiven(const std::vector<CfAxis>& axes, const CfRoles& roles,
       index = &axis;
     } else if (MetresOfCfUnit(axis.units) != 0) {
       length = &axis;
+      lengths.insert(axis.units);
+    } else if (axis.units.empty()) {
+      unitless = &axis;
     }
+  }
+  if (lengths.size() > 1 && unitless != nullptr) {  // its coordinates may be in any of them
+    return NoSampleDistance(
+        "", absl::StrFormat("axes have coordinates in %s, and axis \"%s\" has some without a unit",
+                            base::Printable(absl::StrJoin(lengths, " and ")), name(unitless)));
   }
   return length == nullptr || index == nullptr
              ? absl::OkStatus()

@@ -153,6 +153,9 @@ TEST_F(Hdf5CoordinatesTest, LengthsInSeveralUnitsBecomeMetresBesideOtherAxes) {
   Write("g/x", {4}, {0, 1, 2, 3});
   WriteHdf5Texts(file_.get(), "g/z", "units", {"um"});
   WriteHdf5Texts(file_.get(), "g/x", "units", {"mm"});
+  EXPECT_THAT(Open("g/v"), StatusIs(kInvalid, HasSubstr("\"y\" has some without a unit")));
+  file_ = Hdf5Handle(H5Fopen(path_.c_str(), H5F_ACC_RDWR, H5P_DEFAULT), H5Fclose);
+  WriteHdf5Texts(file_.get(), "g/y", "units", {"K"});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
   EXPECT_LT(math::Length(source->geometry().spacing - math::Vec3d{1e-3, 0.5, 2e-6}), 1e-15);
   EXPECT_EQ(series_->length_unit(), "");
