@@ -50,9 +50,9 @@ constexpr absl::string_view kAnalyzeName = "Analyze";
 // A format whose header file says all.
 template <bool (*is_content)(absl::string_view),
           absl::StatusOr<FileLayout> (*read)(const std::string&)>
-Format LayoutRow(absl::string_view name, std::vector<std::string> endings) {
+Format LayoutRow(absl::string_view name, const std::vector<std::string>& endings) {
   return {.name = name,
-          .endings = std::move(endings),
+          .endings = endings,
           .is_content = is_content,
           .open = [](const FileRequest& request) -> absl::StatusOr<std::unique_ptr<VolumeSeries>> {
             const std::string header = LayoutHeaderPath(request.file);

@@ -67,8 +67,8 @@ std::optional<FormatFile> FindFormatFileByName(const std::string& path);
 // read.
 std::optional<FormatFile> FindFormatFileByContent(const std::string& path);
 
-// A file that its name, or --format nifti, says to be of NIfTI: which version it is, or Analyze, its
-// content tells, and that of the header beside samples. Without `is_forced` it may be of any other
+// A file that its name, or --format nifti, says to be of NIfTI: its content, and that of the header
+// beside samples, tells which version it is, or Analyze. Without `is_forced` it may be of any other
 // format, too. One that is of none is the row of NIfTI-1, whose reader says why it is not.
 FormatFile FindNiftiFile(const std::string& path, bool is_forced);
 

@@ -16,7 +16,7 @@
 //             int32  size, a multiple of 16, with these 8 bytes
 //             int32  code: 4 AFNI, 30 Caret, ...
 //             text   XML, zeros at its end:
-//                      <AFNI_atr atr_name="VALUE_LABEL_DTABLE">the text as above, escaped</AFNI_atr>
+//                      <AFNI_atr atr_name="VALUE_LABEL_DTABLE">as above, escaped</AFNI_atr>
 //                      <LabelTable><Label Key="1" Red="0.5" Green="0.7" Blue="0.5">lung</Label>
 //
 // Sources: Slicer's vtkMRMLSegmentationStorageNode; AFNI's README.attributes and niml.h; nifti1.h;

@@ -275,6 +275,7 @@ absl::StatusOr<std::vector<CfAxis>> Hdf5AxesOf(const NamedHdf5Dataset& named) {
 absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const std::string& letters,
                                         const std::string& name) {
   std::vector<std::int64_t> dims;
+  dims.reserve(axes.size());
   for (const CfAxis& axis : axes) {
     dims.push_back(axis.size);
   }
@@ -283,7 +284,7 @@ absl::StatusOr<Hdf5Layout> Hdf5LayoutOf(const std::vector<CfAxis>& axes, const s
     return LayoutAsGiven(axes, letters, shape);
   }
   if (auto layout = LayoutOfLetters(LettersByName(axes)); layout.has_value()) {
-    return *std::move(layout);
+    return *layout;
   }
   if (const auto plain = PlainAxisOrder(dims); plain.has_value()) {
     return Hdf5Layout{

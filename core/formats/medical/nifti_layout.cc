@@ -225,7 +225,7 @@ double MillimetresOf(std::int32_t units) {
   }
 }
 
-// The times of several steps: their numbers, without a unit, where the header has no interval above 0.
+// The times of several steps: numbers without a unit where the header has no interval above 0.
 absl::Status SetNiftiTimes(const NiftiNumbers& header, const std::string& path,
                            FileLayout* layout) {
   const double interval = header.Distance(4);

@@ -72,7 +72,7 @@ std::string MincText(hid_t object, const char* attribute) {
     if (H5Aread(opened.get(), type.get(), static_cast<void*>(&pointer)) < 0) {
       return "";
     }
-    const std::string text = pointer != nullptr ? std::string(pointer).substr(0, kMaxMincText) : "";
+    std::string text = pointer != nullptr ? std::string(pointer).substr(0, kMaxMincText) : "";
     H5Dvlen_reclaim(type.get(), space.get(), H5P_DEFAULT, static_cast<void*>(&pointer));
     return text;
   }

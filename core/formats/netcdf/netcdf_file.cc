@@ -49,8 +49,7 @@ std::string NetcdfText(int group, int variable, const char* name) {
         nc_get_att_string(group, variable, name, texts.data()) != NC_NOERR) {
       return "";
     }
-    const std::string first =
-        texts[0] == nullptr ? "" : std::string(texts[0]).substr(0, kMaxNetcdfText);
+    std::string first = texts[0] == nullptr ? "" : std::string(texts[0]).substr(0, kMaxNetcdfText);
     nc_free_string(size, texts.data());
     return first;
   }

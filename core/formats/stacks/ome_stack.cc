@@ -338,8 +338,8 @@ absl::StatusOr<OmeStack> ParseOmeXml(absl::string_view xml, const std::string& p
       !first_file.empty() && !io::PathExists(folder + first_file);
   std::map<std::string, std::int32_t> files;
   std::int64_t placed = 0;
-  for (OmeTiffData& data : reader.data) {
-    const std::string name = data.file.empty() || is_renamed ? own_name : std::move(data.file);
+  for (const OmeTiffData& data : reader.data) {
+    const std::string name = data.file.empty() || is_renamed ? own_name : data.file;
     const auto [file, is_new] = files.emplace(name, static_cast<std::int32_t>(files.size()));
     if (is_new) {
       layout.files.push_back(name);
