@@ -26,9 +26,9 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/transport.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "rpc/channel.h"
+#include "rpc/transport.h"
 
 namespace isoscope::bench {
 namespace {

@@ -28,9 +28,9 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::bench {
 namespace {
@@ -127,7 +127,7 @@ class DragBench {
       absl::SleepFor(plan_.decode);
       v1::InteractRequest shown;
       shown.mutable_frame_shown()->set_frame_number(response.frame_number());
-      *shown.mutable_frame_shown()->mutable_decode_duration() = rpc::ToProto(plan_.decode);
+      *shown.mutable_frame_shown()->mutable_decode_duration() = wire::ToProto(plan_.decode);
       stream_->Write(shown);  // if the stream has ended, the next read says so
       Note(response);
     }

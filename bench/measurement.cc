@@ -10,9 +10,9 @@
 #include "clients/cpp/request/camera_flags.h"
 #include "core/base/status_macros.h"
 #include "core/io/atomic_file.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::bench {
 namespace {
@@ -31,7 +31,7 @@ absl::StatusOr<Scene> FindScene(const client::RequestFlags& flags, const std::st
                                 client::ServiceClient* client) {
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset found, client->GetDataset(dataset, kMaxWait));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(found.geometry(), "dataset.geometry"));
+                            wire::GeometryFromProto(found.geometry(), "dataset.geometry"));
   Scene scene{.flags = flags, .dataset = found.name(), .camera = {}};
   ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, client::ResolveCamera(flags.camera, geometry.Bounds()));
   return scene;

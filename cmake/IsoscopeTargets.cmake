@@ -147,9 +147,10 @@ endfunction()
 # isoscope_room_tests(NAME formats_vtk_tests DEPS isoscope::formats PkgConfig::EXPAT)
 #
 # Makes one program of all sources FOO_test.cc of the folder, and one CTest entry FOO_test for each: it runs the suites of
-# that source alone, in a process of its own. Label: unit. Sources of APART are programs of their own.
+# that source alone, in a process of its own. Label: unit. Sources of APART are programs of their own. An entry that does
+# not begin with PREFIX gets it.
 function(isoscope_room_tests)
-  cmake_parse_arguments(ARG "" "NAME" "DEPS;APART" ${ARGN})
+  cmake_parse_arguments(ARG "" "NAME;PREFIX" "DEPS;APART" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS *_test.cc)
   foreach(apart IN LISTS ARG_APART)
     list(REMOVE_ITEM sources "${CMAKE_CURRENT_SOURCE_DIR}/${apart}")
@@ -185,6 +186,9 @@ function(isoscope_room_tests)
     list(REMOVE_DUPLICATES filter)
     list(JOIN filter ":" filter)
     cmake_path(GET source STEM name)
+    if(ARG_PREFIX AND NOT name MATCHES "^${ARG_PREFIX}")
+      string(PREPEND name "${ARG_PREFIX}")
+    endif()
     add_test(NAME ${name} COMMAND ${ARG_NAME} "--gtest_filter=${filter}")
     set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT ${timeout} COST ${timeout} ENVIRONMENT "${environment}")
   endforeach()

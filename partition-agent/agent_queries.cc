@@ -7,15 +7,15 @@
 
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/histogram_convert.h"
-#include "core/rpc/pick_convert.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/series_convert.h"
 #include "partition-agent/shard/point_gradients.h"
 #include "partition-agent/shard/shard_histogram.h"
 #include "partition-agent/shard/shard_label_values.h"
 #include "partition-agent/supply/point_values.h"
+#include "wire/frame_convert.h"
+#include "wire/histogram_convert.h"
+#include "wire/pick_convert.h"
+#include "wire/proto_convert.h"
+#include "wire/series_convert.h"
 
 namespace isoscope::agent {
 
@@ -36,8 +36,8 @@ absl::Status AddValues(const ShardSet& shards, const v1::GetGradientsRequest& re
                        const Shards& found, const std::vector<math::Vec3d>& points,
                        const std::vector<std::optional<volume::BlockId>>& block_ids,
                        const base::Cancellation& cancellation, v1::GetGradientsResponse* response) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<rpc::PickedSurface> surfaces,
-                            rpc::PickedSurfacesFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<wire::PickedSurface> surfaces,
+                            wire::PickedSurfacesFromProto(request));
   if (surfaces.empty()) {
     return absl::OkStatus();
   }
@@ -73,11 +73,11 @@ v1::DescribeShardsResponse DescribePlain(const Shards& shards, const render::Ren
   v1::DescribeShardsResponse description;
   description.set_version(std::string(base::Version()));
   description.set_renderer(renderer.description());
-  *description.mutable_picture_revision() = rpc::ToProto(renderer.picture_revision());
+  *description.mutable_picture_revision() = wire::ToProto(renderer.picture_revision());
   for (const std::shared_ptr<const Shard>& shard : shards) {
     const store::ShardReader& reader = *shard->reader;
     v1::ShardDescription* const out = description.add_shards();
-    *out->mutable_dataset() = rpc::ToProto(reader.manifest());
+    *out->mutable_dataset() = wire::ToProto(reader.manifest());
     out->set_manifest_crc32c(reader.manifest_crc32c());
     out->set_range_table_crc32c(reader.manifest().range_table_crc32c);
     out->set_shard_index(reader.shard_index());
@@ -95,10 +95,10 @@ void AddSeries(const ShardSet& shards, v1::DescribeShardsResponse* description) 
     shard->Refresh();
     const std::shared_ptr<const SeriesShard::Served> served = shard->served();
     v1::ShardDescription* const out = description->add_shards();
-    *out->mutable_dataset() = rpc::ToProto(served->manifest);
+    *out->mutable_dataset() = wire::ToProto(served->manifest);
     out->set_shard_index(shard->shard_index());
     for (const store::ScalarVolume& volume : served->volumes) {
-      *out->add_volumes() = rpc::ToProto(volume);
+      *out->add_volumes() = wire::ToProto(volume);
     }
   }
   SortShards(description);
@@ -126,7 +126,8 @@ void AddDamages(const std::vector<ShardDamage>& damages, v1::DescribeShardsRespo
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequest& request,
                          const base::Cancellation& cancellation,
                          v1::GetShardHistogramResponse* response) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const wire::HistogramQuery query,
+                            wire::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const Shards found,
                             shards.Find(request.dataset_id(), request.shard_indices()));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::HistogramPart part,
@@ -135,7 +136,7 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequ
     ISOSCOPE_ASSIGN_OR_RETURN(
         part.label_values, LabelValuesOfShards(found, query.max_label_value_count, cancellation));
   }
-  *response = rpc::ToProto(part);
+  *response = wire::ToProto(part);
   return absl::OkStatus();
 }
 
@@ -148,22 +149,22 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& 
   }
   std::vector<volume::InsideRule> rules;
   for (const double isovalue : request.isovalues()) {
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(isovalue, "isovalues"));
+    ISOSCOPE_RETURN_IF_ERROR(wire::CheckFinite(isovalue, "isovalues"));
     rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
   }
   for (int i = 0; i < request.label_sets_size(); ++i) {
     ISOSCOPE_ASSIGN_OR_RETURN(rules.emplace_back(),
-                              rpc::LabelsFromProto(request.label_sets(i).labels(),
-                                                   absl::StrCat("label_sets[", i, "].labels")));
+                              wire::LabelsFromProto(request.label_sets(i).labels(),
+                                                    absl::StrCat("label_sets[", i, "].labels")));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
-                            rpc::ClipRegionFromProto(request.clip(), "clip"));
+                            wire::ClipRegionFromProto(request.clip(), "clip"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
                             shards.FindAny(request.dataset_id()));
   const store::ShardReader& reader = *found->reader;
   const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
                                     view::Clipper(clip, reader.manifest().geometry));
-  *response = rpc::ToProto(box.block_count, box.cells);
+  *response = wire::ToProto(box.block_count, box.cells);
   return absl::OkStatus();
 }
 
@@ -171,18 +172,18 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetGradientsRequest& 
                          const base::Cancellation& cancellation,
                          v1::GetGradientsResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<math::Vec3d> points,
-                            rpc::PickedPointsFromProto(request));
+                            wire::PickedPointsFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const Shards found,
                             shards.Find(request.dataset_id(), request.shard_indices()));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<std::optional<volume::BlockId>> block_ids,
-      rpc::PickedBlocksFromProto(request, found.front()->reader->layout().block_count()));
+      wire::PickedBlocksFromProto(request, found.front()->reader->layout().block_count()));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointGradient> gradients,
                             GradientsAt(found, points, cancellation));
   for (const PointGradient& gradient : gradients) {
     v1::PointGradient* const out = response->add_gradients();
     out->set_point_index(static_cast<std::int32_t>(gradient.point_index));
-    *out->mutable_gradient() = rpc::ToProto(gradient.gradient);
+    *out->mutable_gradient() = wire::ToProto(gradient.gradient);
   }
   for (const PointShard& shard : ShardsOf(found, block_ids)) {
     v1::PointShard* const out = response->add_shards();

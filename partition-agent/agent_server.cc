@@ -21,8 +21,6 @@
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_time.h"
 #include "core/store/directory_files.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
@@ -32,6 +30,8 @@
 #include "partition-agent/shard/series_shard.h"
 #include "partition-agent/shard/shard.h"
 #include "partition-agent/shard_set.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_time.h"
 
 namespace isoscope::agent {
 namespace {

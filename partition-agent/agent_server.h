@@ -20,9 +20,9 @@
 #include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
-#include "core/rpc/signs_of_life.h"
-#include "core/rpc/transport.h"
 #include "partition-agent/memory/agent_memory.h"
+#include "rpc/signs_of_life.h"
+#include "rpc/transport.h"
 
 namespace isoscope::agent {
 

@@ -20,18 +20,18 @@
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/known_fields.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/signs_of_life.h"
-#include "core/rpc/unary_call.h"
-#include "core/rpc/write_queue.h"
 #include "core/volume/inside_rule.h"
 #include "partition-agent/agent_streams.h"
 #include "partition-agent/frame/surface_extraction.h"
 #include "proto/message_checksum.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/request_context.h"
+#include "rpc/signs_of_life.h"
+#include "rpc/unary_call.h"
+#include "rpc/write_queue.h"
+#include "wire/frame_convert.h"
+#include "wire/known_fields.h"
 
 namespace isoscope::agent {
 namespace {
@@ -134,11 +134,11 @@ class ExtractSurfaceCall final : public SurfaceReactor {
 
   absl::Status Extract() {
     ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(request_));
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
+    ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request_));
     ISOSCOPE_ASSIGN_OR_RETURN(
-        rule_, rpc::InsideRuleFromProto(request_.isovalue(), request_.labels(), /*path=*/""));
+        rule_, wire::InsideRuleFromProto(request_.isovalue(), request_.labels(), /*path=*/""));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
-                              rpc::ClipRegionFromProto(request_.clip(), "clip"));
+                              wire::ClipRegionFromProto(request_.clip(), "clip"));
     ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
                               agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(

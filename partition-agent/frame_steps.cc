@@ -18,9 +18,9 @@
 #include "core/base/metrics.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/known_fields.h"
-#include "core/rpc/proto_convert.h"
+#include "wire/frame_convert.h"
+#include "wire/known_fields.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::agent {
 namespace {
@@ -51,10 +51,10 @@ absl::Status CheckMapSteps(const frame::FrameSpec& spec) {
 
 absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
   // This checks the request, too: a field that this agent does not know may decide pixels.
-  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
+  ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(begin));
   FrameTask task;
   task.frame_number = begin.frame_number();
-  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, rpc::FrameSpecFromProto(begin.request()));
+  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, wire::FrameSpecFromProto(begin.request()));
   task.spec.sends_normals = begin.sends_normals();
   task.spec.sends_map_steps = begin.sends_map_steps();
   ISOSCOPE_RETURN_IF_ERROR(CheckMapSteps(task.spec));
@@ -134,15 +134,15 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::SelectOccluders() {
   ISOSCOPE_ASSIGN_OR_RETURN(const RaySelection selection, pipeline_->SelectOccluders());
   select.End();
   Response answer;
-  *answer.mutable_ray_hits()->mutable_hits() = rpc::ToProto(selection.hits);
-  *answer.mutable_ray_hits()->mutable_active_blocks() = rpc::ToProto(selection.active);
+  *answer.mutable_ray_hits()->mutable_hits() = wire::ToProto(selection.hits);
+  *answer.mutable_ray_hits()->mutable_active_blocks() = wire::ToProto(selection.active);
   return answer;
 }
 
 absl::StatusOr<FrameSteps::Response> FrameSteps::RenderOccluders(const v1::Occluders& occluders) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> blocks,
-      rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
+      wire::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
   if (!look_.empty()) {
     drawn_.InsertAll(blocks);
   }
@@ -156,7 +156,7 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::RenderOccluders(const v1::Occlu
 absl::StatusOr<FrameSteps::Response> FrameSteps::RenderVisible(const v1::VisibleBlocks& visible) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> blocks,
-      rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
+      wire::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
   if (!look_.empty()) {
     drawn_.InsertAll(blocks);
     agent_.play.NoteHidden(look_, pipeline_->HiddenBlocks(drawn_));
@@ -251,7 +251,7 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::WithStatistics(
     absl::StatusOr<Response> last) const {
   if (last.ok()) {
     isoscope::v1::AgentStatistics* proto = last->mutable_frame_done()->mutable_statistics();
-    *proto = rpc::ToProto(statistics());
+    *proto = wire::ToProto(statistics());
     proto->mutable_shard_indices()->Assign(shard_indices_.begin(), shard_indices_.end());
   }
   return last;

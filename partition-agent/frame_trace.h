@@ -12,8 +12,8 @@
 
 #include "core/base/mutex.h"
 #include "core/base/trace_recorder.h"
-#include "core/rpc/trace_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "wire/trace_convert.h"
 
 namespace isoscope::agent {
 
@@ -27,7 +27,7 @@ class FrameTrace {
     if (std::exchange(is_first_, false) && message.has_begin() &&
         message.begin().request().with_trace()) {
       recorder_ = std::make_unique<base::TraceRecorder>(
-          rpc::MaxSpansOfAgent(message.begin().agent_count()));
+          wire::MaxSpansOfAgent(message.begin().agent_count()));
       zero_ = base::TraceClock::now();
     }
     if (recorder_ != nullptr) {
@@ -47,7 +47,7 @@ class FrameTrace {
     if (recorder_ == nullptr) {
       return;
     }
-    rpc::MessageTimes times;
+    wire::MessageTimes times;
     {
       const base::MutexLock lock(&mutex_);
       times.received = received_;
@@ -55,7 +55,7 @@ class FrameTrace {
     const base::RecordedTrace recorded = recorder_->Get();
     NoteSent();
     times.sent = std::move(sent_);
-    *done->mutable_trace() = rpc::ToProto(recorded, times, zero_);
+    *done->mutable_trace() = wire::ToProto(recorded, times, zero_);
   }
 
   // Null: the frame has no trace. Does not change after the first message.

@@ -25,9 +25,9 @@
 #include "core/http/metrics_server.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
-#include "core/rpc/host_port.h"
-#include "core/rpc/server_program.h"
 #include "partition-agent/agent_server.h"
+#include "rpc/host_port.h"
+#include "rpc/server_program.h"
 
 namespace isoscope::agent {
 namespace {

@@ -4,10 +4,10 @@
 
 #include "core/base/memory_info.h"
 #include "core/base/monotonic_time.h"
-#include "core/rpc/known_fields.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/unary_checksum.h"
 #include "partition-agent/agent_queries.h"
+#include "rpc/unary_checksum.h"
+#include "wire/known_fields.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::agent {
 
@@ -15,7 +15,7 @@ namespace v1 = isoscope::internal::v1;
 
 PartitionAgentServiceImpl::PartitionAgentServiceImpl(const AgentServerOptions& options)
     : agent_(options) {
-  rpc::PrepareKnownFields(v1::RenderFrameRequest());
+  wire::PrepareKnownFields(v1::RenderFrameRequest());
 }
 
 void PartitionAgentServiceImpl::Serve(Shards plain, SeriesShards series) {
@@ -34,13 +34,13 @@ std::vector<base::MetricFamily> PartitionAgentServiceImpl::CollectMetrics(
 isoscope::v1::AgentLoad PartitionAgentServiceImpl::Load() const {
   const AgentMetrics& metrics = agent_.metrics;
   isoscope::v1::AgentLoad load;
-  *load.mutable_up_duration() = rpc::ToProto(base::MonotonicNow() - start_);
+  *load.mutable_up_duration() = wire::ToProto(base::MonotonicNow() - start_);
   load.set_working_frame_count(frames_in_work());
   load.set_done_frame_count(metrics.done_frames.value());
   load.set_failed_frame_count(metrics.failed_frames.value() + metrics.cancelled_frames.value());
   load.set_read_bytes(metrics.read_bytes.value());
   load.set_triangle_count(metrics.triangles.value());
-  *load.mutable_busy_duration() = rpc::ToProto(absl::Nanoseconds(metrics.busy.value()));
+  *load.mutable_busy_duration() = wire::ToProto(absl::Nanoseconds(metrics.busy.value()));
   load.set_resident_bytes(static_cast<std::int64_t>(base::ResidentBytes()));
   load.set_memory_limit_bytes(static_cast<std::int64_t>(agent_.options.memory->limit_bytes()));
   return load;

@@ -9,11 +9,11 @@
 
 #include "core/base/metrics.h"
 #include "core/base/monotonic_time.h"
-#include "core/rpc/certificate_watch.h"
-#include "core/rpc/unary_call.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_context.h"
 #include "partition-agent/agent_streams.h"
+#include "rpc/certificate_watch.h"
+#include "rpc/unary_call.h"
 
 namespace isoscope::agent {
 

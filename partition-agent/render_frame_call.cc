@@ -18,16 +18,16 @@
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/unary_call.h"
-#include "core/rpc/write_queue.h"
 #include "partition-agent/agent_streams.h"
 #include "partition-agent/frame_steps.h"
 #include "partition-agent/frame_stream_state.h"
 #include "partition-agent/frame_trace.h"
 #include "proto/message_checksum.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/request_context.h"
+#include "rpc/unary_call.h"
+#include "rpc/write_queue.h"
 
 namespace isoscope::agent {
 namespace {

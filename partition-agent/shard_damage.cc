@@ -9,7 +9,7 @@
 
 #include "core/base/log.h"
 #include "core/base/retry_delay.h"
-#include "core/rpc/unary_call.h"
+#include "rpc/unary_call.h"
 
 namespace isoscope::agent {
 namespace {

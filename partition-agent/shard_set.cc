@@ -12,7 +12,7 @@
 #include "core/base/printable.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::agent {
 
@@ -80,8 +80,8 @@ absl::StatusOr<Shards> ShardSet::Find(
   const store::Manifest& manifest = first->reader->manifest();
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<int> wanted,
-      rpc::ShardIndicesFromProto(shard_indices, static_cast<int>(manifest.shards.size()),
-                                 "shard_indices"));
+      wire::ShardIndicesFromProto(shard_indices, static_cast<int>(manifest.shards.size()),
+                                  "shard_indices"));
   Shards found;
   for (const int index : wanted) {
     const auto position = std::find_if(served.begin(), served.end(),

@@ -5,7 +5,7 @@
 //
 // The generated stubs of these streams include this file (CMakeLists.txt), so that every program
 // writes and checks it. gRPC's unary calls serialize messages without knowing their type, so they
-// use core/rpc/unary_checksum.h.
+// use rpc/unary_checksum.h.
 
 #ifndef ISOSCOPE_PROTO_MESSAGE_CHECKSUM_H_
 #define ISOSCOPE_PROTO_MESSAGE_CHECKSUM_H_

@@ -12,8 +12,8 @@
 #include "google/protobuf/message.h"
 #include <grpcpp/server_context.h>
 
-#include "core/rpc/peer.h"
-#include "core/rpc/unary_call.h"
+#include "rpc/peer.h"
+#include "rpc/unary_call.h"
 #include "server/access/audit_log.h"
 #include "server/frame/frame_runner.h"
 

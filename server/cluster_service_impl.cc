@@ -13,9 +13,9 @@
 #include "core/base/memory_info.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/proto_convert.h"
 #include "server/answer_at_once.h"
 #include "server/page.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -109,7 +109,7 @@ isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, base::Monotoni
   proto.mutable_extent()->set_height_px(frame.note.height_px);
   proto.set_step(ToProto(frame.step));
   *proto.mutable_age_duration() =
-      rpc::ToProto(std::max(now - frame.note.arrival, absl::ZeroDuration()));
+      wire::ToProto(std::max(now - frame.note.arrival, absl::ZeroDuration()));
   return proto;
 }
 
@@ -117,7 +117,7 @@ isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
   const CoordinatorGauges gauges = runner->gauges();
   const CoordinatorMetrics& metrics = *runner->metrics();
   isoscope::v1::CoordinatorLoad load;
-  *load.mutable_up_duration() = rpc::ToProto(up);
+  *load.mutable_up_duration() = wire::ToProto(up);
   load.set_working_frame_count(gauges.working_frames);
   load.set_queued_frame_count(gauges.queued_frames);
   load.set_done_frame_count(metrics.frames.done.value());

@@ -21,11 +21,11 @@
 #include "core/base/task_arena.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/pixel_mailboxes.h"
-#include "core/rpc/signs_of_life.h"
-#include "core/rpc/transport.h"
 #include "core/view/camera.h"
+#include "rpc/signs_of_life.h"
+#include "rpc/transport.h"
+#include "server/admission/export_pace.h"
 #include "server/cluster/agent_endpoint.h"
-#include "server/export/export_pace.h"
 
 namespace isoscope::server {
 

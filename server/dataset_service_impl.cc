@@ -10,19 +10,19 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/histogram_convert.h"
-#include "core/rpc/known_fields.h"
-#include "core/rpc/peer.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/request_context.h"
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/peer.h"
+#include "rpc/request_context.h"
 #include "server/admission/call_turn.h"
 #include "server/answer_at_once.h"
 #include "server/frame/agent_queries.h"
 #include "server/page.h"
+#include "wire/histogram_convert.h"
+#include "wire/known_fields.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -72,7 +72,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
                      const isoscope::v1::GetHistogramRequest& request) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->access_->Identify(rpc::PeerOf(context)));
     record_.caller = caller_.name();
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
+    ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request));
     return turn_.TakePlace(caller_.QueueKey(context.peer()));
   }
 
@@ -151,7 +151,8 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
                                                  const base::Cancellation& cancellation,
                                                  AuditRecord* record,
                                                  isoscope::v1::GetHistogramResponse* response) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const wire::HistogramQuery query,
+                            wire::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
                             registry_->FindComplete(request.dataset(), cancellation, caller));
   record->dataset = found->dataset.name();
@@ -164,7 +165,7 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   const DatasetState& dataset = *selected.dataset;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
-      rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
+      wire::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
   const std::vector<FramePart> parts = runner_->PartsOf(dataset);
   const QueryOutcome<volume::HistogramPart> outcome =
       AskHistogram({dataset.dataset.dataset_id(), parts}, query, identity, cancellation);
@@ -176,7 +177,7 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
     suggestions = volume::SuggestIsovalues(type, *whole.samples, whole.groups.begin,
                                            whole.groups.EndOf(whole.groups.count - 1));
   }
-  *response = rpc::ToProto(whole, suggestions);
+  *response = wire::ToProto(whole, suggestions);
   if (selected.selection.has_value()) {
     *response->mutable_selection() = *selected.selection;
   }

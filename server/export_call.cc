@@ -1,4 +1,4 @@
-// An export opens a stream to each agent, for one surface after the other, and lets ExportSurface
+// An export opens a stream to each agent, for one surface after the other, and lets mesh::MergeSurface
 // merge them, on an export thread. Its chunks wait in outgoing_. When 2 MiB wait for a slow client,
 // the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels the streams,
 // which wakes the merge.
@@ -26,22 +26,22 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/mesh/surface_merger.h"
 #include "core/mesh/world_placement.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/peer.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/signs_of_life.h"
-#include "core/rpc/write_queue.h"
-#include "core/rpc/write_timeout.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/peer.h"
+#include "rpc/request_context.h"
+#include "rpc/signs_of_life.h"
+#include "rpc/write_queue.h"
+#include "rpc/write_timeout.h"
 #include "server/admission/call_turn.h"
 #include "server/admission/coordinator_memory.h"
-#include "server/export/surface_export.h"
 #include "server/frame/surface_stream.h"
 #include "server/isosurface_service_impl.h"
 #include "server/pace_alarm.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -154,7 +154,7 @@ class IsosurfaceServiceImpl::ExportCall final
   absl::Status Admit(const grpc::CallbackServerContext& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, options_.access->Identify(rpc::PeerOf(context)));
     audit_.SetCaller(caller_.name());
-    ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
+    ISOSCOPE_ASSIGN_OR_RETURN(spec_, wire::ExportSpecFromProto(request_));
     // The caller's limits come first: above them, it must not take a place that another could have.
     CoordinatorMetrics* const metrics = options_.runner->metrics();
     ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller_.CheckBytes()));
@@ -221,7 +221,7 @@ class IsosurfaceServiceImpl::ExportCall final
                      &no_surfaces));
     const v1::Dataset& dataset = selected.dataset->dataset;
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+                              wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout, LayoutOf(dataset, geometry));
 
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -230,12 +230,12 @@ class IsosurfaceServiceImpl::ExportCall final
                                              cancellation));
     memory_.emplace(std::move(memory));
     const mesh::WorldPlacement placement(geometry);
-    const ExportedVolume volume{.geometry = geometry,
-                                .layout = layout,
-                                .has_origin = spec_.with_origin && placement.has_origin()};
-    if (volume.has_origin) {
+    const mesh::SurfaceGrid grid{.geometry = geometry,
+                                 .layout = layout,
+                                 .has_origin = spec_.with_origin && placement.has_origin()};
+    if (grid.has_origin) {
       const base::MutexLock lock(&begun_mutex_);
-      *begun_.mutable_origin() = rpc::ToProto(placement.origin());
+      *begun_.mutable_origin() = wire::ToProto(placement.origin());
     }
     std::int64_t vertex_count = 0;
     for (std::size_t i = 0; i < spec_.rules.size(); ++i) {
@@ -244,7 +244,7 @@ class IsosurfaceServiceImpl::ExportCall final
         begun_.set_surface_index(static_cast<std::int32_t>(i));
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const ExportedSurface surface,
-                                ExportOne(*selected.dataset, volume, i, vertex_count));
+                                ExportOne(*selected.dataset, grid, i, vertex_count));
       vertex_count += surface.vertex_count;
       if (spec_.with_measures) {
         ISOSCOPE_RETURN_IF_ERROR(SendMeasures(surface));
@@ -255,8 +255,8 @@ class IsosurfaceServiceImpl::ExportCall final
 
   // Sends one surface, but for its measures.
   absl::StatusOr<ExportedSurface> ExportOne(const DatasetState& dataset,
-                                            const ExportedVolume& volume, std::size_t surface_index,
-                                            std::int64_t first_vertex) {
+                                            const mesh::SurfaceGrid& grid,
+                                            std::size_t surface_index, std::int64_t first_vertex) {
     isoscope::internal::v1::ExtractSurfaceRequest request;
     request.set_dataset_id(dataset.dataset.dataset_id());
     const volume::InsideRule& rule = spec_.rules[surface_index];
@@ -268,28 +268,31 @@ class IsosurfaceServiceImpl::ExportCall final
     request.set_closes(spec_.closes);
     request.set_without_blocks(spec_.without_mesh);
     std::vector<std::unique_ptr<SurfaceStream>> streams;
-    std::vector<SurfaceSource*> sources;
+    std::vector<mesh::SurfaceSource*> sources;
     for (FramePart& part : options_.runner->PartsOf(dataset)) {
-      streams.push_back(std::make_unique<SurfaceStream>(std::move(part), volume.layout, request,
+      streams.push_back(std::make_unique<SurfaceStream>(std::move(part), grid.layout, request,
                                                         turn_.cancellation().deadline(),
                                                         options_.max_agent_silence, identity_));
       sources.push_back(streams.back().get());
     }
-    absl::StatusOr<ExportedSurface> surface = [&] {
+    absl::StatusOr<std::int64_t> vertex_count = [&] {
       const base::Cancellation::Callback stop(turn_.cancellation(), [&streams] {
         for (const std::unique_ptr<SurfaceStream>& stream : streams) {
           stream->Cancel();
         }
       });
-      return ExportSurface(volume, sources, first_vertex,
-                           [&](SurfaceChunk chunk) { return Send(std::move(chunk)); });
+      return mesh::MergeSurface(grid, sources, first_vertex,
+                                [&](mesh::SurfaceChunk chunk) { return Send(std::move(chunk)); });
     }();
     std::vector<AgentFailure> failures;
+    std::vector<std::optional<solid::SurfaceSums>> sums;
     for (const std::unique_ptr<SurfaceStream>& stream : streams) {
+      sums.push_back(stream->sums());
       failures.insert(failures.end(), stream->failures().begin(), stream->failures().end());
     }
     options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
-    return surface;
+    ISOSCOPE_RETURN_IF_ERROR(vertex_count.status());
+    return ExportedSurface{.vertex_count = *vertex_count, .sums = solid::TotalOf(sums)};
   }
 
   absl::Status SendMeasures(const ExportedSurface& surface) {
@@ -307,7 +310,7 @@ class IsosurfaceServiceImpl::ExportCall final
     return Push(std::move(message));
   }
 
-  absl::Status Send(SurfaceChunk chunk) {
+  absl::Status Send(mesh::SurfaceChunk chunk) {
     ISOSCOPE_RETURN_IF_ERROR(turn_.cancellation().Check());
     sent_bytes_ += chunk.size_bytes();
     caller_.CountBytes(chunk.size_bytes());
@@ -390,7 +393,7 @@ class IsosurfaceServiceImpl::ExportCall final
   std::optional<CallerSlot> slot_;
   std::optional<WithdrawalWatch> watch_;
   CallTurn turn_;
-  rpc::ExportSpec spec_;  // set before Run
+  wire::ExportSpec spec_;  // set before Run
   mutable base::Mutex begun_mutex_;
   v1::ExportIsosurfaceResponse begun_ ABSL_GUARDED_BY(begun_mutex_);  // its surface, and its origin
   // Kept until the client has the last chunk: many slow clients hold as many queues.

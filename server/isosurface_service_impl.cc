@@ -14,16 +14,16 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/known_fields.h"
-#include "core/rpc/peer.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/response_splitter.h"
-#include "core/rpc/write_timeout.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/peer.h"
+#include "rpc/request_context.h"
+#include "rpc/write_timeout.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/pick_job.h"
 #include "server/frame/picture_job.h"
+#include "wire/known_fields.h"
+#include "wire/response_splitter.h"
 
 namespace isoscope::server {
 namespace {
@@ -170,7 +170,7 @@ class PartsCall final
   }
 
   v1::RenderIsosurfaceResponse whole_;
-  std::optional<rpc::ResponseSplitter> splitter_;
+  std::optional<wire::ResponseSplitter> splitter_;
   v1::RenderIsosurfaceStreamResponse message_;
 };
 
@@ -185,8 +185,8 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
       exports_({.limits = {.max_working = kMaxConcurrentExports, .max_waiting = kMaxQueuedExports},
                 .noun = "export",
                 .flags = ""}) {
-  rpc::PrepareKnownFields(v1::RenderIsosurfaceRequest());
-  rpc::PrepareKnownFields(v1::PickSurfaceRequest());
+  wire::PrepareKnownFields(v1::RenderIsosurfaceRequest());
+  wire::PrepareKnownFields(v1::PickSurfaceRequest());
 }
 
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
@@ -203,7 +203,7 @@ IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* conte
   FrameClaim claim = ClaimOf(request->request());
   claim.delivery = Delivery::kParts;
   const auto call = std::make_shared<PartsCall>(context, options_, claim);
-  return call->Start(call, request->request(), rpc::CheckKnownFields(*request));
+  return call->Start(call, request->request(), wire::CheckKnownFields(*request));
 }
 
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServerContext* context,

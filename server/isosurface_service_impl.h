@@ -6,12 +6,12 @@
 
 #include "absl/time/time.h"
 
-#include "core/rpc/signs_of_life.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/signs_of_life.h"
 #include "server/access/access_control.h"
 #include "server/admission/admission.h"
+#include "server/admission/export_pace.h"
 #include "server/cluster/agent_registry.h"
-#include "server/export/export_pace.h"
 #include "server/frame/frame_runner.h"
 
 namespace isoscope::server {

@@ -1,4 +1,4 @@
-// Rings when the pace of an export's client must be judged (server/export/export_pace.h).
+// Rings when the pace of an export's client must be judged (server/admission/export_pace.h).
 
 #ifndef ISOSCOPE_SERVER_PACE_ALARM_H_
 #define ISOSCOPE_SERVER_PACE_ALARM_H_
@@ -14,8 +14,8 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
-#include "core/rpc/grpc_time.h"
-#include "server/export/export_pace.h"
+#include "rpc/grpc_time.h"
+#include "server/admission/export_pace.h"
 
 namespace isoscope::server {
 

@@ -45,10 +45,10 @@
 #include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 #include "core/mesh/world_placement.h"
-#include "core/rpc/proto_convert.h"
 #include "core/volume/grid_geometry.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -179,7 +179,7 @@ absl::Status CheckServer(const ExportFlags& flags, const isoscope::v1::Dataset& 
                                                       ": it is older than this program"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.geometry(), "geometry"));
+                            wire::GeometryFromProto(dataset.geometry(), "geometry"));
   if (mesh::WorldPlacement(geometry).has_origin()) {
     *context.err << "isoscope: the server is older than this program, and rounds positions to "
                     "float32: neighbouring vertices may fall together"

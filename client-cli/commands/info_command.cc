@@ -50,7 +50,6 @@
 #include "core/io/file.h"
 #include "core/partition/series_partitioner.h"
 #include "core/render/renderer_factory.h"
-#include "core/rpc/host_port.h"
 #include "core/source/adapt/value_range.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
@@ -61,6 +60,7 @@
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
+#include "rpc/host_port.h"
 
 namespace isoscope::cli {
 namespace {

@@ -35,9 +35,9 @@
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
 #include "core/io/atomic_file.h"
-#include "core/rpc/pick_convert.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/pick_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -54,10 +54,10 @@ struct PickFlags {
 };
 
 // "X,Y", inside the viewport.
-absl::StatusOr<rpc::PixelPosition> ParsePixel(absl::string_view text,
-                                              const view::Viewport& viewport) {
+absl::StatusOr<wire::PixelPosition> ParsePixel(absl::string_view text,
+                                               const view::Viewport& viewport) {
   const std::vector<absl::string_view> elements = absl::StrSplit(text, ',');
-  rpc::PixelPosition pixel;
+  wire::PixelPosition pixel;
   if (elements.size() != 2 || !absl::SimpleAtoi(elements[0], &pixel.x) ||
       !absl::SimpleAtoi(elements[1], &pixel.y) || pixel.x < 0 || pixel.y < 0 ||
       pixel.x >= viewport.width_px || pixel.y >= viewport.height_px) {
@@ -72,9 +72,9 @@ absl::Status CheckUsage(const PickFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
-  if (flags.pixels.empty() || flags.pixels.size() > rpc::kMaxPickedPixels) {
+  if (flags.pixels.empty() || flags.pixels.size() > wire::kMaxPickedPixels) {
     return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
-                                   " times: once for each pixel, 1 to ", rpc::kMaxPickedPixels));
+                                   " times: once for each pixel, 1 to ", wire::kMaxPickedPixels));
   }
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_RETURN_IF_ERROR(ParsePixel(text, flags.request.viewport()).status());
@@ -233,7 +233,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(*request.mutable_frame(),
                             client::MakeRequest(of_frame, dataset.name(), camera, flags.view.fit));
   for (const std::string& text : flags.pixels) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const rpc::PixelPosition pixel,
+    ISOSCOPE_ASSIGN_OR_RETURN(const wire::PixelPosition pixel,
                               ParsePixel(text, flags.request.viewport()));
     v1::Pixel* const out = request.add_pixels();
     out->set_x(pixel.x);

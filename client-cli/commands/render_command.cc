@@ -48,11 +48,11 @@
 #include "core/image/jpeg_codec.h"
 #include "core/image/png_codec.h"
 #include "core/io/atomic_file.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -219,7 +219,7 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::Dataset& dataset,
     shown.emplace(viewport, display.SizeOf(viewport));
   }
   const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
-    *of_region.mutable_region() = rpc::ToProto(region);
+    *of_region.mutable_region() = wire::ToProto(region);
     const base::MonotonicTime region_start = base::MonotonicNow();
     ISOSCOPE_ASSIGN_OR_RETURN(
         v1::RenderIsosurfaceResponse response,
@@ -285,9 +285,9 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   }
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
     // All values but the eye have the same bits as in the first camera.
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, wire::CameraFromProto(first, "camera"));
     *request.mutable_camera()->mutable_eye() =
-        rpc::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
+        wire::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
   }
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
@@ -388,7 +388,7 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   ISOSCOPE_RETURN_IF_ERROR(client::CheckSameSamples(recorded.record, subject.dataset));
   v1::RenderIsosurfaceRequest request = recorded.record.request;
   request.set_dataset(subject.dataset.name());
-  request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
+  request.set_culling(wire::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   request.set_with_notes(subject.has_notes);
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
@@ -460,7 +460,7 @@ absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& co
     ISOSCOPE_ASSIGN_OR_RETURN(const client::RecordedPng recorded,
                               client::ReadRecordedPng(*flags.like));
     ISOSCOPE_ASSIGN_OR_RETURN(const frame::FrameSpec spec,
-                              rpc::FrameSpecFromProto(recorded.record.request));
+                              wire::FrameSpecFromProto(recorded.record.request));
     session_flags.expected_layers = frame::HasLayers(spec) ? spec.max_layers : 0;
     const WantedVolumes wanted = WantedOf(recorded.record.request);
     ISOSCOPE_ASSIGN_OR_RETURN(

@@ -20,8 +20,8 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/render/renderer_kind.h"
-#include "core/rpc/host_port.h"
-#include "core/rpc/server_flags.h"
+#include "rpc/host_port.h"
+#include "rpc/server_flags.h"
 
 namespace isoscope::cli {
 namespace {

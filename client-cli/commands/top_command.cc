@@ -39,8 +39,8 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/rpc/host_port.h"
 #include "isoscope/v1/cluster_service.pb.h"
+#include "rpc/host_port.h"
 
 namespace isoscope::cli {
 namespace {

@@ -47,10 +47,10 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
-#include "core/rpc/host_port.h"
-#include "core/rpc/transport.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
+#include "rpc/host_port.h"
+#include "rpc/transport.h"
 #include "web-gateway/gateway_server.h"
 #include "web-gateway/http/url.h"
 

@@ -26,8 +26,8 @@
 #include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
-#include "core/rpc/proto_convert.h"
 #include "core/volume/label.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -188,8 +188,9 @@ Json DatasetToJson(const v1::Dataset& dataset) {
     AddFields(dataset, &json);
   }
   // Of a server whose labels are damaged, the rest is told all the same.
-  AddLabels(rpc::LabelsFromProto(dataset.labels(), "labels").value_or(std::vector<volume::Label>()),
-            &json);
+  AddLabels(
+      wire::LabelsFromProto(dataset.labels(), "labels").value_or(std::vector<volume::Label>()),
+      &json);
   return json;
 }
 
@@ -197,10 +198,10 @@ Json VolumeToJson(const source::VolumeSource& source,
                   const std::optional<source::ValueRange>& values) {
   Json json;
   json["name"] = source.name();
-  AddGeometry(rpc::ToProto(source.geometry()), &json);
+  AddGeometry(wire::ToProto(source.geometry()), &json);
   const source::ValueRange known = values.value_or(source::ValueRange());
   const volume::ScalarSpan& range = known.span;
-  AddSamples(rpc::ToProto(source.scalar_type()), range.min <= range.max, range.min, range.max,
+  AddSamples(wire::ToProto(source.scalar_type()), range.min <= range.max, range.min, range.max,
              &json);
   if (values.has_value()) {
     json["infinite_count"] = known.infinite_count;
@@ -246,7 +247,7 @@ Json AgentToJson(const v1::AgentStatus& agent) {
 
 Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
   const store::Manifest& manifest = description.manifest;
-  v1::Dataset dataset = rpc::ToProto(manifest);
+  v1::Dataset dataset = wire::ToProto(manifest);
   for (std::size_t i = 0; i < description.shard_directories.size(); ++i) {
     if (description.shard_directories[i].empty()) {
       dataset.add_missing_shards(static_cast<std::int32_t>(i));

@@ -16,9 +16,9 @@
 #include "core/cli/usage.h"
 #include "core/image/png_codec.h"
 #include "core/io/atomic_file.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/surface_convert.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
+#include "wire/surface_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -29,7 +29,7 @@ bool HasAlpha(const isoscope::v1::RenderIsosurfaceRequest& request) {
     return false;
   }
   const absl::StatusOr<image::Rgba8> color =
-      rpc::ColorFromProto(request.background_color(), "background_color");
+      wire::ColorFromProto(request.background_color(), "background_color");
   return !color.ok() || color->a != 255;
 }
 
@@ -67,7 +67,7 @@ absl::StatusOr<client::CapsColoring> CapsColoringOf(
   const isoscope::v1::CapsColoring& proto = response.caps_coloring();
   ISOSCOPE_ASSIGN_OR_RETURN(
       const frame::ClipCaps caps,
-      rpc::ClipCapsFromProto(proto.caps(), "the response's caps_coloring.caps"));
+      wire::ClipCapsFromProto(proto.caps(), "the response's caps_coloring.caps"));
   const client::FieldValue field{response.selection().field(), response.selection().component()};
   const std::string title = client::TitleOfField(dataset, field);
   const std::string unit = client::UnitOfField(dataset, field);
@@ -78,7 +78,7 @@ absl::StatusOr<client::CapsColoring> CapsColoringOf(
   if (proto.shows_nan()) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         coloring.nan_color,
-        rpc::ColorFromProto(proto.nan_color(), "the response's caps_coloring.nan_color"));
+        wire::ColorFromProto(proto.nan_color(), "the response's caps_coloring.nan_color"));
   }
   return coloring;
 }
@@ -100,7 +100,7 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
     scene.isovalues.push_back(request.isovalue());
   }
   scene.is_background_light = IsBackgroundLight(request);
-  ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, rpc::CameraFromProto(response.camera(), "camera"));
+  ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, wire::CameraFromProto(response.camera(), "camera"));
   scene.length_unit = dataset.length_unit();
   scene.time = TimeText(dataset, response);
   if (!dataset.patient_frame().empty()) {
@@ -111,14 +111,14 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
   for (const isoscope::v1::SurfaceColoring& coloring : response.colorings()) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const frame::ColorBy color_by,
-        rpc::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
+        wire::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
     client::SurfaceColoring& of_scene = scene.colorings.emplace_back();
     of_scene = {static_cast<std::size_t>(coloring.surface_index()), color_by,
                 FieldTitle(dataset, color_by)};
     if (coloring.shows_nan()) {
       ISOSCOPE_ASSIGN_OR_RETURN(
           of_scene.nan_color,
-          rpc::ColorFromProto(coloring.nan_color(), "the response's colorings.nan_color"));
+          wire::ColorFromProto(coloring.nan_color(), "the response's colorings.nan_color"));
     }
   }
   if (response.has_caps_coloring()) {

@@ -19,9 +19,9 @@
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/io/file.h"
-#include "core/rpc/series_convert.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
+#include "wire/series_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -72,7 +72,7 @@ ByComponent GatherOverSteps(const store::SeriesManifest& series) {
 
 Json FieldsToJson(const store::SeriesManifest& series) {
   ByComponent gathered = GatherOverSteps(series);
-  const isoscope::v1::Dataset served = rpc::ToProto(series);
+  const isoscope::v1::Dataset served = wire::ToProto(series);
   Json fields = Json::array();
   for (int i = 0; i < static_cast<int>(series.fields.size()); ++i) {
     const store::Field& field = series.fields[static_cast<std::size_t>(i)];

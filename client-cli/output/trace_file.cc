@@ -9,7 +9,7 @@
 #include "absl/strings/str_join.h"
 #include <nlohmann/json.hpp>
 
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -47,8 +47,8 @@ absl::Duration EndOf(const v1::ProcessTrace& process) {
   absl::Duration end;
   for (const v1::TraceTrack& track : process.tracks()) {
     for (const v1::TraceSpan& span : track.spans()) {
-      end = std::max(end, rpc::DurationFromProto(span.start_duration()) +
-                              rpc::DurationFromProto(span.span_duration()));
+      end = std::max(end, wire::DurationFromProto(span.start_duration()) +
+                              wire::DurationFromProto(span.span_duration()));
     }
   }
   return end;
@@ -57,7 +57,7 @@ absl::Duration EndOf(const v1::ProcessTrace& process) {
 void AddProcess(const v1::ProcessTrace& trace, int process, absl::Duration zero, Json* events) {
   NameProcess(trace.name(), process, events);
   std::vector<std::string> labels;
-  const absl::Duration error = rpc::DurationFromProto(trace.clock_error_duration());
+  const absl::Duration error = wire::DurationFromProto(trace.clock_error_duration());
   if (error > absl::ZeroDuration()) {
     labels.push_back(absl::StrFormat("clock +- %.0f us", absl::ToDoubleMicroseconds(error)));
   }
@@ -75,8 +75,8 @@ void AddProcess(const v1::ProcessTrace& trace, int process, absl::Duration zero,
     events->push_back(Metadata("thread_sort_index", process, thread, {{"sort_index", thread}}));
     for (const v1::TraceSpan& span : track.spans()) {
       events->push_back(Span(span.name(), process, thread,
-                             zero + rpc::DurationFromProto(span.start_duration()),
-                             rpc::DurationFromProto(span.span_duration())));
+                             zero + wire::DurationFromProto(span.start_duration()),
+                             wire::DurationFromProto(span.span_duration())));
     }
   }
 }

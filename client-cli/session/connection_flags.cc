@@ -8,7 +8,7 @@
 #include "clients/cpp/connection/connect.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
-#include "core/rpc/peer.h"
+#include "rpc/peer.h"
 
 namespace isoscope::cli {
 namespace {

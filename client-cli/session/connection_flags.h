@@ -11,7 +11,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/cli/flag_set.h"
-#include "core/rpc/transport.h"
+#include "rpc/transport.h"
 
 namespace isoscope::cli {
 

@@ -16,8 +16,8 @@
 #include "absl/time/time.h"
 
 #include "core/render/renderer_kind.h"
-#include "core/rpc/transport.h"
 #include "core/view/camera.h"
+#include "rpc/transport.h"
 
 namespace grpc {  // NOLINT(readability-identifier-naming): theirs
 class Channel;

@@ -33,7 +33,6 @@
 #include "core/formats/open_request.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
-#include "core/rpc/host_port.h"
 #include "core/source/series_parts.h"
 #include "core/source/series_selection.h"
 #include "core/source/source_stamps.h"
@@ -41,6 +40,7 @@
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/shard/shard.h"
+#include "rpc/host_port.h"
 
 namespace isoscope::cli {
 namespace {

@@ -54,7 +54,7 @@ absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& sourc
   return static_cast<int>(found->field);
 }
 
-// The nearest step; of two the earlier (rpc::ChooseStep has the same rule).
+// The nearest step; of two the earlier (wire::ChooseStep has the same rule).
 int NearestStep(double time, const std::vector<double>& times) {
   const auto next = std::lower_bound(times.begin(), times.end(), time);
   if (next == times.begin()) {

@@ -41,9 +41,9 @@
 #include "core/base/mutex.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -100,7 +100,7 @@ class FrameFeed {
   void Acknowledge(std::int64_t frame_number, absl::Duration duration) {
     v1::InteractRequest shown;
     shown.mutable_frame_shown()->set_frame_number(frame_number);
-    *shown.mutable_frame_shown()->mutable_decode_duration() = rpc::ToProto(duration);
+    *shown.mutable_frame_shown()->mutable_decode_duration() = wire::ToProto(duration);
     stream_->Write(shown);
   }
 
@@ -211,7 +211,7 @@ v1::RenderIsosurfaceRequest Viewer::Frame() const {
   v1::RenderIsosurfaceRequest frame;
   frame.set_dataset(dataset_name_);
   frame.set_isovalue(controls_.isovalue());
-  *frame.mutable_camera() = rpc::ToProto(controls_.camera());
+  *frame.mutable_camera() = wire::ToProto(controls_.camera());
   frame.mutable_viewport()->set_width_px(layout_.viewport.width_px);
   frame.mutable_viewport()->set_height_px(layout_.viewport.height_px);
   frame.set_culling(v1::CULLING_DEPTH);
@@ -419,7 +419,7 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
   }
   ViewedVolume volume;
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+                            wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
   volume.bounds = geometry.Bounds();
   if (!dataset.patient_frame().empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(volume.patient_frame,

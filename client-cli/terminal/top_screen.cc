@@ -13,7 +13,7 @@
 #include "core/base/units.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -52,11 +52,11 @@ class Rates {
   // `before`: null if there is no earlier answer.
   template <typename Load>
   Rates(const Load& now, const Load* before) {
-    absl::Duration span = rpc::DurationFromProto(now.up_duration());
+    absl::Duration span = wire::DurationFromProto(now.up_duration());
     // A restarted process has counted from 0.
-    if (before != nullptr && span > rpc::DurationFromProto(before->up_duration())) {
+    if (before != nullptr && span > wire::DurationFromProto(before->up_duration())) {
       is_since_before_ = true;
-      span -= rpc::DurationFromProto(before->up_duration());
+      span -= wire::DurationFromProto(before->up_duration());
     }
     seconds_ = std::max(absl::ToDoubleSeconds(span), 1e-3);
   }
@@ -136,8 +136,8 @@ std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::Agen
   const v1::AgentLoad empty;
   const v1::AgentLoad& old = has_before ? before->load() : empty;
   const Rates rates(load, has_before ? &old : nullptr);
-  const double busy = rates.Of(absl::ToDoubleSeconds(rpc::DurationFromProto(load.busy_duration())),
-                               absl::ToDoubleSeconds(rpc::DurationFromProto(old.busy_duration())));
+  const double busy = rates.Of(absl::ToDoubleSeconds(wire::DurationFromProto(load.busy_duration())),
+                               absl::ToDoubleSeconds(wire::DurationFromProto(old.busy_duration())));
   cells.push_back(absl::StrCat(load.working_frame_count()));
   cells.push_back(FormatRate(rates.Of(load.done_frame_count(), old.done_frame_count())));
   cells.push_back(absl::StrFormat("%.2f", busy));
@@ -181,7 +181,7 @@ void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& be
     return;
   }
   lines->push_back(absl::StrCat(
-      "coordinator: up ", FormatUptime(rpc::DurationFromProto(load.up_duration())), ", memory ",
+      "coordinator: up ", FormatUptime(wire::DurationFromProto(load.up_duration())), ", memory ",
       FormatMemory(load.resident_bytes(), load.memory_limit_bytes()), ", network ",
       FormatMebibytesPerSecond(rates.Of(load.network_bytes(), old.network_bytes())), "/s"));
   lines->push_back(absl::StrCat(
@@ -240,7 +240,7 @@ void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
                   absl::StrCat(frame.extent().width_px(), "x", frame.extent().height_px()),
                   NameOf(frame.step()),
                   absl::StrFormat("%.1f s", absl::ToDoubleSeconds(
-                                                rpc::DurationFromProto(frame.age_duration())))});
+                                                wire::DurationFromProto(frame.age_duration())))});
   }
   AppendTable(table, options, lines);
   if (shown < now.status.frames_size()) {

@@ -1,5 +1,5 @@
 // Why a call failed, as programs read it: a reason finer than the code of a status, and whether the
-// same call may work later. core/rpc/grpc_status sends both as google.rpc.ErrorInfo;
+// same call may work later. rpc/grpc_status sends both as google.rpc.ErrorInfo;
 // docs/operations.md has the reasons in a table.
 
 #ifndef ISOSCOPE_CORE_BASE_ERROR_REASON_H_

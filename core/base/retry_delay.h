@@ -1,5 +1,5 @@
 // The delay after which a refused caller may retry, as a payload of its absl::Status.
-// core/rpc/grpc_status sends it as google.rpc.RetryInfo, which is what clients of gRPC look for.
+// rpc/grpc_status sends it as google.rpc.RetryInfo, which is what clients of gRPC look for.
 
 #ifndef ISOSCOPE_CORE_BASE_RETRY_DELAY_H_
 #define ISOSCOPE_CORE_BASE_RETRY_DELAY_H_

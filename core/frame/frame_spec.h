@@ -1,4 +1,4 @@
-// A request for a frame, in core types. rpc::FrameSpecFromProto makes it from the message, and the
+// A request for a frame, in core types. wire::FrameSpecFromProto makes it from the message, and the
 // coordinator and the agents derive everything else from it. A new parameter of a frame becomes a
 // member here.
 

@@ -17,4 +17,15 @@ void SurfaceSums::Add(const SurfaceSums& other) {
   open_side_count += other.open_side_count;
 }
 
+std::optional<SurfaceSums> TotalOf(const std::vector<std::optional<SurfaceSums>>& parts) {
+  SurfaceSums total;
+  for (const std::optional<SurfaceSums>& part : parts) {
+    if (!part.has_value()) {
+      return std::nullopt;
+    }
+    total.Add(*part);
+  }
+  return total;
+}
+
 }  // namespace isoscope::solid

@@ -6,6 +6,8 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
+#include <vector>
 
 #include "core/math/exact_sum.h"
 #include "core/math/vec.h"
@@ -25,6 +27,9 @@ struct SurfaceSums {
   void AddTriangle(const std::array<math::Vec3d, 3>& corners);
   void Add(const SurfaceSums& other);
 };
+
+// Returns the sums of all parts; none if a part has none.
+std::optional<SurfaceSums> TotalOf(const std::vector<std::optional<SurfaceSums>>& parts);
 
 }  // namespace isoscope::solid
 

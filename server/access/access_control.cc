@@ -25,7 +25,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
-#include "core/rpc/transport.h"
+#include "rpc/transport.h"
 
 namespace isoscope::server {
 namespace {

@@ -36,7 +36,7 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/io/file_stamp.h"
-#include "core/rpc/peer.h"
+#include "rpc/peer.h"
 #include "server/access/access_tokens.h"
 #include "server/access/rate_bucket.h"
 

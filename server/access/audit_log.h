@@ -19,7 +19,7 @@
 #include "core/base/metrics.h"
 #include "core/base/mutex.h"
 #include "core/base/printable.h"
-#include "core/rpc/peer.h"
+#include "rpc/peer.h"
 
 namespace isoscope::server {
 

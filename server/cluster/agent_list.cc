@@ -11,7 +11,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
-#include "core/rpc/host_port.h"
+#include "rpc/host_port.h"
 
 namespace isoscope::server {
 namespace {

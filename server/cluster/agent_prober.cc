@@ -10,11 +10,11 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
+#include "rpc/unary_checksum.h"
 
 namespace isoscope::server {
 namespace {

@@ -13,8 +13,8 @@
 #include <grpcpp/channel.h>
 
 #include "core/base/cancellation.h"
-#include "core/rpc/transport.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "rpc/transport.h"
 
 namespace isoscope::server {
 

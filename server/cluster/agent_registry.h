@@ -33,7 +33,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
-#include "core/rpc/transport.h"
+#include "rpc/transport.h"
 #include "server/access/access_control.h"
 #include "server/cluster/agent_endpoint.h"
 #include "server/cluster/agent_members.h"

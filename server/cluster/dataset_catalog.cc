@@ -25,9 +25,9 @@
 #include "core/base/printable.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/series_convert.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
+#include "wire/series_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -54,7 +54,7 @@ absl::Status ValidateVolumes(const internal::ShardDescription& shard, const std:
     }
   }
   for (int i = 0; i < shard.volumes_size(); ++i) {
-    const store::ScalarVolumeKey key = rpc::KeyOf(shard.volumes(i));
+    const store::ScalarVolumeKey key = wire::KeyOf(shard.volumes(i));
     if (key.field < 0 || key.field >= dataset.fields_size() || key.component < 0 ||
         key.component >= dataset.fields(key.field).components_size() || key.step < 0 ||
         key.step >= step_count) {
@@ -87,7 +87,7 @@ absl::Status Validate(const internal::DescribeShardsResponse& response) {
   for (int i = 0; i < response.shards_size(); ++i) {
     const internal::ShardDescription& shard = response.shards(i);
     const std::string path = absl::StrCat("shards[", i, "]");
-    ISOSCOPE_RETURN_IF_ERROR(rpc::Validate(shard.dataset(), absl::StrCat(path, ".dataset")));
+    ISOSCOPE_RETURN_IF_ERROR(wire::Validate(shard.dataset(), absl::StrCat(path, ".dataset")));
     if (shard.shard_index() < 0 || shard.shard_index() >= shard.dataset().shard_count()) {
       return absl::InvalidArgumentError(absl::StrCat(path, ".shard_index is ", shard.shard_index(),
                                                      ": must lie in [0, ",
@@ -262,7 +262,7 @@ std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
         owner.agent = {agent->address, agent->channel, agent->export_channel};
         owner.is_draining = agent->is_draining;
         for (const internal::VolumeDescription& volume : shard.volumes()) {
-          owner.volumes.emplace(rpc::KeyOf(volume), volume.dataset_id());
+          owner.volumes.emplace(wire::KeyOf(volume), volume.dataset_id());
         }
         descriptions->push_back(&shard.dataset());
       }
@@ -349,7 +349,7 @@ void AdoptAnswer(absl::StatusOr<internal::DescribeShardsResponse> answer, AgentS
     agent->load = answer->load();
   }
   absl::StatusOr<frame::PictureRevision> revision =
-      rpc::PictureRevisionFromProto(answer->picture_revision(), "picture_revision");
+      wire::PictureRevisionFromProto(answer->picture_revision(), "picture_revision");
   absl::Status status = Validate(*answer);
   status.Update(revision.status());
   if (!status.ok()) {

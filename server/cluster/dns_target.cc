@@ -11,7 +11,7 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
-#include "core/rpc/host_port.h"
+#include "rpc/host_port.h"
 
 namespace isoscope::server {
 

@@ -11,9 +11,9 @@
 #include "core/base/printable.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/field_selection.h"
-#include "core/rpc/surface_convert.h"
 #include "server/cluster/dataset_catalog.h"
+#include "wire/field_selection.h"
+#include "wire/surface_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -22,7 +22,7 @@ namespace v1 = isoscope::v1;
 using store::ScalarVolumeKey;
 
 // The steps at which a component is offered, ascending.
-std::vector<int> OfferedSteps(const SeriesState& series, const rpc::FieldPlace& place) {
+std::vector<int> OfferedSteps(const SeriesState& series, const wire::FieldPlace& place) {
   std::vector<int> steps;
   for (const auto& [key, id] : series.offered) {
     if (key.field == place.field && key.component == place.component) {
@@ -154,13 +154,13 @@ class StepVolumes {
 
   // Adds a volume, and returns its dataset id. NOT_FOUND if it is not offered at the step; `path`
   // is the message that names its field.
-  absl::StatusOr<std::string> Add(const rpc::FieldPlace& place, absl::string_view path) {
+  absl::StatusOr<std::string> Add(const wire::FieldPlace& place, absl::string_view path) {
     const auto offered =
         series_.offered.find({.field = place.field, .component = place.component, .step = step_});
     if (offered == series_.offered.end()) {
       return absl::NotFoundError(
           absl::StrCat(path, "field is ", base::Quoted(description_.fields(place.field).name()),
-                       ": served at steps ", rpc::DescribeSteps(OfferedSteps(series_, place)),
+                       ": served at steps ", wire::DescribeSteps(OfferedSteps(series_, place)),
                        ", the surfaces are of step ", step_));
     }
     ids_.insert(*offered);
@@ -187,16 +187,16 @@ absl::Status AddColors(const v1::Dataset& description,
     v1::ColorBy* const color_by = surfaces->Mutable(i)->mutable_color_by();
     const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
     ISOSCOPE_ASSIGN_OR_RETURN(
-        const rpc::FieldPlace place,
-        rpc::FindField(description, color_by->field(), color_by->component(), path));
+        const wire::FieldPlace place,
+        wire::FindField(description, color_by->field(), color_by->component(), path));
     ISOSCOPE_ASSIGN_OR_RETURN(std::string id, volumes->Add(place, path));
     selected->color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
     selected->color_dataset_ids[static_cast<std::size_t>(i)] = std::move(id);
     if (!color_by->has_range()) {
       ISOSCOPE_ASSIGN_OR_RETURN(
           *color_by->mutable_range(),
-          rpc::ColorRangeOf(description.fields(place.field).components(place.component),
-                            absl::StrCat(path, "range")));
+          wire::ColorRangeOf(description.fields(place.field).components(place.component),
+                             absl::StrCat(path, "range")));
     }
   }
   return absl::OkStatus();
@@ -219,7 +219,7 @@ absl::Status AddAllFields(const v1::Dataset& description, StepVolumes* volumes,
 }
 
 // Returns the state of a dataset of one volume, without its agents.
-DatasetState StateOfVolume(const DatasetState& dataset, const rpc::FieldPlace& place,
+DatasetState StateOfVolume(const DatasetState& dataset, const wire::FieldPlace& place,
                            const std::string& id) {
   DatasetState state;
   v1::Dataset& of_volume = state.dataset;
@@ -325,10 +325,10 @@ absl::StatusOr<SelectedVolume> SelectVolume(
   const SeriesState& series = *dataset->series;
   const v1::FieldSelection asked = selection != nullptr ? *selection : v1::FieldSelection();
   ISOSCOPE_ASSIGN_OR_RETURN(
-      const rpc::FieldPlace place,
-      rpc::FindField(description, asked.field(), asked.component(), "selection."));
+      const wire::FieldPlace place,
+      wire::FindField(description, asked.field(), asked.component(), "selection."));
   ISOSCOPE_ASSIGN_OR_RETURN(const int step,
-                            rpc::ChooseStep(description, asked, OfferedSteps(series, place)));
+                            wire::ChooseStep(description, asked, OfferedSteps(series, place)));
   StepVolumes volumes(description, series, step);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string id, volumes.Add(place, "selection."));
   ISOSCOPE_RETURN_IF_ERROR(AddColors(description, surfaces, &volumes, &selected));
@@ -345,7 +345,7 @@ absl::StatusOr<SelectedVolume> SelectVolume(
   used.set_field(field.name());
   used.set_component(field.components(place.component).name());
   used.set_time_step(step);
-  selected.time = rpc::TimeOf(description, step);
+  selected.time = wire::TimeOf(description, step);
   return selected;
 }
 

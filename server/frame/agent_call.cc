@@ -9,7 +9,7 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
-#include "core/rpc/grpc_time.h"
+#include "rpc/grpc_time.h"
 
 namespace isoscope::server {
 

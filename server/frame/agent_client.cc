@@ -37,13 +37,13 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/trace_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "proto/message_checksum.h"
+#include "rpc/grpc_status.h"
+#include "rpc/request_context.h"
 #include "server/frame/agent_call.h"
+#include "wire/proto_convert.h"
+#include "wire/trace_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -178,16 +178,16 @@ class FrameStream final
     if (!incoming_.has_frame_done() || !incoming_.frame_done().has_trace()) {
       return;
     }
-    rpc::MessageTimes times;
+    wire::MessageTimes times;
     times.received = received_;
     {
       const base::MutexLock lock(&mutex_);
       times.sent = sent_;
     }
     internal::AgentTrace trace = std::move(*incoming_.mutable_frame_done()->mutable_trace());
-    rpc::KeepFirstSpans(trace_target_.max_spans, trace.mutable_spans());
+    wire::KeepFirstSpans(trace_target_.max_spans, trace.mutable_spans());
     *trace_target_.trace =
-        rpc::AlignAgentTrace(std::move(trace), times, trace_target_.zero, agent_.address);
+        wire::AlignAgentTrace(std::move(trace), times, trace_target_.zero, agent_.address);
     incoming_.mutable_frame_done()->clear_trace();
   }
 
@@ -213,10 +213,10 @@ class FrameStream final
       case internal::RenderFrameResponse::kRayHits: {
         ISOSCOPE_ASSIGN_OR_RETURN(
             std::vector<volume::BlockId> hits,
-            rpc::BlockListFromProto(message->ray_hits().hits(), block_count_, "ray_hits.hits"));
+            wire::BlockListFromProto(message->ray_hits().hits(), block_count_, "ray_hits.hits"));
         ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::BlockId> active,
-                                  rpc::BlockListFromProto(message->ray_hits().active_blocks(),
-                                                          block_count_, "ray_hits.active_blocks"));
+                                  wire::BlockListFromProto(message->ray_hits().active_blocks(),
+                                                           block_count_, "ray_hits.active_blocks"));
         listener_->OnRayHits(std::move(hits), std::move(active));
         return absl::OkStatus();
       }
@@ -225,7 +225,7 @@ class FrameStream final
         return absl::OkStatus();
       case internal::RenderFrameResponse::kFrameDone: {
         frame::AgentStatistics statistics =
-            rpc::AgentStatisticsFromProto(message->frame_done().statistics());
+            wire::AgentStatisticsFromProto(message->frame_done().statistics());
         statistics.agent_address = agent_.address;
         statistics.shard_indices = agent_.shard_indices;
         is_frame_done_ = true;
@@ -287,13 +287,13 @@ class GrpcAgentLink final : public AgentLink {
 
   void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
     internal::RenderFrameRequest request;
-    *request.mutable_occluders()->mutable_blocks() = rpc::ToProto(blocks);
+    *request.mutable_occluders()->mutable_blocks() = wire::ToProto(blocks);
     stream_->Send(std::move(request));
   }
   void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
                          std::string open_pixels) override {
     internal::RenderFrameRequest request;
-    *request.mutable_visible_blocks()->mutable_blocks() = rpc::ToProto(blocks);
+    *request.mutable_visible_blocks()->mutable_blocks() = wire::ToProto(blocks);
     request.mutable_visible_blocks()->set_open_pixels(std::move(open_pixels));
     stream_->Send(std::move(request));
   }

@@ -28,13 +28,13 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/pick_convert.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "rpc/grpc_status.h"
+#include "rpc/request_context.h"
+#include "rpc/unary_checksum.h"
 #include "server/frame/agent_call.h"
+#include "wire/pick_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -328,7 +328,7 @@ void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::str
   });
   std::vector<const std::vector<double>*> sets;
   for (const ShownPoint& point : points) {
-    *request->add_points() = rpc::ToProto(point.position);
+    *request->add_points() = wire::ToProto(point.position);
     request->add_block_ids(point.block_id);
     if (!volume_ids.empty()) {
       request->mutable_values()->add_isovalues(point.rule.isovalue);
@@ -360,7 +360,7 @@ void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::str
 }  // namespace
 
 QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
-                                                 const rpc::HistogramQuery& query,
+                                                 const wire::HistogramQuery& query,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
   using Response = internal::GetShardHistogramResponse;
@@ -379,7 +379,7 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
       Ask(identity, cancellation, &Async::GetShardHistogram, std::move(questions),
           volume::HistogramPart(),
           [](std::size_t i, const Response& answer, volume::HistogramPart* whole) {
-            absl::StatusOr<volume::HistogramPart> part = rpc::HistogramPartFromProto(answer);
+            absl::StatusOr<volume::HistogramPart> part = wire::HistogramPartFromProto(answer);
             if (!part.ok() || i > 0) {
               return part.ok() ? volume::AddPart(*part, whole) : part.status();
             }
@@ -416,7 +416,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   *questions[0].request.mutable_clip() = clip;
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
-               ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, rpc::ActiveBoxFromProto(answer, layout));
+               ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, wire::ActiveBoxFromProto(answer, layout));
                extent->active_block_count = answer.active_block_count();
                return absl::OkStatus();
              });
@@ -444,10 +444,10 @@ QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
       Ask(identity, cancellation, &Async::GetGradients, std::move(questions),
           std::vector<PointAnswer>(points.size()),
           [&](std::size_t i, const Response& answer, std::vector<PointAnswer>*) {
-            absl::Status status = rpc::AddGradients(answer, &gradients);
-            status.Update(rpc::AddPointShards(answer, target.parts[i].shard_indices, &shards));
-            status.Update(rpc::AddPointValues(answer, volume_ids.size(), &values));
-            status.Update(rpc::AddPointLabels(answer, rules, &labels));
+            absl::Status status = wire::AddGradients(answer, &gradients);
+            status.Update(wire::AddPointShards(answer, target.parts[i].shard_indices, &shards));
+            status.Update(wire::AddPointValues(answer, volume_ids.size(), &values));
+            status.Update(wire::AddPointLabels(answer, rules, &labels));
             return status;
           });
   for (std::size_t i = 0; outcome.result.ok() && i < points.size(); ++i) {

@@ -18,13 +18,13 @@
 #include "core/base/trace_context.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
-#include "core/rpc/histogram_convert.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/sample_histogram.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/agent_failure.h"
 #include "server/cluster/replica_board.h"
+#include "wire/histogram_convert.h"
 
 namespace isoscope::server {
 
@@ -58,7 +58,7 @@ struct QueryOutcome {
 // Returns the histogram of the whole dataset: the sum of all agents' parts. Blocks. Errors as
 // DatasetService.GetHistogram.
 QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
-                                                 const rpc::HistogramQuery& query,
+                                                 const wire::HistogramQuery& query,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation);
 
@@ -95,7 +95,7 @@ struct PointAnswer {
   std::optional<double> label;          // not set if the surface has none, or no part has the block
 };
 
-// Returns the agents' answers for some points, at most rpc::kMaxPickedPixels. Each agent answers
+// Returns the agents' answers for some points, at most wire::kMaxPickedPixels. Each agent answers
 // for the cells and blocks in its shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS,
 // DEADLINE_EXCEEDED, CANCELLED.
 //

@@ -23,11 +23,11 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
 #include "core/view/camera_fit.h"
 #include "server/frame/agent_client.h"
 #include "server/frame/agent_queries.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -131,8 +131,9 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
   const DatasetState& dataset = *selected.dataset;
   const std::string& id = dataset.dataset.dataset_id();
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(spec, dataset));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const volume::GridGeometry geometry,
+      wire::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   std::vector<FramePart> parts =
       replicas_.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::RulesOf(spec)));
@@ -181,7 +182,7 @@ absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const Query
                                            asked->spec.clip);
     }
   }
-  return rpc::ResolveCamera(geometry.Bounds(), &asked->request, &asked->spec, surface_bounds);
+  return wire::ResolveCamera(geometry.Bounds(), &asked->request, &asked->spec, surface_bounds);
 }
 
 // One try of a frame with some parts: begins them on agents, and records the agents' success.

@@ -10,8 +10,8 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/proto_convert.h"
+#include "rpc/channel.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -211,7 +211,7 @@ void FrameTicket::CountEnd(const absl::Status& status) const {
 void FrameTicket::CountSteps(const v1::RenderStatistics& statistics) const {
   CoordinatorMetrics* const metrics = runner_.metrics();
   const v1::StepDurations& durations = statistics.durations();
-  using rpc::DurationFromProto;
+  using wire::DurationFromProto;
   metrics->durations.occluder_selection.Observe(
       DurationFromProto(durations.occluder_selection_duration()));
   metrics->durations.occluder_rendering.Observe(

@@ -11,12 +11,12 @@
 #include "core/base/task_arena.h"
 #include "core/image/fragment.h"
 #include "core/picture/layer_blending.h"
-#include "core/rpc/proto_convert.h"
 #include "core/view/clip_crossings.h"
 #include "core/view/clip_region.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/render_statistics.h"
 #include "server/picture/frame_output.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -29,11 +29,11 @@ v1::PickedPoint ToProto(const std::optional<PixelPoint>& point) {
     return proto;
   }
   proto.set_is_hit(true);
-  *proto.mutable_position() = rpc::ToProto(point->position);
+  *proto.mutable_position() = wire::ToProto(point->position);
   proto.set_depth(point->distance);
   proto.set_surface_index(static_cast<std::int32_t>(point->surface_index));
   if (point->normal.has_value()) {
-    *proto.mutable_normal() = rpc::ToProto(*point->normal);
+    *proto.mutable_normal() = wire::ToProto(*point->normal);
   }
   proto.set_block_id(point->block_id);
   return proto;
@@ -50,7 +50,7 @@ void SetLabel(const v1::Dataset& dataset, double value, v1::PickedPoint* point) 
 
 // Returns true if a pixel of the drawn region shows a cap, by the depth of its fragment: that of a
 // crossing of its ray with the border of the clip region.
-bool ShowsCap(const view::ClipCrossingFinder& crossings, const rpc::PixelPosition& pixel,
+bool ShowsCap(const view::ClipCrossingFinder& crossings, const wire::PixelPosition& pixel,
               float depth) {
   const view::ClipCrossings at = crossings.At(pixel.x + 0.5, pixel.y + 0.5);
   return (at.entry.has_value() && at.entry->depth == depth) ||
@@ -61,7 +61,7 @@ bool ShowsCap(const view::ClipCrossingFinder& crossings, const rpc::PixelPositio
 
 absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTicket> ticket,
                                                         const Request& request) {
-  ISOSCOPE_ASSIGN_OR_RETURN(rpc::PickSpec pick, rpc::PickSpecFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(wire::PickSpec pick, wire::PickSpecFromProto(request));
   if (pick.request.with_trace()) {
     return absl::InvalidArgumentError(
         "frame.with_trace is set: must be unset, picks have no trace");
@@ -70,7 +70,7 @@ absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTic
   return std::unique_ptr<PickJob>(new PickJob(std::move(ticket), std::move(pick)));
 }
 
-PickJob::PickJob(std::shared_ptr<FrameTicket> ticket, rpc::PickSpec pick)
+PickJob::PickJob(std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick)
     : ticket_(std::move(ticket)),
       asked_{std::move(pick.request), std::move(pick.frame), pick.with_field_values},
       pixels_(std::move(pick.pixels)) {}
@@ -100,7 +100,7 @@ absl::Status PickJob::TryRun(Response* response) {
   base::RunIn(runner->arena(), [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
   const view::ClipCrossingFinder crossings(target.view,
                                            view::Clipper(asked_.spec.clip, target.view.geometry()));
-  for (const rpc::PixelPosition& pixel : pixels_) {
+  for (const wire::PixelPosition& pixel : pixels_) {
     const int x = pixel.x - asked_.spec.region->x;
     const int y = pixel.y - asked_.spec.region->y;
     *response->add_points() =
@@ -155,7 +155,7 @@ absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
       }
       SetLabel(target.dataset->dataset, *answer.label, hits[i]);
     } else if (answer.gradient.has_value()) {
-      *hits[i]->mutable_gradient() = rpc::ToProto(*answer.gradient);
+      *hits[i]->mutable_gradient() = wire::ToProto(*answer.gradient);
     }
     for (std::size_t k = 0; k < fields.size(); ++k) {
       v1::FieldValue* const out = hits[i]->add_field_values();

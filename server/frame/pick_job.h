@@ -11,10 +11,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "core/rpc/pick_convert.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/frame/frame_runner.h"
 #include "server/frame/frame_ticket.h"
+#include "wire/pick_convert.h"
 
 namespace isoscope::server {
 
@@ -32,7 +32,7 @@ class PickJob {
   absl::Status Run(Response* response);
 
  private:
-  PickJob(std::shared_ptr<FrameTicket> ticket, rpc::PickSpec pick);
+  PickJob(std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick);
 
   absl::Status TryRun(Response* response);
   // Adds the shards, gradients and values of fields of all points that were hit.
@@ -41,7 +41,7 @@ class PickJob {
 
   const std::shared_ptr<FrameTicket> ticket_;
   AskedFrame asked_;  // has a region
-  const std::vector<rpc::PixelPosition> pixels_;
+  const std::vector<wire::PixelPosition> pixels_;
   FrameResult drawn_;
   std::vector<bool> shows_cap_;  // by pixel
 };

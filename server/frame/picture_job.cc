@@ -8,12 +8,12 @@
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/trace_convert.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
+#include "wire/trace_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -68,16 +68,16 @@ void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geom
     }
     v1::SurfaceColoring* const coloring = response->add_colorings();
     coloring->set_surface_index(static_cast<std::int32_t>(i));
-    *coloring->mutable_color_by() = rpc::ToProto(*color_by);
+    *coloring->mutable_color_by() = wire::ToProto(*color_by);
     if (spec.surfaces[i].shows_field()) {
-      *coloring->mutable_nan_color() = rpc::ToProto(frame::NanColorOf(spec, color_by->map));
+      *coloring->mutable_nan_color() = wire::ToProto(frame::NanColorOf(spec, color_by->map));
       coloring->set_shows_nan(contents.without_values.test(i));
     }
   }
   if (frame::HasSampleCaps(spec)) {
     v1::CapsColoring* const coloring = response->mutable_caps_coloring();
-    *coloring->mutable_caps() = rpc::ToProto(*spec.caps);
-    *coloring->mutable_nan_color() = rpc::ToProto(frame::NanColorOf(spec, *spec.caps->map));
+    *coloring->mutable_caps() = wire::ToProto(*spec.caps);
+    *coloring->mutable_nan_color() = wire::ToProto(frame::NanColorOf(spec, *spec.caps->map));
     coloring->set_shows_nan(contents.has_caps_without_samples);
   }
 }
@@ -98,7 +98,7 @@ void MoveInto(FrameOutput output, frame::ImageFormat format,
 absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(std::shared_ptr<FrameTicket> ticket,
                                                               const Request& request,
                                                               int depth_grid_side) {
-  ISOSCOPE_ASSIGN_OR_RETURN(frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(frame::FrameSpec spec, wire::FrameSpecFromProto(request));
   ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(spec));
   return std::unique_ptr<PictureJob>(
       new PictureJob(std::move(ticket), {request, std::move(spec)}, depth_grid_side));
@@ -146,7 +146,7 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
   v1::FrameTrace* const trace = response->mutable_trace();
   trace->set_frame_number(ticket_->Identity().number);
   trace->set_request_id(ticket_->request().request_id());
-  *trace->add_processes() = rpc::ToProto(recorder.Get(), trace_->zero);
+  *trace->add_processes() = wire::ToProto(recorder.Get(), trace_->zero);
   trace->mutable_processes(0)->set_name("coordinator");
   for (v1::ProcessTrace& of_agent : trace_->of_agents) {
     if (!of_agent.name().empty()) {
@@ -158,9 +158,9 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
   ISOSCOPE_RETURN_IF_ERROR(
-      rpc::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
+      wire::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
   *response->mutable_camera() = asked_.request.camera();
-  *response->mutable_extent() = rpc::ToProto(target.view.image_size());
+  *response->mutable_extent() = wire::ToProto(target.view.image_size());
   if (target.selected.selection.has_value()) {
     *response->mutable_selection() = *target.selected.selection;
   }
@@ -254,7 +254,7 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
     statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
   }
   *statistics->mutable_durations()->mutable_encode_duration() =
-      rpc::ToProto(base::MonotonicNow() - encode_start);
+      wire::ToProto(base::MonotonicNow() - encode_start);
   return absl::OkStatus();
 }
 
@@ -327,7 +327,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   });
   if (is_first) {
     *statistics->mutable_durations()->mutable_encode_duration() =
-        rpc::ToProto(base::MonotonicNow() - encode_start);
+        wire::ToProto(base::MonotonicNow() - encode_start);
   }
   return absl::OkStatus();
 }
@@ -348,9 +348,9 @@ absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
     spec.sends_normals = spec.output.normal;
     ShowSurfacesOnCaps(&of_window);
   }
-  *request.mutable_viewport() = rpc::ToProto(window.viewport);
+  *request.mutable_viewport() = wire::ToProto(window.viewport);
   if (window.region.has_value()) {
-    *request.mutable_region() = rpc::ToProto(*window.region);
+    *request.mutable_region() = wire::ToProto(*window.region);
   }
   request.clear_samples();
   request.clear_ambient_occlusion();

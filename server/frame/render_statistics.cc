@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 
@@ -16,23 +16,23 @@ isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
     sum.set_triangle_count(sum.triangle_count() + agent.triangle_count);
     sum.set_unique_vertex_count(sum.unique_vertex_count() + agent.unique_vertex_count);
     sum.set_read_bytes(sum.read_bytes() + agent.read_bytes);
-    *sum.add_agents() = rpc::ToProto(agent);
+    *sum.add_agents() = wire::ToProto(agent);
     frame::AddTo(agent.surfaces, &surfaces);
   }
   for (const frame::SurfaceStatistics& surface : surfaces) {
-    *sum.add_surfaces() = rpc::ToProto(surface);
+    *sum.add_surfaces() = wire::ToProto(surface);
   }
   sum.set_ray_hit_block_count(result.ray_hit_block_count);
   sum.set_culled_block_count(sum.active_block_count() - sum.visible_block_count());
   sum.set_network_bytes(result.network_bytes);
   isoscope::v1::StepDurations* durations = sum.mutable_durations();
   *durations->mutable_occluder_selection_duration() =
-      rpc::ToProto(result.occluder_selection_duration);
+      wire::ToProto(result.occluder_selection_duration);
   *durations->mutable_occluder_rendering_duration() =
-      rpc::ToProto(result.occluder_rendering_duration);
+      wire::ToProto(result.occluder_rendering_duration);
   *durations->mutable_visibility_culling_duration() =
-      rpc::ToProto(result.visibility_culling_duration);
-  *durations->mutable_composite_duration() = rpc::ToProto(result.composite_duration);
+      wire::ToProto(result.visibility_culling_duration);
+  *durations->mutable_composite_duration() = wire::ToProto(result.composite_duration);
   return sum;
 }
 

@@ -27,11 +27,11 @@
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/picture/picture_contents.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/surface_convert.h"
 #include "core/view/camera.h"
 #include "server/frame/known_samples.h"
 #include "server/frame/render_statistics.h"
+#include "wire/proto_convert.h"
+#include "wire/surface_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -114,9 +114,9 @@ class NoteSearch {
     frame_.runner->ReportQuery(*identity_.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
-                              rpc::ScalarTypeFromProto(dataset.sample_type(), "sample_type"));
+                              wire::ScalarTypeFromProto(dataset.sample_type(), "sample_type"));
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::Label> labels,
-                              rpc::LabelsFromProto(dataset.labels(), "labels"));
+                              wire::LabelsFromProto(dataset.labels(), "labels"));
     const SelectedVolume& selected = frame_.target->selected;
     return std::optional<KnownSamples>(
         std::in_place, type, *outcome.result, std::move(labels),
@@ -250,14 +250,14 @@ class NoteSearch {
                                                               : Smaller(frame::ImageSizeOf(spec_));
     if (!how.sees_all && spec_.region.has_value()) {
       spec.region = spec_.region;
-      *request.mutable_region() = rpc::ToProto(*spec.region);
+      *request.mutable_region() = wire::ToProto(*spec.region);
     }
-    *request.mutable_viewport() = rpc::ToProto(spec.viewport);
+    *request.mutable_viewport() = wire::ToProto(spec.viewport);
     spec.culling = how.culling;
-    request.set_culling(rpc::ToProto(spec.culling));
+    request.set_culling(wire::ToProto(spec.culling));
     const volume::GridGeometry& geometry = frame_.target->view.geometry();
     spec.camera = how.sees_all ? view::MakeDefaultCamera(geometry.Bounds()) : spec_.camera;
-    *request.mutable_camera() = rpc::ToProto(*spec.camera);
+    *request.mutable_camera() = wire::ToProto(*spec.camera);
     if (how.is_clipped) {
       spec.clip = spec_.clip;
       *request.mutable_clip() = frame_.asked->request.clip();

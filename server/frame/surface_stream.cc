@@ -12,10 +12,10 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/read_timeout.h"
-#include "core/rpc/request_context.h"
 #include "proto/message_checksum.h"
+#include "rpc/grpc_status.h"
+#include "rpc/read_timeout.h"
+#include "rpc/request_context.h"
 #include "server/frame/agent_call.h"
 
 namespace isoscope::server {

@@ -21,12 +21,12 @@
 #include "core/base/mutex.h"
 #include "core/base/trace_context.h"
 #include "core/mesh/block_mesh.h"
+#include "core/mesh/surface_merger.h"
 #include "core/solid/surface_sums.h"
 #include "core/volume/block_layout.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "server/cluster/frame_part.h"
-#include "server/export/surface_export.h"
 
 namespace isoscope::server {
 
@@ -39,7 +39,7 @@ absl::StatusOr<solid::SurfaceSums> UnpackSums(const isoscope::internal::v1::Surf
 // The surface of one part's blocks, pulled message by message. Between pulls gRPC's flow control
 // stops the agent. If an agent fails, or sends nothing for long, the next replica continues after
 // the last block. Cancel is thread-safe, the other functions are for one thread.
-class SurfaceStream final : public SurfaceSource {
+class SurfaceStream final : public mesh::SurfaceSource {
  public:
   // request: shard_indices is set to the part's. max_silence: limit for an agent that owes a
   // message
@@ -54,7 +54,8 @@ class SurfaceStream final : public SurfaceSource {
   // Blocks, for max_silence at most. Errors name the last agent; INTERNAL if it sent a malformed
   // block, DEADLINE_EXCEEDED if it sent nothing.
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
-  [[nodiscard]] const std::optional<solid::SurfaceSums>& sums() const override { return sums_; }
+  // The sums over its part of the surface, once Next has returned false; not set if it has none.
+  [[nodiscard]] const std::optional<solid::SurfaceSums>& sums() const { return sums_; }
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
 
   // The agents that failed so far; part_index is 0.

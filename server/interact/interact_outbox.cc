@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "core/base/monotonic_time.h"
-#include "core/rpc/grpc_status.h"
+#include "rpc/grpc_status.h"
 
 namespace isoscope::server {
 

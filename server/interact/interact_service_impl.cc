@@ -32,20 +32,20 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/known_fields.h"
-#include "core/rpc/peer.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/write_timeout.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
+#include "rpc/peer.h"
+#include "rpc/request_context.h"
+#include "rpc/write_timeout.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/picture_job.h"
 #include "server/interact/interact_frame.h"
 #include "server/interact/interact_outbox.h"
 #include "server/interact/interactive_schedule.h"
 #include "server/interact/rate_control.h"
+#include "wire/known_fields.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -203,7 +203,7 @@ class InteractServiceImpl::InteractCall final
   }
 
   absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
+    ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request));
     ISOSCOPE_RETURN_IF_ERROR(options_.access->CheckStillValid(origin_.caller));
     const base::MutexLock lock(&mutex_);
     switch (request.kind_case()) {
@@ -233,7 +233,7 @@ class InteractServiceImpl::InteractCall final
 
   absl::Status HandleShown(const v1::FrameShown& shown, base::MonotonicTime now)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const absl::Duration decode = rpc::DurationFromProto(shown.decode_duration());
+    const absl::Duration decode = wire::DurationFromProto(shown.decode_duration());
     if (decode < absl::ZeroDuration()) {
       return absl::InvalidArgumentError(absl::StrCat(
           "frame_shown.decode_duration is ", absl::FormatDuration(decode), ": must be at least 0"));
@@ -475,7 +475,7 @@ class InteractServiceImpl::InteractCall final
 
 InteractServiceImpl::InteractServiceImpl(const InteractServiceOptions& options)
     : options_(options) {
-  rpc::PrepareKnownFields(v1::InteractRequest());
+  wire::PrepareKnownFields(v1::InteractRequest());
 }
 
 InteractServiceImpl::~InteractServiceImpl() = default;

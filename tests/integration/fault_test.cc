@@ -19,10 +19,10 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/io/file.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"

@@ -21,11 +21,11 @@
 #include <grpcpp/server_builder.h>
 
 #include "core/base/monotonic_time.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_time.h"
 #include "tests/support/process.h"
 #include "tests/support/raw_connection.h"
 #include "tests/support/status_matchers.h"

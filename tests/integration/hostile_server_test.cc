@@ -11,13 +11,13 @@
 #include <grpcpp/grpcpp.h>
 #include <nlohmann/json.hpp>
 
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/pseudo_terminal.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope {
 namespace {
@@ -41,7 +41,7 @@ v1::Dataset HostileDataset() {
   dataset.set_source(kHostile);
   volume::GridGeometry geometry;
   geometry.sample_dims = {8, 8, 8};
-  *dataset.mutable_geometry() = rpc::ToProto(geometry);
+  *dataset.mutable_geometry() = wire::ToProto(geometry);
   dataset.set_sample_type(v1::SAMPLE_TYPE_UINT8);
   dataset.mutable_value_range()->set_max(255);
   dataset.mutable_block_cells()->set_x(7);

@@ -15,12 +15,12 @@
 
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
-#include "core/rpc/response_splitter.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "wire/response_splitter.h"
 
 namespace isoscope {
 namespace {

@@ -30,13 +30,13 @@
 #include <sys/socket.h>
 
 #include "core/base/monotonic_time.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/request_context.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
+#include "rpc/request_context.h"
 #include "tests/integration/cli_fixture.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope {
 namespace {
@@ -79,8 +79,8 @@ struct Interval {
 };
 
 Interval IntervalOf(const v1::TraceSpan& span) {
-  const absl::Duration begin = rpc::DurationFromProto(span.start_duration());
-  return {begin, begin + rpc::DurationFromProto(span.span_duration())};
+  const absl::Duration begin = wire::DurationFromProto(span.start_duration());
+  return {begin, begin + wire::DurationFromProto(span.span_duration())};
 }
 
 std::vector<Interval> SpansNamed(const v1::ProcessTrace& process, const std::string& name) {

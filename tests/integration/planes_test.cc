@@ -29,18 +29,18 @@
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "core/math/vec.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/response_splitter.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/field_gradient.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "wire/response_splitter.h"
 
 namespace isoscope {
 namespace {
@@ -124,8 +124,8 @@ class PlanesTest : public ::testing::Test {
     int count = 0;
     while (reader->Read(&message)) {
       ++count;
-      EXPECT_LE(message.ByteSizeLong(), rpc::kMaxPartBytes + 65536);
-      rpc::AppendPart(message.part(), &response);
+      EXPECT_LE(message.ByteSizeLong(), wire::kMaxPartBytes + 65536);
+      wire::AppendPart(message.part(), &response);
     }
     if (part_count != nullptr) {
       *part_count = count;

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rpc/transport.h"
+#include "rpc/transport.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope::testing {

@@ -20,11 +20,11 @@
 #include <grpcpp/server_context.h>
 
 #include "core/base/log.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/server_flags.h"
-#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/server_flags.h"
+#include "rpc/unary_checksum.h"
 
 namespace isoscope {
 namespace {

@@ -17,9 +17,9 @@
 
 #include "clients/cpp/connection/coordinator_channel.h"
 #include "core/base/monotonic_time.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/response_splitter.h"
-#include "core/rpc/signs_of_life.h"
+#include "rpc/grpc_status.h"
+#include "rpc/signs_of_life.h"
+#include "wire/response_splitter.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -245,7 +245,7 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
                        " bytes, which is the gateway's limit: ask for a region of it, or for "
                        "fewer pixels"));
     }
-    rpc::AppendPart(std::move(*message->mutable_part()), &whole->response);
+    wire::AppendPart(std::move(*message->mutable_part()), &whole->response);
     return absl::OkStatus();
   };
   auto* const call =

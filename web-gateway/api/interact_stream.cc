@@ -13,7 +13,7 @@
 
 #include "clients/cpp/connection/coordinator_channel.h"
 #include "core/base/mutex.h"
-#include "core/rpc/grpc_status.h"
+#include "rpc/grpc_status.h"
 
 namespace isoscope::gateway {
 

@@ -6,10 +6,10 @@
 #include "google/protobuf/io/coded_stream.h"
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
-#include "core/rpc/field_selection.h"
 #include "web-gateway/api/json.h"
 #include "web-gateway/api/served_selection.h"
 #include "web-gateway/http/etag.h"
+#include "wire/field_selection.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -87,7 +87,7 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
   const bool may_change = DependsOnLaterSteps(request->selection(), dataset);
   std::string digest;
   if (!dataset.fields().empty()) {
-    const auto selection = rpc::ResolveSelection(request->selection(), dataset);
+    const auto selection = wire::ResolveSelection(request->selection(), dataset);
     if (!selection.ok()) {
       return NoCaching();  // the coordinator says what there is
     }

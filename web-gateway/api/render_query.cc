@@ -28,9 +28,9 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/mesh/world_placement.h"
-#include "core/rpc/proto_convert.h"
 #include "core/volume/grid_geometry.h"
 #include "web-gateway/http/url.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -207,7 +207,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   MeshQuery mesh;
   mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name(), label);
   const absl::StatusOr<volume::GridGeometry> geometry =
-      rpc::GeometryFromProto(dataset.geometry(), "geometry");
+      wire::GeometryFromProto(dataset.geometry(), "geometry");
   // Only there, because a coordinator that is older refuses the field.
   mesh.request.set_with_origin(geometry.ok() && mesh::WorldPlacement(*geometry).has_origin());
   if (const auto proto = ToProto(selection); proto) {

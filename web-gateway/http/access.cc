@@ -17,7 +17,7 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/peer.h"
+#include "rpc/peer.h"
 #include "web-gateway/http/url.h"
 
 namespace isoscope::gateway {

@@ -12,7 +12,7 @@
 
 #include "core/base/printable.h"
 #include "core/base/retry_delay.h"
-#include "core/rpc/grpc_status.h"
+#include "rpc/grpc_status.h"
 
 namespace isoscope::gateway {
 

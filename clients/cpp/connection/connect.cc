@@ -4,9 +4,9 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/host_port.h"
-#include "core/rpc/peer.h"
+#include "rpc/channel.h"
+#include "rpc/host_port.h"
+#include "rpc/peer.h"
 
 namespace isoscope::client {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "clients/cpp/connection/service_client.h"
 #include "core/cli/interrupt.h"
-#include "core/rpc/transport.h"
+#include "rpc/transport.h"
 
 namespace isoscope::client {
 

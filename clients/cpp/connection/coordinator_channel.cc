@@ -5,9 +5,9 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/monotonic_time.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/peer.h"
-#include "core/rpc/request_context.h"
+#include "rpc/grpc_time.h"
+#include "rpc/peer.h"
+#include "rpc/request_context.h"
 
 namespace isoscope::client {
 

@@ -12,7 +12,7 @@
 #include "clients/cpp/request/label_flags.h"
 #include "core/base/status_macros.h"
 #include "core/io/atomic_file.h"
-#include "core/rpc/field_selection.h"
+#include "wire/field_selection.h"
 
 namespace isoscope::client {
 
@@ -130,7 +130,7 @@ std::optional<MeshField> PinSelection(const v1::Dataset& dataset,
     return std::nullopt;
   }
   const absl::StatusOr<v1::FieldSelection> selection =
-      rpc::ResolveSelection(request->selection(), dataset);
+      wire::ResolveSelection(request->selection(), dataset);
   if (!selection.ok()) {
     return std::nullopt;
   }
@@ -142,7 +142,7 @@ std::optional<MeshField> PinSelection(const v1::Dataset& dataset,
   field.unit = found->unit();
   if (selection->has_time_step()) {
     field.step = selection->time_step();
-    field.time = rpc::TimeOf(dataset, selection->time_step());
+    field.time = wire::TimeOf(dataset, selection->time_step());
     field.time_unit = dataset.time_unit();
   }
   return field;

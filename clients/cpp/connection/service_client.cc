@@ -23,11 +23,11 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/read_timeout.h"
-#include "core/rpc/request_context.h"
-#include "core/rpc/response_splitter.h"
-#include "core/rpc/signs_of_life.h"
+#include "rpc/grpc_status.h"
+#include "rpc/read_timeout.h"
+#include "rpc/request_context.h"
+#include "rpc/signs_of_life.h"
+#include "wire/response_splitter.h"
 
 namespace isoscope::client {
 
@@ -198,7 +198,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStre
     response.Clear();  // of an earlier attempt
     v1::RenderIsosurfaceStreamResponse message;
     while (reader->Read(&message)) {
-      rpc::AppendPart(std::move(*message.mutable_part()), &response);
+      wire::AppendPart(std::move(*message.mutable_part()), &response);
     }
     return reader->Finish();
   }));

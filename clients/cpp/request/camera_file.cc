@@ -13,7 +13,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -57,7 +57,7 @@ class CameraReader {
     } else {
       camera.mutable_orthographic()->set_height(value);
     }
-    const absl::Status valid = rpc::CameraFromProto(camera, "camera").status();
+    const absl::Status valid = wire::CameraFromProto(camera, "camera").status();
     return valid.ok() ? absl::StatusOr<v1::Camera>(camera) : Error(valid.message());
   }
 

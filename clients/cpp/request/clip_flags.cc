@@ -4,8 +4,8 @@
 
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/rpc/proto_convert.h"
 #include "core/view/clip_region.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 
@@ -29,12 +29,12 @@ isoscope::v1::ClipRegion ToProto(const ClipFlags& flags) {
   isoscope::v1::ClipRegion region;
   for (const PlaneValue& plane : flags.planes) {
     isoscope::v1::HalfSpace* const proto = region.add_half_spaces();
-    *proto->mutable_normal() = rpc::ToProto(plane.normal);
+    *proto->mutable_normal() = wire::ToProto(plane.normal);
     proto->set_offset(plane.offset);
   }
   if (flags.box) {
-    *region.mutable_box()->mutable_min() = rpc::ToProto(flags.box->min);
-    *region.mutable_box()->mutable_max() = rpc::ToProto(flags.box->max);
+    *region.mutable_box()->mutable_min() = wire::ToProto(flags.box->min);
+    *region.mutable_box()->mutable_max() = wire::ToProto(flags.box->max);
   }
   return region;
 }

@@ -25,7 +25,7 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/rpc/frame_convert.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -277,7 +277,7 @@ absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Datase
 void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request) {
   for (Light light : flags.lights) {
     light.space = flags.light_space.value_or(Light::Space::kView);
-    *request->add_lights() = rpc::ToProto(light);
+    *request->add_lights() = wire::ToProto(light);
   }
   if (flags.nan_color) {
     *request->mutable_nan_color() = ToProto(*flags.nan_color);
@@ -301,7 +301,7 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
       continue;
     }
     isoscope::v1::ColorBy* const proto = request->mutable_surfaces(i)->mutable_color_by();
-    *proto = rpc::ToProto(*value.color_by);
+    *proto = wire::ToProto(*value.color_by);
     if (!value.field.empty()) {
       proto->set_quantity(isoscope::v1::ColorBy::QUANTITY_FIELD);
       proto->set_field(value.field);

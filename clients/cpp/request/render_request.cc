@@ -10,9 +10,9 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
 #include "core/view/clip_region.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -182,15 +182,15 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
     *request.mutable_clip() = ToProto(flags.clip);
   }
   if (flags.caps) {
-    *request.mutable_caps() = rpc::ToProto(*flags.caps);
+    *request.mutable_caps() = wire::ToProto(*flags.caps);
   }
-  *request.mutable_camera() = rpc::ToProto(camera);
+  *request.mutable_camera() = wire::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);
   request.mutable_viewport()->set_height_px(flags.viewport().height_px);
   if (flags.region) {
-    *request.mutable_region() = rpc::ToProto(*flags.region);
+    *request.mutable_region() = wire::ToProto(*flags.region);
   }
-  request.set_culling(rpc::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
+  request.set_culling(wire::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
   if (flags.background_color) {
     *request.mutable_background_color() = ToProto(*flags.background_color);
   }
@@ -200,7 +200,7 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
 absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
     const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera,
     const std::optional<isoscope::v1::CameraFit>& fit) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera checked, rpc::CameraFromProto(camera, "camera"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera checked, wire::CameraFromProto(camera, "camera"));
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, dataset, checked);
   *request.mutable_camera() = camera;
   if (fit) {

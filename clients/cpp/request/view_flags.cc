@@ -11,8 +11,8 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/rpc/proto_convert.h"
 #include "core/volume/patient_frame.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -111,7 +111,7 @@ absl::StatusOr<v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags
     return ReadCameraFile(*flags.camera_file);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+                            wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
   std::optional<volume::PatientFrame> patient_frame;
   if (!dataset.patient_frame().empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(patient_frame,
@@ -121,7 +121,7 @@ absl::StatusOr<v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags
                             view::MakeNamedCamera(flags.view.value_or(NamedView::kFront),
                                                   geometry.Bounds(), patient_frame));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera resolved, ResolveCamera(camera, start));
-  return rpc::ToProto(resolved);
+  return wire::ToProto(resolved);
 }
 
 }  // namespace isoscope::client

@@ -22,14 +22,14 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/task_arena.h"
 #include "core/render/renderer_factory.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/unit/partition-agent/small_dataset.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -74,7 +74,7 @@ class Agent {
     begin->set_report_active_blocks(true);
     isoscope::v1::RenderIsosurfaceRequest* const request = begin->mutable_request();
     request->set_isovalue(testing::SmallDataset::kIsovalue);
-    *request->mutable_camera() = rpc::ToProto(*task.spec.camera);
+    *request->mutable_camera() = wire::ToProto(*task.spec.camera);
     request->mutable_viewport()->set_width_px(40);
     request->mutable_viewport()->set_height_px(30);
     request->set_culling(culling);
@@ -247,10 +247,10 @@ std::vector<std::string> Seeds() {
   const std::string begin = TheAgent().Begin(isoscope::v1::CULLING_DEPTH).SerializeAsString();
   v1::RenderFrameRequest occluders;
   *occluders.mutable_occluders()->mutable_blocks() =
-      rpc::ToProto(std::vector<volume::BlockId>{0, 3});
+      wire::ToProto(std::vector<volume::BlockId>{0, 3});
   v1::RenderFrameRequest visible;
   *visible.mutable_visible_blocks()->mutable_blocks() =
-      rpc::ToProto(std::vector<volume::BlockId>{1, 2, 4});
+      wire::ToProto(std::vector<volume::BlockId>{1, 2, 4});
   v1::ExtractSurfaceRequest surface;
   surface.set_isovalue(testing::SmallDataset::kIsovalue);
   surface.add_shard_indices(0);

@@ -1,5 +1,5 @@
 // Agents that say anything: the coordinator takes their messages of a frame, their surfaces and
-// their answers. agent_client, frame_coordinator, agent_queries and surface_export are behind it.
+// their answers. agent_client, frame_coordinator, agent_queries and surface_stream are behind it.
 //
 // Input: a byte that chooses the client's call, a byte of ways (1: the agent waits for the
 // coordinator's message after each step; 2: bands get right checksums; 4: so do bands whose decoded
@@ -28,14 +28,14 @@
 #include "core/composite/band_format.h"
 #include "core/composite/pixel_codec.h"
 #include "core/math/exact_sum.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/proto_convert.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
 #include "server/coordinator_server.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/unit/server/fake_agent.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -342,9 +342,9 @@ std::vector<std::string> Seeds() {
               image::FragmentKey(0.3F, static_cast<std::uint32_t>(i % 8)), {9, 8, 7, 255});
   }
   internal::RenderFrameResponse hits;
-  *hits.mutable_ray_hits()->mutable_hits() = rpc::ToProto(std::vector<volume::BlockId>{0, 3});
+  *hits.mutable_ray_hits()->mutable_hits() = wire::ToProto(std::vector<volume::BlockId>{0, 3});
   *hits.mutable_ray_hits()->mutable_active_blocks() =
-      rpc::ToProto(std::vector<volume::BlockId>{0, 1, 3, 5});
+      wire::ToProto(std::vector<volume::BlockId>{0, 1, 3, 5});
   internal::RenderFrameResponse occluders;
   occluders.mutable_occluders_done();
   for (const std::string& band : composite::EncodePixels(image)) {

@@ -25,7 +25,7 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
-#include "core/rpc/channel.h"
+#include "rpc/channel.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "web-gateway/gateway_server.h"
 

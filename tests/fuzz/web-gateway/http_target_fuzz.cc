@@ -12,9 +12,7 @@
 #include "absl/strings/strip.h"
 #include <arpa/inet.h>
 
-#include "core/rpc/field_selection.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/peer.h"
+#include "rpc/peer.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "web-gateway/api/frame_message.h"
 #include "web-gateway/api/json.h"
@@ -22,6 +20,8 @@
 #include "web-gateway/api/served_selection.h"
 #include "web-gateway/http/access.h"
 #include "web-gateway/http/url.h"
+#include "wire/field_selection.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -91,9 +91,9 @@ void ReadTarget(absl::string_view text) {
   const auto picture = gateway::RenderRequestFromQuery(target->query, dataset);
   if (picture.ok()) {
     Require(picture->dataset() == "head", "a picture is one of the dataset of its address");
-    const auto selection = rpc::ResolveSelection(picture->selection(), dataset);
+    const auto selection = wire::ResolveSelection(picture->selection(), dataset);
     if (selection.ok()) {
-      const auto same = rpc::ResolveSelection(*selection, dataset);
+      const auto same = wire::ResolveSelection(*selection, dataset);
       Require(same.ok() && same->SerializeAsString() == selection->SerializeAsString(),
               "what a selection means has no open parts");
       Require(!gateway::DependsOnLaterSteps(*selection, dataset), "and stays what it is");

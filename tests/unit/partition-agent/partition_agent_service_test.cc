@@ -17,11 +17,6 @@
 #include "core/base/task_arena.h"
 #include "core/composite/pixel_codec.h"
 #include "core/render/renderer_factory.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/proto_convert.h"
-#include "core/rpc/signs_of_life.h"
 #include "core/solid/block_surface.h"
 #include "core/volume/label_values.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
@@ -29,9 +24,14 @@
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame/frame_pipeline.h"
 #include "proto/message_checksum.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/signs_of_life.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::agent {
 namespace {
@@ -68,12 +68,12 @@ class FrameCall {
   bool Send(const v1::RenderFrameRequest& message) { return stream_->Write(message); }
   bool SendOccluders(const std::vector<volume::BlockId>& blocks) {
     v1::RenderFrameRequest message;
-    *message.mutable_occluders()->mutable_blocks() = rpc::ToProto(blocks);
+    *message.mutable_occluders()->mutable_blocks() = wire::ToProto(blocks);
     return Send(message);
   }
   bool SendVisible(const std::vector<volume::BlockId>& blocks, const std::string& open_pixels) {
     v1::RenderFrameRequest message;
-    *message.mutable_visible_blocks()->mutable_blocks() = rpc::ToProto(blocks);
+    *message.mutable_visible_blocks()->mutable_blocks() = wire::ToProto(blocks);
     message.mutable_visible_blocks()->set_open_pixels(open_pixels);
     return Send(message);
   }
@@ -249,9 +249,9 @@ class PartitionAgentServiceTest : public ::testing::Test {
     begin->add_shard_indices(1);
     isoscope::v1::RenderIsosurfaceRequest* asked = begin->mutable_request();
     asked->set_isovalue(request.spec.surfaces[0].rule.isovalue);
-    *asked->mutable_camera() = rpc::ToProto(*request.spec.camera);
-    *asked->mutable_viewport() = rpc::ToProto(request.spec.viewport);
-    asked->set_culling(rpc::ToProto(culling));
+    *asked->mutable_camera() = wire::ToProto(*request.spec.camera);
+    *asked->mutable_viewport() = wire::ToProto(request.spec.viewport);
+    asked->set_culling(wire::ToProto(culling));
     asked->set_ray_seed(static_cast<std::int64_t>(request.spec.ray_seed));
     begin->set_agent_count(1);
     begin->set_report_active_blocks(true);
@@ -288,8 +288,8 @@ class PartitionAgentServiceTest : public ::testing::Test {
     v1::RenderFrameResponse message;
     EXPECT_TRUE(call->Read(&message));
     EXPECT_TRUE(message.has_ray_hits()) << message.ShortDebugString();
-    auto hits = rpc::BlockListFromProto(message.ray_hits().hits(), 1000, "hits");
-    auto active = rpc::BlockListFromProto(message.ray_hits().active_blocks(), 1000, "active");
+    auto hits = wire::BlockListFromProto(message.ray_hits().hits(), 1000, "hits");
+    auto active = wire::BlockListFromProto(message.ray_hits().active_blocks(), 1000, "active");
     EXPECT_THAT(hits, isoscope::testing::IsOk());
     EXPECT_THAT(active, isoscope::testing::IsOk());
     return {*std::move(hits), *std::move(active)};
@@ -356,7 +356,7 @@ TEST_F(PartitionAgentServiceTest, DescribesItsShards) {
     const v1::ShardDescription& shard = response.shards(i);
     const store::ShardReader& reader = *shards[static_cast<std::size_t>(i)]->reader;
     EXPECT_EQ(shard.dataset().SerializeAsString(),
-              rpc::ToProto(dataset_.manifest()).SerializeAsString());
+              wire::ToProto(dataset_.manifest()).SerializeAsString());
     EXPECT_EQ(shard.shard_index(), i);
     EXPECT_EQ(shard.block_count(), reader.block_count());
     EXPECT_EQ(shard.manifest_crc32c(), reader.manifest_crc32c());
@@ -541,7 +541,7 @@ TEST_F(PartitionAgentServiceTest, ColorsComeOfTheDatasetsThatTheFrameNames) {
   begin->add_color_dataset_ids("");
   begin->add_color_dataset_ids(field_id);
   FrameTask task = dataset_.Request();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(task.spec, rpc::FrameSpecFromProto(begin->request()));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(task.spec, wire::FrameSpecFromProto(begin->request()));
   task.spec.sends_normals = true;
   task.spec.sends_map_steps = true;
   Shards of_field;

@@ -16,11 +16,11 @@
 
 #include "core/base/check.h"
 #include "core/base/monotonic_time.h"
-#include "core/rpc/channel.h"
-#include "core/rpc/grpc_status.h"
-#include "core/rpc/grpc_time.h"
-#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
+#include "rpc/unary_checksum.h"
 #include "tests/unit/server/make_shard.h"
 
 namespace isoscope::testing {

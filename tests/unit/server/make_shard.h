@@ -11,10 +11,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
-#include "core/rpc/proto_convert.h"
 #include "core/store/manifest.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "server/cluster/dataset_catalog.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::testing {
 
@@ -32,7 +32,7 @@ inline isoscope::internal::v1::ShardDescription MakeShard(const std::string& nam
   manifest.block_cells = {4, 4, 4};
   manifest.shards.resize(static_cast<std::size_t>(shard_count));
   isoscope::internal::v1::ShardDescription shard;
-  *shard.mutable_dataset() = rpc::ToProto(manifest);
+  *shard.mutable_dataset() = wire::ToProto(manifest);
   shard.set_manifest_crc32c(0x1234);
   shard.set_range_table_crc32c(0x5678);
   shard.set_shard_index(shard_index);

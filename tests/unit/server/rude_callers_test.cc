@@ -15,8 +15,8 @@
 
 #include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
-#include "core/rpc/grpc_time.h"
 #include "isoscope/v1/trace.pb.h"
+#include "rpc/grpc_time.h"
 #include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {

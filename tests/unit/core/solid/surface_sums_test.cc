@@ -28,5 +28,20 @@ TEST(SurfaceSumsTest, TrianglesOfATetrahedronSumToItsVolumeAndArea) {
   }
 }
 
+TEST(SurfaceSumsTest, PartsAddUpAndThereIsNoTotalIfAPartHasNone) {
+  const auto sums_of = [](double side) {
+    SurfaceSums sums;
+    sums.AddTriangle({math::Vec3d{0, 0, 1}, {side, 0, 1}, {0, side, 1}});
+    sums.open_side_count = 3;
+    return sums;
+  };
+  const std::optional<SurfaceSums> both = TotalOf({sums_of(2), sums_of(4)});
+  ASSERT_TRUE(both.has_value());
+  EXPECT_EQ(both->area.Value(), 2 + 8);
+  EXPECT_EQ(both->triangle_count, 2);
+  EXPECT_EQ(both->open_side_count, 6);
+  EXPECT_FALSE(TotalOf({sums_of(2), std::nullopt}).has_value());
+}
+
 }  // namespace
 }  // namespace isoscope::solid

@@ -24,10 +24,10 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/frame/picture_revision.h"
-#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/unit/server/make_shard.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -106,7 +106,7 @@ class FakeCluster {
           probe.answer = absl::UnavailableError("connection refused");
         } else {
           isoscope::internal::v1::DescribeShardsResponse answer;
-          *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision());
+          *answer.mutable_picture_revision() = wire::ToProto(frame::PictureRevision());
           answer.mutable_shards()->Assign(found->second.begin(), found->second.end());
           probe.answer = std::move(answer);
         }

@@ -12,9 +12,9 @@
 #include "core/base/error_reason.h"
 #include "core/base/retry_delay.h"
 #include "core/frame/picture_revision.h"
-#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/make_shard.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -66,7 +66,7 @@ TEST(DatasetsOfTest, MissingShardsAndUnreachableAgentsAreNamed) {
 isoscope::internal::v1::DescribeShardsResponse OpeningAnswer(const std::string& dataset) {
   isoscope::internal::v1::DescribeShardsResponse answer;
   *answer.mutable_picture_revision() =
-      rpc::ToProto(frame::PictureRevision{.number = 1, .driver = ""});
+      wire::ToProto(frame::PictureRevision{.number = 1, .driver = ""});
   answer.mutable_opening()->set_shard_count(8);
   answer.mutable_opening()->set_open_shard_count(3);
   answer.mutable_opening()->set_table_bytes(4 << 20);
@@ -273,7 +273,7 @@ isoscope::internal::v1::DescribeShardsResponse AnswerOf(
   isoscope::internal::v1::DescribeShardsResponse answer;
   answer.set_version("1.2.3");
   answer.set_renderer("fake");
-  *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision());
+  *answer.mutable_picture_revision() = wire::ToProto(frame::PictureRevision());
   *answer.add_shards() = shard;
   return answer;
 }

@@ -6,7 +6,7 @@
 #include "core/base/error_reason.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
-#include "core/rpc/grpc_time.h"
+#include "rpc/grpc_time.h"
 #include "server/cluster/agent_failure.h"
 #include "tests/support/status_matchers.h"
 

@@ -9,9 +9,9 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/proto_convert.h"
 #include "core/view/camera_fit.h"
 #include "tests/unit/server/fake_cluster.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -319,18 +319,18 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   EXPECT_EQ(asked_.isovalues_size(), 1);
   EXPECT_EQ(asked_.isovalues(0), 100);
   EXPECT_EQ(by_default.SerializeAsString(),
-            rpc::ToProto(view::MakeDefaultCamera(BoxOf(4, 8))).SerializeAsString());
+            wire::ToProto(view::MakeDefaultCamera(BoxOf(4, 8))).SerializeAsString());
   EXPECT_EQ(begin_.request().camera_fit(), v1::CAMERA_FIT_UNSPECIFIED) << "the camera is final";
   EXPECT_EQ(begin_.request().camera().SerializeAsString(), by_default.SerializeAsString());
 
   view::Camera given = view::MakeDefaultCamera(BoxOf(0, 8));
   view::Azimuth(0.5, &given);
   view::Zoom(2, &given);
-  *request.mutable_camera() = rpc::ToProto(given);
+  *request.mutable_camera() = wire::ToProto(given);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera moved, RenderedCamera(request));
   const view::Camera expected = view::MoveToBox(
-      rpc::CameraFromProto(request.camera(), "camera").value(), BoxOf(0, 8), BoxOf(4, 8));
-  EXPECT_EQ(moved.SerializeAsString(), rpc::ToProto(expected).SerializeAsString());
+      wire::CameraFromProto(request.camera(), "camera").value(), BoxOf(0, 8), BoxOf(4, 8));
+  EXPECT_EQ(moved.SerializeAsString(), wire::ToProto(expected).SerializeAsString());
 
   // The answer makes the picture again.
   request.set_camera_fit(v1::CAMERA_FIT_VOLUME);
@@ -350,19 +350,19 @@ TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   v1::ClipRegion* const clip = request.mutable_clip();
   clip->add_half_spaces()->mutable_normal()->set_x(1);
-  *clip->mutable_box()->mutable_min() = rpc::ToProto(math::Vec3d{2, 2, 2});
-  *clip->mutable_box()->mutable_max() = rpc::ToProto(math::Vec3d{6, 6, 6});
+  *clip->mutable_box()->mutable_min() = wire::ToProto(math::Vec3d{2, 2, 2});
+  *clip->mutable_box()->mutable_max() = wire::ToProto(math::Vec3d{6, 6, 6});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(request));
   EXPECT_EQ(asked_.clip().SerializeAsString(), clip->SerializeAsString());
   EXPECT_EQ(camera.SerializeAsString(),
-            rpc::ToProto(view::MakeDefaultCamera(BoxOf(2, 6))).SerializeAsString());
+            wire::ToProto(view::MakeDefaultCamera(BoxOf(2, 6))).SerializeAsString());
 }
 
 TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
   Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(RequestThatFits()));
   EXPECT_EQ(camera.SerializeAsString(),
-            rpc::ToProto(view::MakeDefaultCamera(BoxOf(0, 8))).SerializeAsString());
+            wire::ToProto(view::MakeDefaultCamera(BoxOf(0, 8))).SerializeAsString());
 }
 
 TEST_F(AgentQueriesTest, ABoxOutsideTheVolumeIsAnInternalError) {

@@ -14,8 +14,8 @@
 #include "clients/cpp/picture_file/png_chunks.h"
 #include "core/base/sha256.h"
 #include "core/image/png_codec.h"
-#include "core/rpc/frame_convert.h"
 #include "tests/fuzz/fuzz_input.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -59,7 +59,7 @@ void ReadRecord(absl::string_view text) {
     return;
   }
   RequireRoundTrip(*record);
-  static_cast<void>(rpc::FrameSpecFromProto(record->request));
+  static_cast<void>(wire::FrameSpecFromProto(record->request));
 }
 
 void ReadPng(const std::string& png) {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "clients/cpp/request/camera_file.h"
-#include "core/rpc/proto_convert.h"
 #include "tests/fuzz/fuzz_input.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::fuzz {
 namespace {
@@ -18,11 +18,11 @@ void Run(absl::string_view text) {
     RequireError(camera.status(), {absl::StatusCode::kInvalidArgument}, "c.json");
     return;
   }
-  Require(rpc::CameraFromProto(*camera, "camera").ok(), "an accepted camera can see");
+  Require(wire::CameraFromProto(*camera, "camera").ok(), "an accepted camera can see");
   const auto again = client::CameraFromJson(client::CameraToJson(*camera), "again");
   Require(again.ok(), "a camera comes back from its text");
-  const auto core = rpc::CameraFromProto(*camera, "camera");
-  const auto core_again = rpc::CameraFromProto(*again, "camera");
+  const auto core = wire::CameraFromProto(*camera, "camera");
+  const auto core_again = wire::CameraFromProto(*again, "camera");
   Require(core_again.ok() && *core == *core_again, "a camera comes back with its bits");
 }
 

@@ -13,10 +13,10 @@
 #include <grpcpp/server_builder.h>
 
 #include "core/base/retry_delay.h"
-#include "core/rpc/grpc_status.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/grpc_status.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::client {

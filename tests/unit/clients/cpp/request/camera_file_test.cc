@@ -8,9 +8,9 @@
 
 #include "core/base/random.h"
 #include "core/io/file.h"
-#include "core/rpc/proto_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -38,15 +38,15 @@ TEST(CameraFileTest, WhatWasWrittenComesBackBitForBit) {
                         static_cast<int>(base::RandomBits(i, k + 100) % 60) - 20);
     };
     v1::Camera camera;
-    *camera.mutable_eye() = rpc::ToProto(math::Vec3d{random(0), random(1), random(2)});
-    *camera.mutable_target() = rpc::ToProto(math::Vec3d{random(3), random(4), random(5)});
-    *camera.mutable_up() = rpc::ToProto(math::Vec3d{random(6), random(7), random(8)});
+    *camera.mutable_eye() = wire::ToProto(math::Vec3d{random(0), random(1), random(2)});
+    *camera.mutable_target() = wire::ToProto(math::Vec3d{random(3), random(4), random(5)});
+    *camera.mutable_up() = wire::ToProto(math::Vec3d{random(6), random(7), random(8)});
     if (i % 2 == 0) {
       camera.mutable_perspective()->set_fov_y_degrees(0.1 + 170 * std::abs(std::sin(random(9))));
     } else {
       camera.mutable_orthographic()->set_height(std::abs(random(9)) + 1e-9);
     }
-    if (!rpc::CameraFromProto(camera, "camera").ok()) {
+    if (!wire::CameraFromProto(camera, "camera").ok()) {
       continue;  // its up happens to be parallel to the view direction
     }
     ++count;

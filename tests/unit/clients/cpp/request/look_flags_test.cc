@@ -8,9 +8,9 @@
 #include "gtest/gtest.h"
 
 #include "core/cli/usage.h"
-#include "core/rpc/frame_convert.h"
-#include "core/rpc/proto_convert.h"
 #include "tests/support/status_matchers.h"
+#include "wire/frame_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -155,7 +155,7 @@ TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
   AddLook({}, &request);
   EXPECT_EQ(request.isovalue(), 60) << "without flags the request stays what it was";
   AddLook(flags, &request);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, wire::FrameSpecFromProto(request));
   for (Light& light : flags.lights) {
     light.space = Light::Space::kWorld;
   }
@@ -198,7 +198,7 @@ TEST(LookFlagsTest, AColorOfMissingValuesNeedsAMapThatShowsSamples) {
   isoscope::v1::RenderIsosurfaceRequest request;
   AddLook(flags, &request);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::Rgba8 color,
-                                rpc::ColorFromProto(request.nan_color(), "nan_color"));
+                                wire::ColorFromProto(request.nan_color(), "nan_color"));
   EXPECT_EQ(color, (image::Rgba8{255, 128, 0, 255}));
   isoscope::v1::RenderIsosurfaceRequest without;
   AddLook({}, &without);

@@ -3,8 +3,8 @@
 #include "gtest/gtest.h"
 
 #include "core/cli/usage.h"
-#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -79,7 +79,7 @@ TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   ISOSCOPE_EXPECT_OK(CheckUsage(flags));
   EXPECT_EQ(flags.isovalues(), (std::vector<double>{75, 30}));
   const isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, "head", SampleCamera());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, wire::FrameSpecFromProto(request));
   ASSERT_EQ(spec.surfaces.size(), 2U);
   EXPECT_EQ(spec.surfaces[1].rule.isovalue, 30);
   EXPECT_EQ(spec.surfaces[1].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));

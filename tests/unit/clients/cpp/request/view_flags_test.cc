@@ -9,9 +9,9 @@
 #include "clients/cpp/request/camera_file.h"
 #include "core/cli/usage.h"
 #include "core/io/file.h"
-#include "core/rpc/proto_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -26,7 +26,7 @@ v1::Dataset DatasetOf(const std::string& patient_frame) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {10, 20, 30};
   v1::Dataset dataset;
-  *dataset.mutable_geometry() = rpc::ToProto(geometry);
+  *dataset.mutable_geometry() = wire::ToProto(geometry);
   dataset.set_patient_frame(patient_frame);
   return dataset;
 }
@@ -42,7 +42,7 @@ TEST(ViewFlagsTest, NothingGivenIsTheDefaultCamera) {
   for (const char* frame : {"", "LPS"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, ResolveView({}, {}, DatasetOf(frame)));
     EXPECT_EQ(camera.SerializeAsString(),
-              rpc::ToProto(view::MakeDefaultCamera(Bounds())).SerializeAsString());
+              wire::ToProto(view::MakeDefaultCamera(Bounds())).SerializeAsString());
   }
 }
 
@@ -54,7 +54,7 @@ TEST(ViewFlagsTest, AViewIsTurnedOnFromThere) {
       const view::Camera anterior,
       view::MakeNamedCamera(NamedView::kAnterior, Bounds(), volume::PatientFrame()));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::Camera expected, ResolveCamera(turned, anterior));
-  EXPECT_EQ(camera.SerializeAsString(), rpc::ToProto(expected).SerializeAsString());
+  EXPECT_EQ(camera.SerializeAsString(), wire::ToProto(expected).SerializeAsString());
 }
 
 TEST(ViewFlagsTest, AViewOfAPatientNeedsAPatientFrame) {

@@ -1,0 +1,106 @@
+#include "rpc/write_timeout.h"
+
+#include <functional>
+#include <memory>
+#include <utility>
+
+#include "absl/synchronization/notification.h"
+#include "gtest/gtest.h"
+#include <grpcpp/client_context.h>
+
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "rpc/channel.h"
+#include "rpc/grpc_status.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::rpc {
+namespace {
+
+namespace v1 = isoscope::v1;
+using testing::IsOk;
+using testing::StatusIs;
+
+// Never answers by itself; ends when it is cancelled.
+class Reactor final : public grpc::ServerUnaryReactor {
+ public:
+  explicit Reactor(grpc::CallbackServerContext* context) : timeout(context) {}
+  void OnCancel() override { Finish(grpc::Status(grpc::StatusCode::CANCELLED, "cancelled")); }
+  void OnDone() override {
+    timeout.Stop();
+    done.Notify();
+  }
+  WriteTimeout timeout;
+  absl::Notification done;
+};
+
+class Service final : public v1::ClusterService::CallbackService {
+ public:
+  grpc::ServerUnaryReactor* GetCapabilities(grpc::CallbackServerContext* context,
+                                            const v1::GetCapabilitiesRequest* /*request*/,
+                                            v1::GetCapabilitiesResponse* /*response*/) override {
+    reactor = std::make_unique<Reactor>(context);
+    begin(reactor.get());
+    return reactor.get();
+  }
+  std::function<void(Reactor*)> begin;
+  std::unique_ptr<Reactor> reactor;
+};
+
+class WriteTimeoutTest : public ::testing::Test {
+ protected:
+  absl::Status Call(std::function<void(Reactor*)> begin) {
+    service_.begin = std::move(begin);
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&service_);
+    const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
+    grpc::ClientContext context;
+    v1::GetCapabilitiesResponse response;
+    const absl::Status status =
+        ToAbslStatus(v1::ClusterService::NewStub(server->InProcessChannel({}))
+                         ->GetCapabilities(&context, {}, &response));
+    service_.reactor->done.WaitForNotification();
+    return status;
+  }
+  Service service_;
+};
+
+TEST_F(WriteTimeoutTest, ACallThatIsNotTakenIsCancelled) {
+  EXPECT_THAT(Call([](Reactor* reactor) { reactor->timeout.Start(absl::Milliseconds(20)); }),
+              StatusIs(absl::StatusCode::kCancelled));
+}
+
+TEST_F(WriteTimeoutTest, TheLastWriteCounts) {
+  EXPECT_THAT(Call([](Reactor* reactor) {
+                reactor->timeout.Start(absl::Milliseconds(1));
+                reactor->timeout.Start(absl::Hours(1));
+                absl::SleepFor(absl::Milliseconds(100));
+                reactor->Finish(grpc::Status::OK);
+              }),
+              IsOk());
+}
+
+TEST_F(WriteTimeoutTest, NothingHappensAfterTheEnd) {
+  EXPECT_THAT(Call([](Reactor* reactor) {
+                reactor->timeout.Start(absl::Hours(1));
+                reactor->Finish(grpc::Status::OK);
+              }),
+              IsOk());
+  // The context is gone: an alarm that rang would use it (AddressSanitizer runs this test).
+  service_.reactor->timeout.Start(absl::Milliseconds(1));
+  absl::SleepFor(absl::Milliseconds(50));
+}
+
+TEST_F(WriteTimeoutTest, NoTimeRunsBetweenAWriteThatIsTakenAndTheNextOne) {
+  EXPECT_THAT(Call([](Reactor* reactor) {
+                // Paused at once: the alarm may ring meanwhile, but has no effect once this holds.
+                reactor->timeout.Start(absl::Hours(1));
+                reactor->timeout.Start(absl::Milliseconds(50));
+                reactor->timeout.Pause();
+                absl::SleepFor(absl::Milliseconds(200));
+                reactor->Finish(grpc::Status::OK);
+              }),
+              IsOk());
+}
+
+}  // namespace
+}  // namespace isoscope::rpc

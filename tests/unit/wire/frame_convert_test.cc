@@ -1,0 +1,347 @@
+// Conversion of a request to a FrameSpec, field by field:
+//
+// - defaults of unset fields, and the arrival of every field that is set;
+// - wrong values: the error names the field, its value and the allowed values (wrong_fields.h);
+// - the resolved camera, which must have the same bits at coordinator and agents;
+// - picture revisions.
+
+#include "wire/frame_convert.h"
+
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/view/camera.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/wire/wrong_fields.h"
+#include "wire/proto_convert.h"
+
+namespace isoscope::wire {
+namespace {
+
+using isoscope::testing::IsOk;
+using isoscope::testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+TEST(FrameSpecFromProtoTest, UnsetMembersTakeTheirDefaults) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(MakeRequest()));
+  frame::FrameSpec expected;
+  expected.surfaces = {{.rule = {.isovalue = 60}, .appearance = {}}};
+  expected.viewport = {.width_px = 40, .height_px = 30};
+  EXPECT_EQ(spec, expected);
+  EXPECT_FALSE(spec.camera.has_value());
+  EXPECT_EQ(spec.background_color, (image::Rgba8{0, 0, 0, 255}));
+}
+
+TEST(FrameSpecFromProtoTest, EveryMemberOfTheRequestArrives) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  *request.mutable_camera() = ToProto(view::MakeDefaultCamera({{0, 0, 0}, {4, 5, 6}}));
+  request.set_culling(isoscope::v1::CULLING_MASK);
+  *request.mutable_base_color() = ToProto(image::Rgba8{1, 2, 3, 255});
+  *request.mutable_background_color() = ToProto(image::Rgba8{4, 5, 6, 7});
+  request.set_ray_seed(-9);
+  *request.mutable_region() = ToProto(view::Region{3, 4, 5, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{1, 2, 3, 255}));
+  EXPECT_EQ(spec.background_color, (image::Rgba8{4, 5, 6, 7}));
+  EXPECT_EQ(spec.culling, frame::Culling::kMask);
+  EXPECT_EQ(spec.region, (view::Region{3, 4, 5, 6}));
+  EXPECT_EQ(frame::ImageSizeOf(spec), (view::Viewport{5, 6}));
+  EXPECT_EQ(spec.ray_seed, static_cast<std::uint64_t>(-9));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::Camera camera,
+                                CameraFromProto(request.camera(), "camera"));
+  EXPECT_EQ(spec.camera, camera);
+}
+
+TEST(FrameSpecFromProtoTest, WrongMembersAreNamedWithTheirValue) {
+  const auto expect = [](const isoscope::v1::RenderIsosurfaceRequest& request, const char* what) {
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(std::numeric_limits<double>::infinity());
+  expect(request, "isovalue");
+  request = MakeRequest();
+  request.clear_viewport();
+  expect(request, "viewport is not set");
+  request = MakeRequest();
+  request.mutable_base_color()->set_red(0.5F);
+  expect(request, "base_color.alpha is 0");
+  for (const int count : {-1, 17}) {
+    request = MakeRequest();
+    request.set_max_layers(count);
+    expect(request, "max_layers is ");
+  }
+  request = MakeRequest();
+  request.mutable_camera()->mutable_eye()->set_x(1);
+  expect(request, "camera");
+  request = MakeRequest();
+  request.add_surfaces()->set_isovalue(3);
+  expect(request, "isovalue is set beside surfaces");
+  request.set_isovalue(0);
+  *request.mutable_base_color() = ToProto(image::Rgba8{1, 2, 3, 255});
+  expect(request, "base_color is set beside surfaces");
+  request = MakeRequest();
+  request.set_isovalue(0);
+  for (int i = 0; i < 129; ++i) {
+    request.add_surfaces();
+  }
+  expect(request, "surfaces has 129 elements: must have at most 128");
+  request = MakeRequest();
+  request.set_culling(static_cast<isoscope::v1::Culling>(12));
+  expect(request, "culling");
+  request = MakeRequest();
+  request.GetReflection()->MutableUnknownFields(&request)->AddVarint(90, 1);
+  expect(request, "number 90");
+}
+
+TEST(FrameSpecFromProtoTest, TheClipRegionArrives) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_y(-2);
+  half_space->set_offset(3.5);
+  *request.mutable_clip()->mutable_box()->mutable_min() = ToProto(math::Vec3d{1, 2, 3});
+  *request.mutable_clip()->mutable_box()->mutable_max() = ToProto(math::Vec3d{1, 5, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.clip, (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}},
+                                         .box = math::Box3d{{1, 2, 3}, {1, 5, 6}}}));
+}
+
+TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  using Request = isoscope::v1::RenderIsosurfaceRequest;
+  Request good = MakeRequest();
+  good.set_isovalue(0);
+  good.add_surfaces();
+  *good.add_surfaces()->mutable_color() = ToProto(image::Rgba8{1, 2, 3, 255});
+  good.mutable_clip()->add_half_spaces()->mutable_normal()->set_z(1);
+  *good.mutable_clip()->mutable_box()->mutable_min() = ToProto(math::Vec3d{-1, -1, -1});
+  *good.mutable_clip()->mutable_box()->mutable_max() = ToProto(math::Vec3d{1, 1, 1});
+  ExpectNamed(
+      good,
+      {{"surfaces[1].isovalue", {kNan, kInfinity, -kInfinity}},
+       {"surfaces[1].color.red", {kNan, -0.01, 1.01, kInfinity}},
+       {"surfaces[1].color.alpha", {kNan, 0, -0.5, 2}},
+       {"surfaces[1].material.ambient", {kNan, -1, 1.5, kInfinity}},
+       {"surfaces[1].material.diffuse", {kNan, -1, 1.5, kInfinity}},
+       {"surfaces[1].material.specular", {kNan, -1, 1.5, kInfinity}},
+       {"surfaces[1].material.shininess", {kNan, 0, 0.5, 1001, kInfinity}},
+       {"clip.half_spaces[0].normal.z", {kNan, 0, kInfinity, 1e300}, "clip.half_spaces[0].normal"},
+       {"clip.half_spaces[0].offset", {kNan, kInfinity}},
+       {"clip.box.min.x", {kNan, kInfinity}, "clip.box.min"},
+       {"clip.box.max.x", {kNan, kInfinity, -5}}});
+  Request request = MakeRequest();
+  request.mutable_clip()->mutable_box();
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("clip.box.min is not set")));
+  for (int i = 0; i < 7; ++i) {
+    request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  }
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("clip.half_spaces has 7 elements: must have at most 6")));
+}
+
+TEST(ExportSpecFromProtoTest, SurfacesAndRegionArrive) {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(60);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec one, ExportSpecFromProto(request));
+  EXPECT_THAT(one.rules, ElementsAre(volume::InsideRule::OfIsovalue(60)));
+  EXPECT_EQ(one.clip, view::ClipRegion());
+  request.set_isovalue(0);
+  request.add_surfaces()->set_isovalue(75);
+  request.add_surfaces()->set_isovalue(-3);
+  isoscope::v1::Surface* const labels = request.add_surfaces();
+  labels->add_labels(7);
+  labels->add_labels(3);
+  isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_y(-2);
+  half_space->set_offset(3.5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec several, ExportSpecFromProto(request));
+  EXPECT_THAT(several.rules,
+              ElementsAre(volume::InsideRule::OfIsovalue(75), volume::InsideRule::OfIsovalue(-3),
+                          volume::InsideRule::OfLabels({3, 7})));
+  EXPECT_EQ(several.clip,
+            (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}}, .box = std::nullopt}));
+}
+
+TEST(ExportSpecFromProtoTest, HostileValuesAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  using Request = isoscope::v1::ExportIsosurfaceRequest;
+  const std::vector<std::pair<const char*, std::function<void(Request*)>>> cases{
+      {"isovalue is nan", [&](Request* r) { r->set_isovalue(kNan); }},
+      {"isovalue is set beside surfaces",
+       [](Request* r) {
+         r->set_isovalue(3);
+         r->add_surfaces();
+       }},
+      {"surfaces has 65537 elements",
+       [](Request* r) {
+         for (int i = 0; i < 65537; ++i) {
+           r->add_surfaces();
+         }
+       }},
+      {"surfaces[0].isovalue is nan", [&](Request* r) { r->add_surfaces()->set_isovalue(kNan); }},
+      {"surfaces[0].material.shininess",
+       [](Request* r) { r->add_surfaces()->mutable_material()->set_shininess(-1); }},
+      {"clip.half_spaces has 7 elements",
+       [](Request* r) {
+         for (int i = 0; i < 7; ++i) {
+           r->mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+         }
+       }},
+      {"clip.half_spaces[0].normal", [](Request* r) { r->mutable_clip()->add_half_spaces(); }},
+      {"clip.half_spaces[0].offset is inf",
+       [](Request* r) {
+         r->mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+         r->mutable_clip()->mutable_half_spaces(0)->set_offset(
+             std::numeric_limits<double>::infinity());
+       }},
+      {"clip.box.min is not set", [](Request* r) { r->mutable_clip()->mutable_box(); }},
+      {"clip.box.max.y is -1",
+       [](Request* r) {
+         r->mutable_clip()->mutable_box()->mutable_min();
+         r->mutable_clip()->mutable_box()->mutable_max()->set_y(-1);
+       }},
+      {"number 90",
+       [](Request* r) { r->GetReflection()->MutableUnknownFields(r)->AddVarint(90, 1); }},
+  };
+  for (const auto& [message, spoil] : cases) {
+    Request request;
+    spoil(&request);
+    EXPECT_THAT(ExportSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));
+  }
+}
+
+TEST(FrameSpecFromProtoTest, OnlyTheViewportOfARegionMayBeLargerThanAPicture) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_viewport()->set_width_px(view::kMaxWholeViewportPx);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("viewport.width_px is 65536"), HasSubstr("16384"))));
+  *request.mutable_region() = ToProto(view::Region{65535, 0, 1, 30});
+  EXPECT_THAT(FrameSpecFromProto(request), IsOk());
+  request.mutable_region()->set_width_px(2);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("region.width_px is 2"), HasSubstr("[1, 1]"))));
+}
+
+TEST(FrameSpecFromProtoTest, SamplesAreASquareOfAtMost16) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  for (const auto& [samples, side] : {std::pair(0, 1), {1, 1}, {4, 2}, {9, 3}, {16, 4}}) {
+    request.set_samples(samples);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+    EXPECT_EQ(spec.effects.samples_per_side, side);
+  }
+  for (const int samples : {-1, 2, 3, 5, 8, 10, 15, 17, 25, 1 << 30, INT32_MIN}) {
+    request.set_samples(samples);
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr(absl::StrCat("samples is ", samples, ": must be 1, 4, 9"))));
+  }
+}
+
+TEST(FrameSpecFromProtoTest, EffectsArriveWithTheirDefaults) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.effects, frame::PictureEffects());
+  request.mutable_ambient_occlusion();
+  request.mutable_silhouette();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.effects.ambient_occlusion, frame::AmbientOcclusion());
+  EXPECT_EQ(spec.effects.silhouette, frame::Silhouette());
+  request.mutable_ambient_occlusion()->set_radius_px(56);
+  request.mutable_ambient_occlusion()->set_strength(0);
+  request.mutable_silhouette()->set_width_px(16);
+  *request.mutable_silhouette()->mutable_color() = ToProto(image::Rgba8{9, 8, 7, 255});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.effects.ambient_occlusion,
+            (frame::AmbientOcclusion{.radius_px = 56, .strength = 0}));
+  EXPECT_EQ(spec.effects.silhouette, (frame::Silhouette{.width_px = 16, .color = {9, 8, 7, 255}}));
+}
+
+TEST(FrameSpecFromProtoTest, HostileEffectsAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  isoscope::v1::RenderIsosurfaceRequest good = MakeRequest();
+  good.mutable_silhouette()->mutable_color()->set_alpha(1);
+  ExpectNamed(good, {{"ambient_occlusion.radius_px", {-1, 1, 3, 57, 2147483647, -2147483648.0}},
+                     {"ambient_occlusion.strength", {kNan, -0.001, 1.001, kInfinity, -kInfinity}},
+                     {"silhouette.width_px", {-1, 17, 2147483647, -2147483648.0}},
+                     {"silhouette.color.green", {kNan, -1, 2, kInfinity}},
+                     {"silhouette.color.alpha", {kNan, 0, 0.5, 2}}});
+}
+
+TEST(FrameSpecFromProtoTest, SamplesOfALargeViewportAreRefusedWithBothNumbers) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_viewport()->set_width_px(8192);
+  request.set_samples(4);
+  EXPECT_THAT(FrameSpecFromProto(request), IsOk());
+  request.set_samples(9);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("samples is 9"), HasSubstr("viewport of 8192 x"),
+                             HasSubstr("16384"))));
+  // With a region it is allowed, up to the largest viewport.
+  *request.mutable_region() = ToProto(view::Region{0, 0, 1000, 20});
+  EXPECT_THAT(FrameSpecFromProto(request), IsOk());
+  request.mutable_viewport()->set_width_px(32768);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("samples is 9"), HasSubstr("viewport of 32768 x"),
+                             HasSubstr("65536"))));
+}
+
+TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {3, 1, 2}}, &request, &spec));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec of_agent, FrameSpecFromProto(request));
+  EXPECT_TRUE(of_agent.camera.has_value());
+  EXPECT_EQ(of_agent, spec);
+}
+
+TEST(ResolveCameraTest, ACameraThatIsSetStays) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  *request.mutable_camera() = ToProto(view::MakeDefaultCamera({{0, 0, 0}, {4, 5, 6}}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  const frame::FrameSpec before = spec;
+  ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {300, 1, 2}}, &request, &spec));
+  EXPECT_EQ(spec, before);
+}
+
+TEST(PictureRevisionConvertTest, BothWaysGiveTheSame) {
+  for (const frame::PictureRevision& revision :
+       {frame::PictureRevision{.number = 2, .back_end = frame::BackEnd::kCpu, .driver = ""},
+        frame::PictureRevision{.number = 7, .back_end = frame::BackEnd::kEgl, .driver = "x, y"}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::PictureRevision back,
+                                  PictureRevisionFromProto(ToProto(revision), "r"));
+    EXPECT_EQ(back, revision);
+  }
+}
+
+TEST(PictureRevisionConvertTest, AgentsThatTellNoneAreRefused) {
+  EXPECT_THAT(PictureRevisionFromProto({}, "picture_revision"),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("picture_revision.number is 0"), HasSubstr("older"))));
+  isoscope::internal::v1::PictureRevision unknown = ToProto(frame::PictureRevision());
+  unknown.set_back_end(static_cast<isoscope::internal::v1::PictureRevision::BackEnd>(9));
+  EXPECT_THAT(PictureRevisionFromProto(unknown, "picture_revision"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("back_end is 9")));
+}
+
+}  // namespace
+}  // namespace isoscope::wire

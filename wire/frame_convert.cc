@@ -1,0 +1,317 @@
+// A request becomes a frame::FrameSpec in this order (FrameSpecFromProto):
+//
+// 1. Unknown fields are refused (CheckKnownFields).
+// 2. Each part is converted by a function that checks its fields: surfaces, window, culling,
+//    camera, background, clip region, caps, layers, lights, output, effects. The first wrong field
+//    is the error.
+// 3. Checks across fields follow, such as a background that must be opaque for JPEG.
+//
+// Each error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.
+// Checks that need the dataset come later: ResolveCamera, and surface_convert.h.
+
+#include "wire/frame_convert.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/status_macros.h"
+#include "core/frame/drawn_window.h"
+#include "core/view/camera.h"
+#include "core/view/camera_fit.h"
+#include "wire/enum_table.h"
+#include "wire/known_fields.h"
+#include "wire/proto_convert.h"
+
+namespace isoscope::wire {
+
+namespace v1 = isoscope::v1;
+
+namespace {
+
+constexpr EnumRow<frame::ImageFormat, v1::OutputOptions::ImageFormat> kImageFormats[] = {
+    {frame::ImageFormat::kPng, v1::OutputOptions::IMAGE_FORMAT_PNG},
+    {frame::ImageFormat::kPng, v1::OutputOptions::IMAGE_FORMAT_UNSPECIFIED},
+    {frame::ImageFormat::kJpeg, v1::OutputOptions::IMAGE_FORMAT_JPEG},
+    {frame::ImageFormat::kRgba8, v1::OutputOptions::IMAGE_FORMAT_RGBA8},
+    {frame::ImageFormat::kNone, v1::OutputOptions::IMAGE_FORMAT_NONE}};
+constexpr EnumRow<frame::BackEnd, isoscope::internal::v1::PictureRevision::BackEnd> kBackEnds[] = {
+    {frame::BackEnd::kCpu, isoscope::internal::v1::PictureRevision::BACK_END_CPU},
+    {frame::BackEnd::kEgl, isoscope::internal::v1::PictureRevision::BACK_END_EGL}};
+
+absl::StatusOr<view::HalfSpace> HalfSpaceFromProto(const v1::HalfSpace& proto,
+                                                   const std::string& path) {
+  view::HalfSpace half_space;
+  const std::string normal_path = absl::StrCat(path, ".normal");
+  ISOSCOPE_ASSIGN_OR_RETURN(half_space.normal, VectorFromProto(proto.normal(), normal_path));
+  ISOSCOPE_RETURN_IF_ERROR(CheckLength(half_space.normal, normal_path));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.offset(), absl::StrCat(path, ".offset")));
+  half_space.offset = proto.offset();
+  return half_space;
+}
+
+absl::StatusOr<math::Box3d> BoxFromProto(const v1::Box& proto, const std::string& path) {
+  if (!proto.has_min() || !proto.has_max()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, proto.has_min() ? ".max" : ".min", " is not set: a box needs both"));
+  }
+  math::Box3d box;
+  ISOSCOPE_ASSIGN_OR_RETURN(box.min, VectorFromProto(proto.min(), absl::StrCat(path, ".min")));
+  ISOSCOPE_ASSIGN_OR_RETURN(box.max, VectorFromProto(proto.max(), absl::StrCat(path, ".max")));
+  for (int axis = 0; axis < 3; ++axis) {
+    if (box.min[axis] > box.max[axis]) {
+      const char name = "xyz"[axis];
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ".max.", std::string(1, name), " is ", box.max[axis], ": must be at least ", path,
+          ".min.", std::string(1, name), ", which is ", box.min[axis]));
+    }
+  }
+  return box;
+}
+
+absl::StatusOr<frame::OutputSpec> OutputFromProto(const v1::OutputOptions& proto,
+                                                  absl::string_view path) {
+  frame::OutputSpec output;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      output.image_format,
+      EnumFromProto(kImageFormats, proto.image_format(), absl::StrCat(path, ".image_format"),
+                    "must be 0 (PNG), 1 (PNG), 2 (JPEG), 3 (RGBA8) or 4 (none)"));
+  if (proto.jpeg_quality() < 0 || proto.jpeg_quality() > 100) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ".jpeg_quality is ", proto.jpeg_quality(),
+                                                   ": must be in [1, 100], or 0 for the default, ",
+                                                   frame::kDefaultJpegQuality));
+  }
+  if (proto.jpeg_quality() != 0) {
+    if (output.image_format != frame::ImageFormat::kJpeg) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".jpeg_quality is ",
+                                                     proto.jpeg_quality(), ": must be 0 unless ",
+                                                     path, ".image_format is 2 (JPEG)"));
+    }
+    output.jpeg_quality = proto.jpeg_quality();
+  }
+  output.depth = proto.depth();
+  output.surface_index = proto.surface_index();
+  output.position = proto.position();
+  output.normal = proto.normal();
+  if (output.image_format == frame::ImageFormat::kNone && frame::RawBytesPerPixel(output) == 0) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".image_format is 4 (none): must not be without a plane; ask for ", path,
+                     ".depth, .surface_index, .position or .normal"));
+  }
+  return output;
+}
+
+absl::StatusOr<frame::AmbientOcclusion> AmbientOcclusionFromProto(
+    const v1::AmbientOcclusion& proto) {
+  frame::AmbientOcclusion occlusion;
+  if (proto.radius_px() != 0) {
+    if (proto.radius_px() < occlusion.kMinRadiusPx || proto.radius_px() > occlusion.kMaxRadiusPx) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("ambient_occlusion.radius_px is ", proto.radius_px(), ": must be in [",
+                       occlusion.kMinRadiusPx, ", ", occlusion.kMaxRadiusPx,
+                       "], or 0 for the default, ", occlusion.radius_px));
+    }
+    occlusion.radius_px = proto.radius_px();
+  }
+  if (proto.has_strength()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(occlusion.strength,
+                              InRange(proto.strength(), 0, 1, "ambient_occlusion.strength"));
+  }
+  return occlusion;
+}
+
+absl::StatusOr<frame::Silhouette> SilhouetteFromProto(const v1::Silhouette& proto) {
+  frame::Silhouette silhouette;
+  if (proto.width_px() < 0 || proto.width_px() > silhouette.kMaxWidthPx) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("silhouette.width_px is ", proto.width_px(), ": must be in [1, ",
+                     silhouette.kMaxWidthPx, "], or 0 for the default, ", silhouette.width_px));
+  }
+  if (proto.width_px() != 0) {
+    silhouette.width_px = proto.width_px();
+  }
+  if (proto.has_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(silhouette.color, ColorFromProto(proto.color(), "silhouette.color"));
+    if (proto.color().alpha() != 1.0F) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "silhouette.color.alpha is ", proto.color().alpha(), ": lines are opaque, must be 1"));
+    }
+  }
+  return silhouette;
+}
+
+absl::StatusOr<frame::PictureEffects> EffectsFromProto(const v1::RenderIsosurfaceRequest& request) {
+  frame::PictureEffects effects;
+  for (effects.samples_per_side = 1; effects.samples() < request.samples() &&
+                                     effects.samples_per_side < effects.kMaxSamplesPerSide;) {
+    ++effects.samples_per_side;
+  }
+  if (request.samples() != 0 && effects.samples() != request.samples()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "samples is ", request.samples(), ": must be 1, 4, 9 or 16, or 0 for the default, 1"));
+  }
+  if (request.has_ambient_occlusion()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(effects.ambient_occlusion,
+                              AmbientOcclusionFromProto(request.ambient_occlusion()));
+  }
+  if (request.has_silhouette()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(effects.silhouette, SilhouetteFromProto(request.silhouette()));
+  }
+  return effects;
+}
+
+// Viewport and region.
+absl::Status SetWindow(const v1::RenderIsosurfaceRequest& request, frame::FrameSpec* spec) {
+  if (!request.has_viewport()) {
+    return absl::InvalidArgumentError("viewport is not set: must say the size of the image");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      spec->viewport,
+      ViewportFromProto(request.viewport(), "viewport",
+                        request.has_region() ? view::kMaxWholeViewportPx : view::kMaxViewportPx));
+  if (request.has_region()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec->region,
+                              RegionFromProto(request.region(), spec->viewport, "region"));
+  }
+  return absl::OkStatus();
+}
+
+// Clip region, caps, and the layers of translucent surfaces.
+absl::Status SetClipAndLayers(const v1::RenderIsosurfaceRequest& request, frame::FrameSpec* spec) {
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->clip, ClipRegionFromProto(request.clip(), "clip"));
+  if (request.has_caps()) {
+    if (spec->clip.half_spaces.empty() && !spec->clip.box.has_value()) {
+      return absl::InvalidArgumentError(
+          "caps is set without clip: must be unset, because there is no cut to fill; give "
+          "clip.half_spaces or clip.box");
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(spec->caps, ClipCapsFromProto(request.caps(), "caps"));
+  }
+  if (request.max_layers() < 0 || request.max_layers() > frame::kMaxLayers) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_layers is ", request.max_layers(), ": must lie in [1, ",
+                     frame::kMaxLayers, "], or be 0 for the default, ", frame::kDefaultLayers));
+  }
+  spec->max_layers = request.max_layers() == 0 ? frame::kDefaultLayers : request.max_layers();
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
+  frame::FrameSpec spec;
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.surfaces, SurfacesFromProto(request));
+  ISOSCOPE_RETURN_IF_ERROR(SetWindow(request, &spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.culling, CullingFromProto(request.culling(), "culling"));
+  if (request.has_camera()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec.camera, CameraFromProto(request.camera(), "camera"));
+  }
+  if (!v1::CameraFit_IsValid(request.camera_fit())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("camera_fit is ", static_cast<int>(request.camera_fit()),
+                     ": must be CAMERA_FIT_VOLUME (1) or CAMERA_FIT_SURFACE (2)"));
+  }
+  if (request.has_background_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec.background_color,
+                              ColorFromProto(request.background_color(), "background_color"));
+  }
+  if (request.has_nan_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec.nan_color, NanColorFromProto(request.nan_color()));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(SetClipAndLayers(request, &spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.lights, LightsFromProto(request));
+  spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.effects, EffectsFromProto(request));
+  ISOSCOPE_RETURN_IF_ERROR(frame::CheckDrawnWindow(spec));
+  if (spec.output.image_format == frame::ImageFormat::kJpeg && spec.background_color.a != 255) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("background_color.alpha is ", request.background_color().alpha(),
+                     ": must be 1 with output.image_format JPEG, which has no transparency"));
+  }
+  return spec;
+}
+
+absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const v1::ClipRegion& proto,
+                                                     const std::string& path) {
+  view::ClipRegion clip;
+  if (static_cast<std::size_t>(proto.half_spaces_size()) > view::kMaxHalfSpaces) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".half_spaces has ", proto.half_spaces_size(),
+                     " elements: must have at most ", view::kMaxHalfSpaces));
+  }
+  for (int i = 0; i < proto.half_spaces_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        clip.half_spaces.emplace_back(),
+        HalfSpaceFromProto(proto.half_spaces(i), absl::StrCat(path, ".half_spaces[", i, "]")));
+  }
+  if (proto.has_box()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(clip.box, BoxFromProto(proto.box(), absl::StrCat(path, ".box")));
+  }
+  return clip;
+}
+
+absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
+  v1::RenderIsosurfaceRequest frame;
+  frame.set_isovalue(request.isovalue());
+  *frame.mutable_surfaces() = request.surfaces();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<frame::Surface> surfaces,
+                            SurfacesFromProto(frame, kMaxExportedSurfaces));
+  ExportSpec spec;
+  for (const frame::Surface& surface : surfaces) {
+    spec.rules.push_back(surface.rule);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
+  spec.closes = request.closes();
+  spec.with_origin = request.with_origin();
+  spec.with_measures = request.with_measures();
+  spec.without_mesh = request.without_mesh();
+  if (spec.without_mesh && !spec.with_measures) {
+    return absl::InvalidArgumentError(
+        "without_mesh is set and with_measures is not: the answer would be empty");
+  }
+  return spec;
+}
+
+absl::Status ResolveCamera(const math::Box3d& bounds, v1::RenderIsosurfaceRequest* request,
+                           frame::FrameSpec* spec,
+                           const std::optional<math::Box3d>& surface_bounds) {
+  request->clear_camera_fit();
+  if (spec->camera.has_value() && !surface_bounds.has_value()) {
+    return absl::OkStatus();
+  }
+  *request->mutable_camera() =
+      ToProto(!spec->camera.has_value() ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
+                                        : view::MoveToBox(*spec->camera, bounds, *surface_bounds));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(request->camera(), "camera"));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(
+    const isoscope::internal::v1::PictureRevision& proto, absl::string_view path) {
+  frame::PictureRevision revision{.number = proto.number(), .driver = proto.driver()};
+  if (proto.number() < 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".number is ", proto.number(),
+                     ": must be at least 1; the agent's version is older than the coordinator's"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      revision.back_end, EnumFromProto(kBackEnds, proto.back_end(), absl::StrCat(path, ".back_end"),
+                                       "must be 1 (cpu) or 2 (egl)"));
+  return revision;
+}
+
+isoscope::internal::v1::PictureRevision ToProto(const frame::PictureRevision& revision) {
+  isoscope::internal::v1::PictureRevision proto;
+  proto.set_number(revision.number);
+  proto.set_back_end(EnumToProto(kBackEnds, revision.back_end));
+  proto.set_driver(revision.driver);
+  return proto;
+}
+
+}  // namespace isoscope::wire

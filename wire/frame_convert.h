@@ -1,0 +1,68 @@
+// Converts frames between wire and core types. A new parameter of a frame is checked and converted
+// here and in surface_convert.h, and nowhere else.
+
+#ifndef ISOSCOPE_WIRE_FRAME_CONVERT_H_
+#define ISOSCOPE_WIRE_FRAME_CONVERT_H_
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/frame/frame_spec.h"
+#include "core/frame/picture_revision.h"
+#include "core/math/box.h"
+#include "core/view/clip_region.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/surface_convert.h"  // IWYU pragma: export
+
+namespace isoscope::wire {
+
+// Converts a request. Checks everything that does not depend on the dataset, also for unknown
+// fields. The camera stays unset if the request has none. The same message gives the same bits on
+// every machine. INVALID_ARGUMENT names the field, its value and the allowed values.
+absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request);
+
+// Converts a clip region. INVALID_ARGUMENT names the field below `path`, its value and the allowed
+// values.
+absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipRegion& proto,
+                                                     const std::string& path);
+
+// The most surfaces of one export: as many as a dataset has names of labels.
+inline constexpr std::size_t kMaxExportedSurfaces = 65536;
+
+// A request for a mesh, in core types.
+struct ExportSpec {
+  std::vector<volume::InsideRule> rules;  // of the surfaces, 1 to kMaxExportedSurfaces
+  view::ClipRegion clip;
+  bool closes = false;
+  bool with_origin = false;
+  bool with_measures = false;
+  bool without_mesh = false;
+};
+// Converts a request. Surfaces and clip region are checked as those of a frame, also for unknown
+// fields. INVALID_ARGUMENT if neither a mesh nor measures are wanted.
+absl::StatusOr<ExportSpec> ExportSpecFromProto(
+    const isoscope::v1::ExportIsosurfaceRequest& request);
+
+// Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
+// will read from the message, so all have the same bits. With `surface_bounds` (CAMERA_FIT_SURFACE)
+// the camera is then moved from the one box to the other; that done, camera_fit is cleared, because
+// the camera is final.
+absl::Status ResolveCamera(const math::Box3d& bounds,
+                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec,
+                           const std::optional<math::Box3d>& surface_bounds = std::nullopt);
+
+// INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.
+absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(
+    const isoscope::internal::v1::PictureRevision& proto, absl::string_view path);
+isoscope::internal::v1::PictureRevision ToProto(const frame::PictureRevision& revision);
+
+}  // namespace isoscope::wire
+
+#endif  // ISOSCOPE_WIRE_FRAME_CONVERT_H_
