@@ -16,7 +16,7 @@ using isoscope::testing::FlipBit;
 using isoscope::testing::SmallDataset;
 using isoscope::testing::StatusIs;
 
-TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
+TEST_F(FramePipelineCacheTest, FollowingFramesReadNothingIfAllFits) {
   Open(2);
   FrameTask turned = task_;
   view::Azimuth(2.0, &*turned.spec.camera);
@@ -54,7 +54,7 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
 }
 
 // A block that is read once may never be again: its samples are kept when it is read again.
-TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
+TEST_F(FramePipelineCacheTest, SamplesAreReadTwiceAndThenKept) {
   Open(2);
   // Samples are whole numbers: the same blocks are active at all of these.
   const double isovalues[] = {128.25, 128.5, 128.75};
@@ -79,7 +79,7 @@ TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
   EXPECT_EQ(block_bytes[2], 0) << "samples were not kept the second time";
 }
 
-TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
+TEST_F(FramePipelineCacheTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   Open(2);
   constexpr int kIsovalueCount = 60;
   constexpr std::size_t kSmallCacheBytes = std::size_t{4} << 20;
@@ -110,7 +110,7 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   EXPECT_EQ(statistics.read_bytes, 0);
 }
 
-TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
+TEST_F(FramePipelineCacheTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   Open(2);
   std::vector<FrameTask> requests(3, dataset_->Request());
   requests[1].spec.surfaces[0].rule.isovalue += 10;
@@ -141,7 +141,7 @@ TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   }
 }
 
-TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
+TEST_F(FramePipelineCacheTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   Open(2);
   std::vector<FrameTask> requests(4, dataset_->Request());
   requests[1].spec.surfaces[0].rule.isovalue += 10;
@@ -169,7 +169,7 @@ TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   }
 }
 
-TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) {
+TEST_F(FramePipelineCacheTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) {
   Open(1);
   const std::string path = dataset_->shard_directory(0) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
@@ -186,7 +186,7 @@ TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) 
   EXPECT_TRUE(RenderAll(shards_, task_) == expected);
 }
 
-TEST_F(FramePipelineTest, ABlockIsReadOnceForAllSurfaces) {
+TEST_F(FramePipelineCacheTest, ABlockIsReadOnceForAllSurfaces) {
   Open(1);
   FrameTask one = dataset_->Request();
   frame::AgentStatistics of_one;
