@@ -27,6 +27,8 @@
 namespace isoscope::partition {
 namespace {
 
+class PartitionerFailureTest : public PartitionerTest {};
+
 using ::isoscope::testing::Noise;
 using ::isoscope::testing::StatusIs;
 using ::testing::_;

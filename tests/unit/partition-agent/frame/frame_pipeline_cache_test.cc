@@ -12,6 +12,8 @@
 namespace isoscope::agent {
 namespace {
 
+class FramePipelineCacheTest : public FramePipelineTest {};
+
 using isoscope::testing::FlipBit;
 using isoscope::testing::SmallDataset;
 using isoscope::testing::StatusIs;
