@@ -145,7 +145,8 @@ class CountersByName {
  public:
   static constexpr char kOtherName[] = "(other)";
 
-  // label: of the names. outcomes: the values of the label "outcome".
+  // label:    of the names
+  // outcomes: the values of the label "outcome"
   CountersByName(std::string label, std::vector<std::string> outcomes, std::size_t max_names);
 
   // outcome: index in the list.

@@ -7,8 +7,7 @@
 // 3. No cell has it. The rest is drawn without a clip region and without culling: a surface without
 //    triangles has no cell.
 // 4. The clip region cuts it away, or it lies outside of the picture. With the default camera,
-// which
-//    sees the whole volume, the same as in 2 tells these apart.
+//    which sees the whole volume, the same as in 2 tells these apart.
 //
 // Each drawing is small, and step 2 ends the search in most pictures.
 

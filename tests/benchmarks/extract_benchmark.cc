@@ -1,11 +1,11 @@
 // Extraction of all active blocks of a volume, one thread, samples in memory:
 //
 //   BM_Extract/<field>/<type>/<block edge>
-//   BM_Extract/<field>/<type>/<block edge>/<instruction set>: held to that instead of the best
-//   BM_Labels/<field>/<type>/<block edge>/<labels>: the same vertices, as the surface of labels.
-//   The
-//     samples are labels: inside ones have one of that many, which lie apart, others the one label
-//     0
+//   BM_Extract/<field>/<type>/<block edge>/<instruction set>
+//     the same, held to that instruction set instead of the best
+//   BM_Labels/<field>/<type>/<block edge>/<labels>
+//     the same vertices, as the surface of labels. The samples are labels: inside ones have one of
+//     that many, which lie apart, others the one label 0
 //
 // sphere: one smooth sheet; gyroid: a periodic sheet through everything; random: a smooth random
 // field with many sheets; ct: flat regions with sharp sheets and noise between them, as in a scan.

@@ -8,8 +8,8 @@
 // A sample lies at the sum of (start + index * step) * direction_cosines over its axes, in RAS. Its
 // real value is
 //
-//   image-min + (sample - valid_range[0]) * (image-max - image-min) / (valid_range[1] -
-//   valid_range[0])
+//   image-min + (sample - valid_range[0]) * (image-max - image-min) / valid_width
+//   valid_width = valid_range[1] - valid_range[0]
 //
 // also outside valid_range, as libminc computes it for MINC 2. Floats are real values already.
 // Source: https://en.wikibooks.org/wiki/MINC/Reference/MINC1-programmers-guide.

@@ -1,9 +1,11 @@
 // The protocol as tables: events, and the commands that each gives.
 //
 // Events:   begin; 1.0 hits (of part 1's first replica); step; watch 100ms (since the frame began);
-//           unreachable 1.0; may hedge. The frame has failed, and these had come: deadline 40ms,
-//           1.0 hits, ... gives its error; lost, 1.0 gone, ... the lost parts.
-//           [step 2]: what brings two parts there. report: what the frame learnt of its agents.
+//           unreachable 1.0; may hedge.
+//           deadline 40ms, 1.0 hits, ... gives the error of a frame that failed after these events;
+//           lost, 1.0 gone, ... its lost parts.
+//           [step 2] stands for the events that bring two parts there.
+//           report gives what the frame learnt of its agents.
 // Commands: begin 1.0; cancel 1.0; reduce (this event's content); send occluders 1.0 (with "only",
 //           if no other attempt may want them); step visible. An error ends the frame.
 
