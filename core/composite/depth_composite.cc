@@ -125,17 +125,17 @@ void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
 }
 
 void CompositeTileRowInto(const image::LayerStack& from, int tile_row, image::LayerStack* into) {
-  for (const image::FrameImage* level : from.Levels()) {
-    level->touched.ForEachInRow(tile_row, [&](int column) {
-      const image::TileMask& covered = level->CoveredOf(column, tile_row);
+  for (const image::FrameImage* layer_image : from.LayerImages()) {
+    layer_image->touched.ForEachInRow(tile_row, [&](int column) {
+      const image::TileMask& covered = layer_image->CoveredOf(column, tile_row);
       for (int y = 0; y < kImageTilePx; ++y) {
         for (std::uint32_t rest = covered[static_cast<std::size_t>(y)]; rest != 0;
              rest &= rest - 1) {
           const int x_px = column * kImageTilePx + std::countr_zero(rest);
           const int y_px = tile_row * kImageTilePx + y;
-          const std::size_t pixel = level->IndexOf(x_px, y_px);
-          if (level->keys[pixel] != image::kBackgroundKey) {
-            into->Insert(x_px, y_px, level->keys[pixel], level->colors[pixel]);
+          const std::size_t pixel = layer_image->IndexOf(x_px, y_px);
+          if (layer_image->keys[pixel] != image::kBackgroundKey) {
+            into->Insert(x_px, y_px, layer_image->keys[pixel], layer_image->colors[pixel]);
           }
         }
       }

@@ -99,7 +99,7 @@ void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64
   }
 }
 
-// Inserts the covered pixels of one tile of a level.
+// Inserts the covered pixels of one tile of a layer image.
 void InsertTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
                 const image::Rgba8* color, image::LayerStack* layers) {
   for (std::size_t row = 0; row < mask.size(); ++row) {
@@ -133,9 +133,9 @@ std::vector<std::string> EncodePixels(const image::FrameImage& image) {
 
 std::vector<std::string> EncodeLayers(const image::LayerStack& layers) {
   std::vector<std::string> bands;
-  for (const image::FrameImage* level : layers.Levels()) {
-    std::vector<std::string> of_level = Encode(*level, /*is_layer=*/true);
-    std::move(of_level.begin(), of_level.end(), std::back_inserter(bands));
+  for (const image::FrameImage* layer_image : layers.LayerImages()) {
+    std::vector<std::string> of_image = Encode(*layer_image, /*is_layer=*/true);
+    std::move(of_image.begin(), of_image.end(), std::back_inserter(bands));
   }
   return bands;
 }

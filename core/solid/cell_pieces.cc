@@ -110,7 +110,7 @@ void CellCutter::AddFace(SampleIndex lowest, std::size_t face) {
 
 void CellCutter::CutBy(std::size_t half_space) {
   const Cut cut{.half_space = &clipper_.half_spaces()[half_space],
-                .level = static_cast<int>(half_space) + 1,
+                .rank = static_cast<int>(half_space) + 1,
                 .on_border = closes_ ? Cut::OnBorder::kInside : Cut::OnBorder::kBorder};
   sides_.clear();
   kept_.clear();

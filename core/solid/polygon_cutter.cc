@@ -41,10 +41,10 @@ void CutOnce(const Points& polygon, const Distances& distances, const Cut& cut, 
     }
     has_side = true;
     if (distances[i] >= 0) {
-      side.from = pool->OnCut(polygon[i], polygon[next], *cut.half_space, cut.level);
+      side.from = pool->OnCut(polygon[i], polygon[next], *cut.half_space, cut.rank);
       points.push_back(side.from);
     } else {
-      side.to = pool->OnCut(polygon[next], polygon[i], *cut.half_space, cut.level);
+      side.to = pool->OnCut(polygon[next], polygon[i], *cut.half_space, cut.rank);
       points.push_back(side.to);
     }
   }

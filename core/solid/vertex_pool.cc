@@ -76,7 +76,7 @@ VertexId VertexPool::AtSample(SampleIndex sample) {
 }
 
 VertexId VertexPool::OnCut(VertexId inside, VertexId outside, const view::HalfSpace& half_space,
-                           int level) {
+                           int cut_rank) {
   const auto [entry, is_new] = on_cuts_.try_emplace({inside, outside}, kNone);
   if (!is_new) {
     return entry->second;
@@ -93,7 +93,7 @@ VertexId VertexPool::OnCut(VertexId inside, VertexId outside, const view::HalfSp
   const double length = math::Length(normal);
   const math::Vec3f position = math::FloatOf(between(a.position, b.position));
   entry->second = Add(position, length > 0 ? math::FloatOf(normal * (1 / length)) : math::Vec3f{},
-                      {level, static_cast<std::uint32_t>(vertices_.size())}, kNoEdge);
+                      {cut_rank, static_cast<std::uint32_t>(vertices_.size())}, kNoEdge);
   return entry->second;
 }
 

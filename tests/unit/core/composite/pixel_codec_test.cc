@@ -456,7 +456,7 @@ TEST(PixelCodecTest, LayersComeBackFromAnyAgentsInAnyOrder) {
     ISOSCOPE_ASSERT_OK(DecodePixelsInto(band, kLayerOrder, {0, 3}, &image, nullptr, &decoded));
   }
   EXPECT_TRUE(decoded == expected);
-  EXPECT_EQ(decoded.Levels().size(), 3U);
+  EXPECT_EQ(decoded.LayerImages().size(), 3U);
   EXPECT_TRUE(image == image::FrameImage(70, 40)) << "layers are not opaque";
   EXPECT_THAT(EncodeLayers(make()), IsEmpty());
   EXPECT_THAT(EncodeLayers(image::LayerStack()), IsEmpty());
