@@ -226,7 +226,7 @@ class Inquiry {
     report_->failures.push_back(
         {.part_index = end.question,
          .agent = question.agents[end.attempt].identity(),
-         .stage = FrameStage::kAnswering,
+         .stage = PartStage::kAnswering,
          // INVALID_ARGUMENT, which the client's request caused, stays what it is.
          .status = absl::IsInvalidArgument(status) ? status : CallStatus(status, false)});
     const bool is_final =
@@ -310,7 +310,7 @@ QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation
     if (!added.ok()) {
       AgentFailure failure{.part_index = i,
                            .agent = question.agents[*question.winner].identity(),
-                           .stage = FrameStage::kAnswering,
+                           .stage = PartStage::kAnswering,
                            .status = absl::InternalError(
                                absl::StrCat("sent a malformed answer: ", added.message()))};
       error = failure.ToStatus();

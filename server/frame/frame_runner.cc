@@ -258,7 +258,7 @@ class FrameRunner::Attempt {
     setup.images = runner_.images_.get();
     setup.arena = runner_.options_.arena.get();
     setup.trace = identity_.trace;
-    setup.step = identity_.step;
+    setup.phase = identity_.phase;
     for (const FramePart& part : parts_) {
       setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
     }
@@ -426,7 +426,7 @@ void FrameRunner::EndRequest(RequestMethod method, const AuditRecord& record,
 CoordinatorGauges FrameRunner::gauges() const {
   CoordinatorGauges gauges;
   for (const FrameBoard::Frame& frame : board_.Frames()) {
-    ++(frame.step == FrameStep::kQueued ? gauges.queued_frames : gauges.working_frames);
+    ++(frame.phase == FramePhase::kQueued ? gauges.queued_frames : gauges.working_frames);
   }
   const Admission::Counts counts = admission_.counts();
   gauges.waiting_clients = counts.waiting_clients;

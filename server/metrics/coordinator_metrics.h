@@ -121,7 +121,7 @@ struct CoordinatorMetrics {
   enum class PartOutcome { kDone, kFailed, kOutrun };
   // Counts a part of a frame on an agent.
   void CountPart(absl::string_view agent_address, PartOutcome outcome);
-  void CountAgentFailure(FrameStage stage, const absl::Status& status);
+  void CountAgentFailure(PartStage stage, const absl::Status& status);
 
   FrameCounters frames;
   FrameDurations durations;
@@ -145,7 +145,7 @@ struct CoordinatorMetrics {
   std::array<base::Counter, kCutReasonCount> cuts_;
   base::CountersByName callers_;
   base::CountersByName agents_;
-  std::array<std::array<base::Counter, kCodeCount>, kFrameStageCount> agent_failures_;
+  std::array<std::array<base::Counter, kCodeCount>, kPartStageCount> agent_failures_;
 };
 
 }  // namespace isoscope::server
