@@ -8,7 +8,6 @@
 #include "client-cli/output/dataset_json.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -22,8 +21,8 @@
 #include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/json_lines.h"
 #include "client-cli/output/label_json.h"
-#include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/volume/label.h"
@@ -41,20 +40,6 @@ Json ToJson(const v1::Vec3& v) { return Json::array({v.x() + 0.0, v.y() + 0.0, v
 // "SAMPLE_TYPE_UINT8" becomes "uint8".
 std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
   return absl::AsciiStrToLower(absl::StripPrefix(name, prefix));
-}
-
-// "1 x 2 x 3": the numbers of an array, joined.
-std::string Joined(const Json& array, absl::string_view separator) {
-  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
-    // As JSON, an infinite number is null.
-    const bool is_infinite = element.is_number_float() && std::isinf(element.get<double>());
-    absl::StrAppend(out, is_infinite ? absl::StrCat(element.get<double>()) : element.dump());
-  });
-}
-
-// A text member made printable: names and messages come from servers and files.
-std::string Text(const Json& object, const char* key) {
-  return base::Printable(object.at(key).get<std::string>());
 }
 
 // Adds "sample_dims", "spacing", "origin", "direction".
@@ -85,8 +70,6 @@ void AddFiniteRange(const Message& message, Json* json) {
         Json::array({message.finite_range().min(), message.finite_range().max()});
   }
 }
-
-Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 // Adds "length_unit", "time_unit", "fields", "time_steps", as SeriesDirectoryToJson.
 void AddFields(const v1::Dataset& dataset, Json* json) {
@@ -120,10 +103,6 @@ void AddFields(const v1::Dataset& dataset, Json* json) {
     (*json)["time_steps"].push_back({{"number", step.number()}, {"value", step.value()}});
   }
   (*json)["time_unit"] = TextOrNull(dataset.time_unit());
-}
-
-void AddLine(absl::string_view name, const std::string& value, std::string* text) {
-  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
 }
 
 // Adds the lines for the members of AddGeometry and AddSamples.
