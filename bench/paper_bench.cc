@@ -171,8 +171,8 @@ class Bench {
                            .other_ms = frame.other_ms});
       }
     }
-    for (const std::vector<SweepRow>& of_culling : rows) {
-      result_.sweep.insert(result_.sweep.end(), of_culling.begin(), of_culling.end());
+    for (const std::vector<SweepRow>& culling_rows : rows) {
+      result_.sweep.insert(result_.sweep.end(), culling_rows.begin(), culling_rows.end());
     }
     return absl::OkStatus();
   }

@@ -86,8 +86,8 @@ absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
   block_count_ = shards.front()->reader->layout().block_count();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
   Shards volumes = shards;
-  for (const Shards& of_surface : color_shards) {
-    volumes.insert(volumes.end(), of_surface.begin(), of_surface.end());
+  for (const Shards& surface_shards : color_shards) {
+    volumes.insert(volumes.end(), surface_shards.begin(), surface_shards.end());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       pipeline_, FramePipeline::Make(std::move(shards), task_, agent_.Resources(trace_.recorder()),

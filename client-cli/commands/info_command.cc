@@ -164,21 +164,21 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
   ProgressLine line(context.err, context.err_is_terminal);
   std::int64_t done = 0;
   for (std::size_t field = 0; field < series.fields().size(); ++field) {
-    std::vector<source::ValueRange>& of_field = ranges.ranges.emplace_back();
+    std::vector<source::ValueRange>& field_ranges = ranges.ranges.emplace_back();
     for (std::size_t component = 0; component < series.fields()[field].components.size();
          ++component) {
-      source::ValueRange& range = of_field.emplace_back();
+      source::ValueRange& range = field_ranges.emplace_back();
       for (int step = 0; step < steps; ++step) {
         line.Update(absl::StrCat("reading values of volume ", ++done));
         ISOSCOPE_ASSIGN_OR_RETURN(
             const std::unique_ptr<source::VolumeSource> volume,
             series.Open(static_cast<int>(field), static_cast<int>(component), step));
         ISOSCOPE_ASSIGN_OR_RETURN(
-            const source::ValueRange of_step,
+            const source::ValueRange step_range,
             source::FindValueRange(volume.get(), nullptr, context.interrupt->cancellation()));
-        range.span.min = std::min(range.span.min, of_step.span.min);
-        range.span.max = std::max(range.span.max, of_step.span.max);
-        range.infinite_count += of_step.infinite_count;
+        range.span.min = std::min(range.span.min, step_range.span.min);
+        range.span.max = std::max(range.span.max, step_range.span.max);
+        range.infinite_count += step_range.infinite_count;
       }
     }
   }

@@ -76,27 +76,27 @@ void AddFields(const v1::Dataset& dataset, Json* json) {
   (*json)["length_unit"] = TextOrNull(dataset.length_unit());
   (*json)["fields"] = Json::array();
   for (const v1::Field& field : dataset.fields()) {
-    Json of_field{{"name", field.name()},
-                  {"long_name", TextOrNull(field.long_name())},
-                  {"unit", TextOrNull(field.unit())}};
-    of_field["components"] = Json::array();
+    Json field_json{{"name", field.name()},
+                    {"long_name", TextOrNull(field.long_name())},
+                    {"unit", TextOrNull(field.unit())}};
+    field_json["components"] = Json::array();
     for (const v1::FieldComponent& component : field.components()) {
-      Json of_component{{"name", component.name()}};
+      Json component_json{{"name", component.name()}};
       AddSamples(component.sample_type(), component.has_value_range(),
-                 component.value_range().min(), component.value_range().max(), &of_component);
-      AddFiniteRange(component, &of_component);
-      of_component["max_gradient_magnitude"] = component.has_max_gradient_magnitude()
-                                                   ? Json(component.max_gradient_magnitude())
-                                                   : Json(nullptr);
-      of_field["components"].push_back(std::move(of_component));
+                 component.value_range().min(), component.value_range().max(), &component_json);
+      AddFiniteRange(component, &component_json);
+      component_json["max_gradient_magnitude"] = component.has_max_gradient_magnitude()
+                                                     ? Json(component.max_gradient_magnitude())
+                                                     : Json(nullptr);
+      field_json["components"].push_back(std::move(component_json));
     }
-    of_field["time_steps"] = Json::array();
+    field_json["time_steps"] = Json::array();
     for (const int index : field.time_steps()) {
       if (index >= 0 && index < dataset.time_steps_size()) {
-        of_field["time_steps"].push_back(dataset.time_steps(index).number());
+        field_json["time_steps"].push_back(dataset.time_steps(index).number());
       }
     }
-    (*json)["fields"].push_back(std::move(of_field));
+    (*json)["fields"].push_back(std::move(field_json));
   }
   (*json)["time_steps"] = Json::array();
   for (const v1::TimeStep& step : dataset.time_steps()) {

@@ -72,19 +72,19 @@ Json FieldsToJson(const store::SeriesManifest& series) {
       std::set_intersection(steps.begin(), steps.end(), over.steps.begin(), over.steps.end(),
                             std::back_inserter(common));
       steps = std::move(common);
-      Json of_component{{"name", component.name},
-                        {"sample_type", std::string(volume::NameOf(component.scalar_type))},
-                        {"value_range", over.range.min <= over.range.max
-                                            ? Json::array({over.range.min, over.range.max})
-                                            : Json(nullptr)}};
+      Json component_json{{"name", component.name},
+                          {"sample_type", std::string(volume::NameOf(component.scalar_type))},
+                          {"value_range", over.range.min <= over.range.max
+                                              ? Json::array({over.range.min, over.range.max})
+                                              : Json(nullptr)}};
       if (const auto& component_served = served.fields(i).components(j);
           component_served.has_finite_range()) {
         const isoscope::v1::ValueRange& finite = component_served.finite_range();
-        of_component["finite_range"] = Json::array({finite.min(), finite.max()});
+        component_json["finite_range"] = Json::array({finite.min(), finite.max()});
       }
-      of_component["max_gradient_magnitude"] =
+      component_json["max_gradient_magnitude"] =
           over.gradient.has_value() ? Json(*over.gradient) : Json(nullptr);
-      json["components"].push_back(std::move(of_component));
+      json["components"].push_back(std::move(component_json));
     }
     json["time_steps"] = steps;
     fields.push_back(std::move(json));

@@ -95,11 +95,11 @@ std::string TextOf(const std::set<std::pair<int, int>>& volumes, const VolumeSer
     steps[field].push_back(step);
   }
   std::string text;
-  for (const auto& [field, of_field] : steps) {
+  for (const auto& [field, field_steps] : steps) {
     const std::string& name = source.fields()[static_cast<std::size_t>(field)].name;
-    const bool has_all = static_cast<int>(of_field.size()) == source.step_count();
+    const bool has_all = static_cast<int>(field_steps.size()) == source.step_count();
     absl::StrAppend(&text, name.size(), " ", name, " ",
-                    has_all ? "all" : absl::StrJoin(of_field, ","), "; ");
+                    has_all ? "all" : absl::StrJoin(field_steps, ","), "; ");
   }
   return text;
 }

@@ -134,8 +134,8 @@ std::vector<std::string> EncodePixels(const image::FrameImage& image) {
 std::vector<std::string> EncodeLayers(const image::LayerStack& layers) {
   std::vector<std::string> bands;
   for (const image::FrameImage* layer_image : layers.LayerImages()) {
-    std::vector<std::string> of_image = Encode(*layer_image, /*is_layer=*/true);
-    std::move(of_image.begin(), of_image.end(), std::back_inserter(bands));
+    std::vector<std::string> image_bands = Encode(*layer_image, /*is_layer=*/true);
+    std::move(image_bands.begin(), image_bands.end(), std::back_inserter(bands));
   }
   return bands;
 }

@@ -78,13 +78,13 @@ std::vector<FrameImage*> LayerStack::MutableLayerImages() {
 }
 
 bool operator==(const LayerStack& a, const LayerStack& b) {
-  const std::vector<const FrameImage*> of_a = a.LayerImages();
-  const std::vector<const FrameImage*> of_b = b.LayerImages();
-  if (of_a.size() != of_b.size()) {
+  const std::vector<const FrameImage*> a_images = a.LayerImages();
+  const std::vector<const FrameImage*> b_images = b.LayerImages();
+  if (a_images.size() != b_images.size()) {
     return false;
   }
-  for (std::size_t i = 0; i < of_a.size(); ++i) {
-    if (!(*of_a[i] == *of_b[i])) {
+  for (std::size_t i = 0; i < a_images.size(); ++i) {
+    if (!(*a_images[i] == *b_images[i])) {
       return false;
     }
   }

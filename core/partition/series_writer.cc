@@ -209,8 +209,8 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
                           store::SeriesManifest* series, const base::Cancellation& cancellation) {
   TotalProgress progress(options.progress, tasks, *series);
   PartitionOptions volume_options = options;
-  volume_options.progress = [&progress](const PartitionProgress& of_volume) {
-    progress.Report(of_volume.done_bytes);
+  volume_options.progress = [&progress](const PartitionProgress& volume_progress) {
+    progress.Report(volume_progress.done_bytes);
   };
   for (std::size_t i = 0; i < tasks.size(); ++i) {
     const VolumeTask& task = tasks[i];

@@ -29,7 +29,7 @@ constexpr int kTilePx = image::TileSet::kTilePx;
 
 // Light in linear values, each times its alpha.
 struct Light {
-  explicit Light(const LinearLightTables& of_tables) : tables(of_tables) {}
+  explicit Light(const LinearLightTables& light_tables) : tables(light_tables) {}
 
   void Add(image::Rgba8 color, float share) {
     r += share * static_cast<float>(tables.light[color.r]);

@@ -131,17 +131,17 @@ image::TileMask FragmentPlane::TakeFragments(const ImageTile& tile, bool is_last
   ShadeBatch& batch = list->batch;
   std::size_t count = batch.count;
   for (int y = 0; y < rows; ++y) {
-    const std::uint32_t of_row = unshaded[static_cast<std::size_t>(y)];
+    const std::uint32_t row_mask = unshaded[static_cast<std::size_t>(y)];
     const std::size_t begin = IndexOf(begin_x, begin_y + y);
     DepthPrimitive* const words = words_.data() + begin;
-    if (of_row != 0) {
+    if (row_mask != 0) {
       // The image comes from a pool; its planes have left the processor's cache.
       for (int x = 0; x < columns; x += 8) {
         __builtin_prefetch(&image.keys[begin + static_cast<std::size_t>(x)], 1);
       }
       __builtin_prefetch(&image.colors[begin], 1);
     }
-    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+    for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1) {
       const auto x = static_cast<std::uint32_t>(std::countr_zero(rest));
       const DepthPrimitive fragment = words[x];
       list->pixels[count] = static_cast<std::uint32_t>(begin) + x;

@@ -118,9 +118,9 @@ std::vector<std::array<std::size_t, 3>> SplitByQuality(
     for (std::size_t i = 0; i + length < size; ++i) {
       const std::size_t j = i + length;
       for (std::size_t k = i + 1; k < j; ++k) {
-        const double of_k = std::min({best[i * size + k], best[k * size + j], quality(i, k, j)});
-        if (k == i + 1 || of_k > best[i * size + j]) {
-          best[i * size + j] = of_k;
+        const double worst = std::min({best[i * size + k], best[k * size + j], quality(i, k, j)});
+        if (k == i + 1 || worst > best[i * size + j]) {
+          best[i * size + j] = worst;
           middle[i * size + j] = k;
         }
       }

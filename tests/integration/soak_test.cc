@@ -873,8 +873,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
           store::ScalarVolumeKey key = series->RandomKey(dice);
           key.step = frame.volume->step;
           names.push_back(NameOfColor(key));
-          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_color, directory_of(key));
-          ISOSCOPE_ASSERT_OK(cluster->AddField(names.back(), of_color));
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string color_directory, directory_of(key));
+          ISOSCOPE_ASSERT_OK(cluster->AddField(names.back(), color_directory));
         }
         testing::ShowRandomFields(dice->Bits(), names, &frame.spec);
         ++tally_.colored_by_field;

@@ -309,9 +309,9 @@ TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
   ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {3, 1, 2}}, &request, &spec));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec of_agent, FrameSpecFromProto(request));
-  EXPECT_TRUE(of_agent.camera.has_value());
-  EXPECT_EQ(of_agent, spec);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec, FrameSpecFromProto(request));
+  EXPECT_TRUE(agent_spec.camera.has_value());
+  EXPECT_EQ(agent_spec, spec);
 }
 
 TEST(ResolveCameraTest, ACameraThatIsSetStays) {

@@ -224,8 +224,9 @@ TEST(ColorRangeOfTest, HoldsTheValuesOfAllSteps) {
                                   ColorRangeOf(component, "range"));
     EXPECT_EQ((frame::ColorRange{range.min(), range.max()}), frame::ColorRangeOfSamples(min, max));
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const isoscope::v1::ColorRange of_nan, ColorRangeOf({}, "range"));
-  EXPECT_EQ((frame::ColorRange{of_nan.min(), of_nan.max()}), (frame::ColorRange{0, 1}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const isoscope::v1::ColorRange nan_range,
+                                ColorRangeOf({}, "range"));
+  EXPECT_EQ((frame::ColorRange{nan_range.min(), nan_range.max()}), (frame::ColorRange{0, 1}));
 }
 
 // Symptom: a single infinite sample stretched the range, and all others had one colour.

@@ -57,9 +57,9 @@ TEST(LayerStackTest, KeepsTheFirstFragmentsOfEachPixelAsASortedListWould) {
     std::map<std::pair<int, int>, std::map<std::pair<std::uint64_t, std::uint32_t>, Layer>>
         expected;
     for (const Layer& layer : layers) {
-      auto& of_pixel = expected[{layer.y, layer.x}];
+      auto& pixel_layers = expected[{layer.y, layer.x}];
       const auto [kept, is_new] =
-          of_pixel.try_emplace({layer.key >> 32, kOrder.SurfaceOf(OwnerOf(layer.key))}, layer);
+          pixel_layers.try_emplace({layer.key >> 32, kOrder.SurfaceOf(OwnerOf(layer.key))}, layer);
       if (!is_new &&
           kOrder.IsBefore(layer.key, layer.color, kept->second.key, kept->second.color)) {
         kept->second = layer;
@@ -69,21 +69,21 @@ TEST(LayerStackTest, KeepsTheFirstFragmentsOfEachPixelAsASortedListWould) {
     ASSERT_LE(layer_images.size(), static_cast<std::size_t>(max_layers));
     for (int y = 0; y < 20; ++y) {
       for (int x = 0; x < 20; ++x) {
-        const auto& of_pixel = expected[{y, x}];
-        auto next = of_pixel.begin();
+        const auto& pixel_layers = expected[{y, x}];
+        auto next = pixel_layers.begin();
         for (const FrameImage* layer_image : layer_images) {
           const std::size_t i = layer_image->IndexOf(x, y);
           const bool is_covered =
               (layer_image->CoveredOf(x / 16, y / 16)[static_cast<std::size_t>(y % 16)] >>
                    (x % 16) &
                1) != 0;
-          ASSERT_EQ(is_covered, next != of_pixel.end());
+          ASSERT_EQ(is_covered, next != pixel_layers.end());
           ASSERT_EQ(layer_image->keys[i], is_covered ? next->second.key : kBackgroundKey);
           ASSERT_EQ(layer_image->colors[i], is_covered ? next->second.color : Rgba8{});
           next = is_covered ? std::next(next) : next;
         }
-        EXPECT_EQ(std::min(of_pixel.size(), static_cast<std::size_t>(max_layers)),
-                  static_cast<std::size_t>(std::distance(of_pixel.begin(), next)));
+        EXPECT_EQ(std::min(pixel_layers.size(), static_cast<std::size_t>(max_layers)),
+                  static_cast<std::size_t>(std::distance(pixel_layers.begin(), next)));
       }
     }
   }
@@ -103,8 +103,8 @@ TEST(LayerStackTest, NeitherOrderNorRepetitionNorPartsChangeIt) {
   const auto middle = layers.begin() + 1300;
   for (const std::vector<Layer>& part :
        {std::vector<Layer>(middle, layers.end()), std::vector<Layer>(layers.begin(), middle)}) {
-    const LayerStack of_part = StackOf(part, 4, images.get());
-    for (const FrameImage* layer_image : of_part.LayerImages()) {
+    const LayerStack part_stack = StackOf(part, 4, images.get());
+    for (const FrameImage* layer_image : part_stack.LayerImages()) {
       for (int y = 0; y < 20; ++y) {
         for (int x = 0; x < 20; ++x) {
           if (const std::size_t i = layer_image->IndexOf(x, y);

@@ -130,11 +130,11 @@ TEST_F(LayerPassTest, ARegionHasTheLayersOfTheWhole) {
       const view::View part,
       view::View::Make(whole.camera(), whole.viewport(), scene.geometry, region));
   const std::vector<MeshToDraw> meshes = MeshesOf(scene, 0);
-  const image::LayerStack of_whole = DrawLayers(whole, scene, meshes);
-  const image::LayerStack of_part = DrawLayers(part, scene, meshes);
+  const image::LayerStack whole_layers = DrawLayers(whole, scene, meshes);
+  const image::LayerStack part_layers = DrawLayers(part, scene, meshes);
   for (std::size_t k = 0; k < 2; ++k) {
-    const image::FrameImage& expected = *of_whole.LayerImages()[k];
-    const image::FrameImage& layer_image = *of_part.LayerImages()[k];
+    const image::FrameImage& expected = *whole_layers.LayerImages()[k];
+    const image::FrameImage& layer_image = *part_layers.LayerImages()[k];
     for (int y = 0; y < region.height_px; ++y) {
       for (int x = 0; x < region.width_px; ++x) {
         ASSERT_EQ(layer_image.keys[layer_image.IndexOf(x, y)],

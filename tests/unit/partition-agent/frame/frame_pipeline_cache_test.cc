@@ -37,9 +37,9 @@ TEST_F(FramePipelineCacheTest, FollowingFramesReadNothingIfAllFits) {
   // Another level: its index is read, and blocks that were not; then it is kept, and the first one
   // still is.
   RenderAll(shards_, task_);
-  frame::AgentStatistics of_other;
-  const image::FrameImage other_image = RenderAll(shards_, other, &of_other);
-  EXPECT_GT(of_other.index_page_read_count, 0);
+  frame::AgentStatistics other_statistics;
+  const image::FrameImage other_image = RenderAll(shards_, other, &other_statistics);
+  EXPECT_GT(other_statistics.index_page_read_count, 0);
   for (const FrameTask& known : {task_, other, turned}) {
     frame::AgentStatistics statistics;
     const image::FrameImage image = RenderAll(shards_, known, &statistics);
@@ -191,22 +191,22 @@ TEST_F(FramePipelineCacheTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPict
 TEST_F(FramePipelineCacheTest, ABlockIsReadOnceForAllSurfaces) {
   Open(1);
   FrameTask one = dataset_->Request();
-  frame::AgentStatistics of_one;
-  RenderAll(shards_, one, &of_one);
+  frame::AgentStatistics one_statistics;
+  RenderAll(shards_, one, &one_statistics);
   FrameTask twice = one;
   twice.spec.surfaces.push_back(one.spec.surfaces[0]);
   ForgetAll();
-  frame::AgentStatistics of_twice;
-  RenderAll(shards_, twice, &of_twice);
-  EXPECT_GT(of_one.read_bytes, 0);
+  frame::AgentStatistics twice_statistics;
+  RenderAll(shards_, twice, &twice_statistics);
+  EXPECT_GT(one_statistics.read_bytes, 0);
   // The tree is asked twice at most; blocks are most of the bytes.
-  EXPECT_LT(of_twice.read_bytes, of_one.read_bytes + of_one.read_bytes / 4);
-  EXPECT_EQ(of_twice.triangle_count, 2 * of_one.triangle_count);
-  EXPECT_EQ(of_twice.visible_block_count, of_one.visible_block_count);
-  ASSERT_EQ(of_twice.surfaces.size(), 2U);
-  for (const frame::SurfaceStatistics& surface : of_twice.surfaces) {
-    EXPECT_EQ(surface.triangle_count, of_one.triangle_count);
-    EXPECT_EQ(surface.unique_vertex_count, of_one.unique_vertex_count);
+  EXPECT_LT(twice_statistics.read_bytes, one_statistics.read_bytes + one_statistics.read_bytes / 4);
+  EXPECT_EQ(twice_statistics.triangle_count, 2 * one_statistics.triangle_count);
+  EXPECT_EQ(twice_statistics.visible_block_count, one_statistics.visible_block_count);
+  ASSERT_EQ(twice_statistics.surfaces.size(), 2U);
+  for (const frame::SurfaceStatistics& surface : twice_statistics.surfaces) {
+    EXPECT_EQ(surface.triangle_count, one_statistics.triangle_count);
+    EXPECT_EQ(surface.unique_vertex_count, one_statistics.unique_vertex_count);
   }
 }
 
