@@ -66,8 +66,7 @@ inline double TurnsOf(double position) {
 }
 
 // One shear of the transport: positions -= shear * (a * a_factor + b * b_factor), and the sines and
-// cosines
-// of the new positions, at most 1e-11 off. math::Sin would take 2 us for each of them.
+// cosines of the new positions, at most 1e-11 off. math::Sin would take 2 us for each of them.
 void ShearLanes(double shear, double a, const Lanes& a_factor, double b, const Lanes& b_factor,
                 Lanes* __restrict positions, SinesAndCosines* __restrict result) {
   for (std::size_t i = 0; i < kLanes; ++i) {

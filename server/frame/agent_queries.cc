@@ -215,8 +215,9 @@ class Inquiry {
       question.winner = end.attempt;
       for (std::size_t i = 0; i < question.attempts.size(); ++i) {
         if (question.attempts[i].is_live && i < end.attempt) {
-          report_->outrun.push_back({.agent = question.agents[i].identity(),
-                                     .waited = base::MonotonicNow() - question.attempts[i].begin});
+          report_->lost_hedges.push_back(
+              {.agent = question.agents[i].identity(),
+               .waited = base::MonotonicNow() - question.attempts[i].begin});
         }
       }
       CancelLive(&question);

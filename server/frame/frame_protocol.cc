@@ -163,7 +163,7 @@ Commands FrameProtocol::Win(AttemptId id) {
       other.is_live = false;
       commands.push_back({.kind = Kind::kCancel, .attempt = {id.part, i}});
       if (i < id.replica) {
-        report_.outrun.push_back(other.agent);
+        report_.lost_hedges.push_back(other.agent);
       }
     }
   }

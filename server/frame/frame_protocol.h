@@ -104,7 +104,7 @@ struct AgentReport {
   // The agents that failed, including those that a replica replaced.
   std::vector<AgentFailure> failures = {};
   // The agents whose part a replica finished first.
-  std::vector<AgentIdentity> outrun = {};
+  std::vector<AgentIdentity> lost_hedges = {};
   // Number of second attempts that may_hedge allowed.
   int hedge_count = 0;
 };

@@ -158,7 +158,7 @@ void AppendAgents(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
          "failed, hedged because it was slow; outrun: the second was done first.",
          {Value(metrics.parts.repeated, "event", "repeated"),
           Value(metrics.parts.hedged, "event", "hedged"),
-          Value(metrics.parts.outrun, "event", "outrun")}));
+          Value(metrics.parts.lost_hedges, "event", "outrun")}));
   families->push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
                          "Frames without some shards, as their request allowed.",
                          {Value(metrics.frames.partial)}));

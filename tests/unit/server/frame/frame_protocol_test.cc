@@ -134,7 +134,7 @@ class Table {
       texts.push_back(absl::StrCat(failure.agent.address, " failed ", NameOf(failure.stage), ": ",
                                    failure.status.message()));
     }
-    for (const AgentIdentity& agent : report.outrun) {
+    for (const AgentIdentity& agent : report.lost_hedges) {
       texts.push_back(absl::StrCat(agent.address, " outrun"));
     }
     if (report.hedge_count > 0) {
