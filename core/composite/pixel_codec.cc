@@ -1,3 +1,16 @@
+// Encode, for one image:
+//
+//   1. FindCovered lists the covered tiles of each row, and counts their pixels, rows in parallel.
+//   2. CutIntoBands joins rows to bands. A band ends when it has enough pixels, or when the next
+//      row could exceed kMaxBandBytes in the worst case.
+//   3. EncodeBand (band_encoder.h) makes the bytes, bands in parallel.
+//
+// DecodePixelsInto, for one band:
+//
+//   1. DecodeBand (band_decoder.h) checks and decodes all of it before a pixel is composited.
+//   2. Row of tiles by row of tiles, with the row's lock, CompositeTile or InsertTile takes the
+//      tile's keys and colours, which lie one behind the other in the band.
+
 #include "core/composite/pixel_codec.h"
 
 #include <algorithm>

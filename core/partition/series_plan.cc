@@ -1,3 +1,15 @@
+// A plan says, before a block is written, which scalar volumes a series gets.
+//
+//   PlanSeries     the manifest of a new series: the grid of its first volume, and the fields with
+//                  their components; the magnitude follows several components
+//   PlanVolumes    a task for each field, component and step that is wanted
+//   PlanAppending  the same for a series that exists: FindField maps the source's fields by name,
+//                  FindOrAddStep maps its times; only a time after the last one makes a step
+//   CheckGrids     opens each field and step once, because an error should come before the work
+//
+// All errors name the source, and the manifest is encoded and decoded once to find those that it
+// would have at the end.
+
 #include "core/partition/series_plan.h"
 
 #include <algorithm>

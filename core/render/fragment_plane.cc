@@ -1,3 +1,14 @@
+// A pixel's word over a pass:
+//
+//   1. Merge locks the lock tiles that the batch meets, row by row, and keeps the smaller word. A
+//      fragment of equal depth goes to the tile's ties.
+//   2. TakeFragments lists the words of an image tile that are not shaded. They become
+//      depth << 32 | kShaded, or kNoFragment in the last shading of the pass.
+//   3. EndTile drops the ties; EndShading tells the next pass whether shaded words are left.
+//
+// A shading in the middle of a pass keeps depths, so that later fragments are still compared with
+// them. After the last one every word is kNoFragment, and no tile is touched.
+
 #include "core/render/fragment_plane.h"
 
 #include <algorithm>

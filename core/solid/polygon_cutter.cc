@@ -1,3 +1,16 @@
+// CutPolygon:
+//
+//   1. Compute the distances of the corners. A polygon inside is kept, one outside is dropped.
+//   2. If the border of the half-space crosses the polygon at most twice, CutOnce keeps the corners
+//      inside and puts a vertex on each crossed edge.
+//   3. Else the polygon is cut as a fan of triangles, each of which is crossed at most twice.
+//
+// SplitByQuality finds the triangulation whose worst triangle is best, by dynamic programming: the
+// best split of the points i to j is a triangle (i, k, j) and the best splits of i to k and k to j.
+// O(n^3) for n points; polygons of a cell have few.
+//
+// Invariant: vertices are in the pool once, so polygons that share a crossed edge share the vertex.
+
 #include "core/solid/polygon_cutter.h"
 
 #include <algorithm>
