@@ -146,27 +146,6 @@ def statistics(**changes):
     return isoscope.Statistics(**{**counts, **changes})
 
 
-def test_old_names_are_readable_and_say_the_new_ones():
-    agent = isoscope.AgentStatistics("a", (0,), 1, 2, 3, 4, 5.0, 6.0, 7.0)
-    point = isoscope.PickedPoint((1, 2), (0, 0, 0), 1.0, 3, None, None, 4, None)
-    ones = np.ones(2, np.int64)
-    histogram = isoscope.Histogram(np.arange(3.0), ones, ones * 2, ones * 3, ones * 4, True, 0, 0, 0, ())
-    stats = statistics(triangle_count=9, durations_ms={"encode": 1500.0})
-    for thing, old, new, value in (
-        (stats, "triangles", "triangle_count", 9), (stats, "active_blocks", "active_block_count", 0),
-        (stats, "coverage", "active_block_coverage", 1), (stats, "step_seconds", "durations_ms", {"encode": 1.5}),
-        (agent, "busy_seconds", "busy_ms", 0.005), (agent, "visible_blocks", "visible_block_count", 2),
-        (isoscope.SurfaceStatistics(1, 2), "vertices", "unique_vertex_count", 2),
-        (point, "surface", "surface_index", 3), (point, "block", "block_id", 4), (point, "shard", "shard_index", None),
-        (histogram, "counts", "sample_count", [1, 1]), (histogram, "active_bytes", "active_block_bytes", [3, 3]),
-        (histogram, "has_counts", "has_sample_counts", True),
-    ):  # fmt: skip
-        with pytest.warns(DeprecationWarning, match=f"{old} is called {new} now"):
-            read = getattr(thing, old)
-        assert (read.tolist() if isinstance(read, np.ndarray) else read) == value, old
-    assert stats.active_block_coverage is None and stats.seconds == 1.5
-
-
 def test_plane_through_a_point_keeps_the_side_of_its_normal():
     plane = isoscope.Plane.through((1, 2, 3), (0, 2, 0))
     assert (plane.normal, plane.offset) == ((0, 2, 0), 4)
