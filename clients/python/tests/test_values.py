@@ -1,9 +1,11 @@
 """Cameras, colours, regions, addresses, errors and PNGs: what needs no server."""
 
+import inspect
 import math
 import pickle
 import re
 import struct
+import typing
 import zlib
 
 import grpc
@@ -144,6 +146,36 @@ def statistics(**changes):
          "occluding_block_count", "triangle_count", "unique_vertex_count", "read_bytes", "network_bytes", "png_bytes",
          "truncated_pixel_count"), 0)  # fmt: skip
     return isoscope.Statistics(**{**counts, **changes})
+
+
+def test_colour_maps_and_effects_are_those_of_the_protos():
+    from isoscope import look
+    from isoscope._proto import options_pb2
+
+    assert list(_messages.MAPS) == list(typing.get_args(look.ColorMap))
+    assert list(_messages.QUANTITIES) == list(typing.get_args(look.Quantity))
+    for name in _messages.EFFECTS:
+        field = pb.RenderIsosurfaceRequest.DESCRIPTOR.fields_by_name[name]
+        effect = getattr(isoscope, field.message_type.name)
+        assert name in inspect.signature(isoscope.Dataset.render).parameters
+        for value in field.message_type.fields:
+            assert value.name.removesuffix("_px") in effect.__dataclass_fields__
+            options = value.GetOptions().Extensions[options_pb2.value_options]
+            if options.max > options.min:
+                limits = (f"{options.min:g} to {options.max:g}", f"[{options.min:g}, {options.max:g}]")
+                assert any(text in effect.__doc__ for text in limits), f"{name}: the docs have other limits"
+
+
+def test_effects_send_what_they_have():
+    request = _request.frame(info(), 1)
+    _request.set_appearance(
+        request, color=None, background=None, lights=(), color_by=None, nan_color=None, samples=None, culling="depth",
+        effects={"ambient_occlusion": isoscope.AmbientOcclusion(8, 0.0), "silhouette": True},
+    )  # fmt: skip
+    assert request.ambient_occlusion.radius_px == 8 and request.ambient_occlusion.HasField("strength")
+    assert request.HasField("silhouette") and request.silhouette.ByteSize() == 0
+    with pytest.raises(InvalidArgumentError, match="silhouette width 'x'"):
+        _messages.set_effect(request.silhouette, isoscope.Silhouette("x"), "silhouette")
 
 
 def test_plane_through_a_point_keeps_the_side_of_its_normal():

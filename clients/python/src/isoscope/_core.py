@@ -248,7 +248,7 @@ def render(
     )  # fmt: skip
     _request.set_appearance(
         request, color=color, background=background, lights=lights, color_by=color_by, nan_color=nan_color, samples=samples,
-        ambient_occlusion=ambient_occlusion, silhouette=silhouette, culling=culling,
+        culling=culling, effects={"ambient_occlusion": ambient_occlusion, "silhouette": silhouette},
     )  # fmt: skip
     _request.set_output(request, format, quality, planes)
     request.allow_partial = bool(allow_partial)
