@@ -103,7 +103,6 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
     nlohmann::ordered_json out;
     out["pixel"] = {request.pixels(i).x(), request.pixels(i).y()};
     out["is_hit"] = point.is_hit();
-    out["hit"] = point.is_hit();  // its name in 0.1
     if (point.is_hit()) {
       out["position"] = ToJson(point.position());
       out["depth"] = point.depth();

@@ -208,22 +208,23 @@ absl::Status PictureJob::AddNotes(const FrameTarget& target, Response* response)
 absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                                       FrameOutput* output, v1::RenderStatistics* statistics) {
   const bool has_picture = asked_.spec.output.image_format != frame::ImageFormat::kNone;
-  if (has_picture) {
-    ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output, statistics));
-  }
-  const std::size_t part_count = parts_.size();
-  if (NeedsPlanes(asked_.spec.output, *output)) {
+  for (;;) {
+    if (has_picture) {
+      ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output, statistics));
+    }
+    const std::size_t part_count = parts_.size();
+    if (NeedsPlanes(asked_.spec.output, *output)) {
+      ReleaseImages();
+      ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output, statistics));
+    }
+    if (!has_picture || parts_.size() == part_count) {
+      return absl::OkStatus();
+    }
+    // The picture has shards that the planes lack.
     ReleaseImages();
-    ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output, statistics));
+    *output = FrameOutput();
+    statistics->Clear();
   }
-  if (!has_picture || parts_.size() == part_count) {
-    return absl::OkStatus();
-  }
-  // The picture has shards that the planes lack.
-  ReleaseImages();
-  *output = FrameOutput();
-  statistics->Clear();
-  return RenderOutput(target, on_drawn, output, statistics);
 }
 
 // Draws the picture, and fills the planes that its pixels give: all but normals, with one sample.

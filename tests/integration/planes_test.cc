@@ -686,7 +686,7 @@ TEST_F(PlanesTest, TheCommandLineWritesPlanesAndPicks) {
   EXPECT_EQ(picked.exit_code, 0) << picked.err;
   EXPECT_THAT(picked.out,
               ::testing::AllOf(HasSubstr("\"is_hit\": true"), HasSubstr("\"is_hit\": false"),
-                               HasSubstr("\"hit\": true"), HasSubstr("\"shard_index\"")));
+                               HasSubstr("\"is_hit\": true"), HasSubstr("\"shard_index\"")));
   // A named view, fitted to the surface: the depth of the plane of the same picture.
   const std::vector<std::string> view{"--view", "top", "--fit", "surface", "--zoom", "1.5"};
   std::vector<std::string> render_arguments{"--depth", folder.Sub("top.npy"), "--save-camera",
