@@ -144,15 +144,17 @@ absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
 int StepsToRead(const source::VolumeSeries& series, const source::VolumeSource& first,
                 std::int64_t volume_bytes, bool reads_all) {
   std::int64_t components = 0;
-  for (const source::SourceField& field : series.fields()) {
+  for (const source::SourceField& field : series.info().fields) {
     components += static_cast<std::int64_t>(field.components.size());
   }
   const auto is_quick = [&](int steps) {
     const double volumes = static_cast<double>(components) * steps;
-    const double reads = first.is_seekable() ? volumes : volumes * (volumes + 1) / 2;
+    const double reads = first.info().is_seekable ? volumes : volumes * (volumes + 1) / 2;
     return reads * static_cast<double>(volume_bytes) <= static_cast<double>(kMaxQuickBytes);
   };
-  return reads_all || is_quick(series.step_count()) ? series.step_count() : is_quick(1) ? 1 : 0;
+  return reads_all || is_quick(series.info().step_count()) ? series.info().step_count()
+         : is_quick(1)                                     ? 1
+                                                           : 0;
 }
 
 absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
@@ -163,9 +165,9 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
   }
   ProgressLine line(context.err, context.err_is_terminal);
   std::int64_t done = 0;
-  for (std::size_t field = 0; field < series.fields().size(); ++field) {
+  for (std::size_t field = 0; field < series.info().fields.size(); ++field) {
     std::vector<source::ValueRange>& field_ranges = ranges.ranges.emplace_back();
-    for (std::size_t component = 0; component < series.fields()[field].components.size();
+    for (std::size_t component = 0; component < series.info().fields[field].components.size();
          ++component) {
       source::ValueRange& range = field_ranges.emplace_back();
       for (int step = 0; step < steps; ++step) {
@@ -205,8 +207,8 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   if (!flags.is_json) {
     *context.out << DescribeVolume(volume) << std::flush;
   }
-  const std::int64_t bytes = math::Volume(source->geometry().sample_dims) *
-                             static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
+  const std::int64_t bytes = math::Volume(source->info().geometry.sample_dims) *
+                             static_cast<std::int64_t>(volume::SizeOf(source->info().type));
   if (is_single && (flags.reads_values || bytes <= kMaxQuickBytes)) {
     ProgressLine line(context.err, context.err_is_terminal);
     ISOSCOPE_ASSIGN_OR_RETURN(const source::ValueRange range,

@@ -176,18 +176,18 @@ Json DatasetToJson(const v1::Dataset& dataset) {
 Json VolumeToJson(const source::VolumeSource& source,
                   const std::optional<source::ValueRange>& values) {
   Json json;
-  json["name"] = source.name();
-  AddGeometry(wire::ToProto(source.geometry()), &json);
+  json["name"] = source.info().name;
+  AddGeometry(wire::ToProto(source.info().geometry), &json);
   const source::ValueRange known = values.value_or(source::ValueRange());
   const volume::ScalarSpan& range = known.span;
-  AddSamples(wire::ToProto(source.scalar_type()), range.min <= range.max, range.min, range.max,
+  AddSamples(wire::ToProto(source.info().type), range.min <= range.max, range.min, range.max,
              &json);
   if (values.has_value()) {
     json["infinite_count"] = known.infinite_count;
   } else {
     json.erase("value_range");
   }
-  if (const std::string note = source.note(); !note.empty()) {
+  if (const std::string& note = source.info().note; !note.empty()) {
     json["note"] = note;
   }
   return json;

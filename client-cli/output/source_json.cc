@@ -91,7 +91,7 @@ struct DrawnField {
 };
 
 DrawnField DrawnFieldOf(const source::VolumeSeries& series, const SourceRanges& ranges) {
-  const std::vector<source::SourceField>& fields = series.fields();
+  const std::vector<source::SourceField>& fields = series.info().fields;
   if (ranges.steps == 0) {
     return {
         .flag = fields.size() > 1 ? absl::StrCat(" --field ", base::ShellWord(fields[0].name)) : "",
@@ -146,8 +146,8 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
                Json* volume) {
   (*volume)["fields"] = Json::array();
   std::int64_t volumes = 0;
-  for (std::size_t i = 0; i < series.fields().size(); ++i) {
-    const source::SourceField& field = series.fields()[i];
+  for (std::size_t i = 0; i < series.info().fields.size(); ++i) {
+    const source::SourceField& field = series.info().fields[i];
     Json described = {{"name", field.name}, {"unit", field.unit}, {"components", field.components}};
     if (ranges.steps > 0) {
       described["value_ranges"] = Json::array();
@@ -162,12 +162,12 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
     volumes += static_cast<std::int64_t>(field.components.size()) +
                (field.components.size() > 1 ? 1 : 0);  // and the magnitude
   }
-  volumes *= series.step_count();
-  (*volume)["time_steps"] = series.times();
-  (*volume)["time_unit"] = series.time_unit();
-  (*volume)["length_unit"] = series.length_unit();
+  volumes *= series.info().step_count();
+  (*volume)["time_steps"] = series.info().times;
+  (*volume)["time_unit"] = series.info().time_unit;
+  (*volume)["length_unit"] = series.info().length_unit;
   const PartitionNeeds needs =
-      EstimatePartition(first.geometry().sample_dims, first.scalar_type(), volumes);
+      EstimatePartition(first.info().geometry.sample_dims, first.info().type, volumes);
   (*volume)["partition"] = {{"disk_bytes", needs.disk_bytes},
                             {"memory_bytes", needs.memory_bytes},
                             {"seconds", needs.seconds}};

@@ -89,7 +89,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenRaw(const OpenRequest& request
                      grid = request.grid]() -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenRawFile(path, raw));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry placed,
-                              PlacedGrid(volume->geometry(), grid, path));
+                              PlacedGrid(volume->info().geometry, grid, path));
     return MoveSource(std::move(volume), placed);
   };
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, open());
@@ -118,21 +118,11 @@ class IdentifiedSeries final : public VolumeSeries {
   // `files`: all, which had the `stamps` before the series was opened.
   IdentifiedSeries(std::unique_ptr<VolumeSeries> series, std::string description,
                    std::vector<std::string> files, absl::string_view stamps)
-      : series_(std::move(series)),
+      : VolumeSeries(series->info()),
+        series_(std::move(series)),
         description_(std::move(description)),
         all_files_(std::move(files)),
         stamps_of_all_(base::Sha256Hex(stamps)) {}
-
-  [[nodiscard]] const std::string& name() const override { return series_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override {
-    return series_->fields();
-  }
-  [[nodiscard]] const std::vector<double>& times() const override { return series_->times(); }
-  [[nodiscard]] const std::string& time_unit() const override { return series_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return series_->length_unit(); }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
-    return series_->FieldsElsewhere();
-  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     if (!stamps_of_steps_.contains(step)) {
       ISOSCOPE_RETURN_IF_ERROR(IdentityOfStep(step).status());
@@ -151,7 +141,7 @@ class IdentifiedSeries final : public VolumeSeries {
             .first->second;
     if (base::Sha256Hex(stamps) != before) {
       return absl::AbortedError(
-          absl::StrCat(name(),
+          absl::StrCat(info().name,
                        ": a file of it has changed since it was opened; run it again, once nobody "
                        "writes there"));
     }
