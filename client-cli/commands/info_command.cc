@@ -44,7 +44,6 @@
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
-#include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/open_request.h"
 #include "core/io/file.h"
@@ -127,15 +126,13 @@ std::string InputAsTyped(const InfoFlags& flags, const SourceFlagNames& names = 
 }
 
 // The series of a folder, if it has several and none is chosen; else an empty object.
-absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
-  const bool is_folder = io::IsDirectory(*flags.input) || source::IsDicomIndex(*flags.input);
-  if (flags.source.dims || flags.source.dicom_series || !is_folder ||
-      !source::NamesDicomSeries(*flags.input)) {
+absl::StatusOr<Json> DescribeSeriesOfFolder(const InfoFlags& flags) {
+  if (flags.source.dims || flags.source.dicom_series) {
     return Json::object();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<source::DicomSeriesEntry> entries,
-                            source::ListDicomSeries(*flags.input));
-  return entries.size() > 1 ? DicomSeriesToJson(entries) : Json::object();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<source::SeriesEntry> entries,
+                            source::ListSeries(*flags.input));
+  return entries.size() > 1 ? SeriesEntriesToJson(entries) : Json::object();
 }
 
 // How many steps of a source of several volumes are read for the ranges of their values: all, if
@@ -190,7 +187,7 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
 // Prints the header before it reads volumes for the ranges of their values. Reads only what is
 // quick or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeDicomFolder(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeSeriesOfFolder(flags));
   if (!folder.empty()) {
     return folder;
   }
@@ -357,7 +354,7 @@ absl::Status CheckDatasetUsage(const InfoFlags& flags) {
 
 std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
   if (json.contains("series")) {
-    return DescribeDicomSeries(json, base::ShellWord(*flags.input));
+    return DescribeSeriesEntries(json, base::ShellWord(*flags.input));
   }
   if (json.contains("volume")) {  // the lines of the grid are printed already
     const Json& volume = json.at("volume");

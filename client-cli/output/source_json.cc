@@ -225,10 +225,10 @@ std::string DescribeSource(const Json& volume) {
   return text;
 }
 
-Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries) {
+Json SeriesEntriesToJson(const std::vector<source::SeriesEntry>& entries) {
   Json json;
   json["series"] = Json::array();
-  for (const source::DicomSeriesEntry& entry : entries) {
+  for (const source::SeriesEntry& entry : entries) {
     json["series"].push_back({{"number", entry.number},
                               {"description", entry.description},
                               {"uid", entry.uid},
@@ -241,7 +241,7 @@ Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries) {
   return json;
 }
 
-std::string DescribeDicomSeries(const Json& json, const std::string& input) {
+std::string DescribeSeriesEntries(const Json& json, const std::string& input) {
   const Json& all = json.at("series");
   const bool has_folders = std::any_of(all.begin(), all.end(), [](const Json& series) {
     return !series.at("folder").get<std::string>().empty();

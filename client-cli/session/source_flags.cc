@@ -19,16 +19,12 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
-#include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/format_table.h"
 #include "core/formats/label_names.h"
 #include "core/formats/refused_formats.h"
 #include "core/formats/source_labels.h"
-#include "core/formats/vtk/vtk_image.h"
 #include "core/io/file.h"
-#include "core/source/bytes/raw_file.h"
-#include "core/source/hdf5/hdf5_path.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -218,25 +214,6 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& nam
               "VALUE,NAME[,#rrggbb]"));
 }
 
-bool HasSelfDescribingName(const std::string& path) {
-  source::Hdf5Path hdf5;
-  source::PartPath vti;
-  if (source::SplitHdf5Path(path, &hdf5) || source::SplitVtkImagePath(path, &vti)) {
-    return true;
-  }
-  if (source::FindFormatFileByName(path).has_value()) {
-    return true;
-  }
-  const std::string name = absl::AsciiStrToLower(path);
-  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz", ".nrrd",
-                             ".nhdr", ".mha", ".mhd", ".vti", ".dcm", ".tif", ".tiff"}) {
-    if (absl::EndsWith(name, ending)) {
-      return true;
-    }
-  }
-  return false;
-}
-
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   const char* given = flags.FirstOfRaw();
   if (given == nullptr) {
@@ -248,7 +225,7 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
                                    : flags.dicom_series ? "--series"
                                                         : flags.names.axes));
   }
-  if (HasSelfDescribingName(path)) {
+  if (source::NamesFormat(path)) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
                                    "' carries its own dimensions and type"));
   }
@@ -374,10 +351,7 @@ absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const source::OpenRequ
   if (request.raw.has_value()) {
     return std::vector<volume::Label>();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::string file, source::PathOf(request));
-  if (!request.dicom_series.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(file, source::FindDicomSeriesFile(file, request.dicom_series));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, source::PathOfLabels(request));
   absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
   if (labels.ok()) {
     return labels;

@@ -55,7 +55,7 @@ TEST_F(FindVolumeTest, AFolderIsAFolderWhateverItsName) {
     }
     for (const std::string& path : {dir_.Sub(name), absl::StrCat(dir_.Sub(name), "/")}) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FoundVolume found, FindVolume(path));
-      EXPECT_EQ(found.kind, SourceKind::kTiff) << path;
+      EXPECT_EQ(found.format->name, "TIFF") << path;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
       EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 3, 3})) << path;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
@@ -153,6 +153,45 @@ TEST_F(FindVolumeTest, NiftiIsKnownByContentIfItIsForced) {
   EXPECT_FALSE(OpenVolumeSeries(Write("a.mgh", testing::MghBytes({}) + samples),
                                 {.axes = "", .format = "nifti"})
                    .ok());
+}
+
+TEST_F(FindVolumeTest, ANameSaysInAnyCaseThatAFileHasItsOwnDimensions) {
+  for (const char* name : {"a.nii", "a.nii.gz", "a.NRRD", "a.nhdr", "b/a.mha", "a.mhd", "a.hdr",
+                           "a.dcm", "a.h5:/d", "a.vti:p", "a.pvd", "a.MRC", "a.tiff", "a*.tif"}) {
+    EXPECT_TRUE(NamesFormat(name)) << name;
+  }
+  for (const char* name : {"a.raw", "a.nrrd.raw", "a", "nii", "a.gz"}) {
+    EXPECT_FALSE(NamesFormat(name)) << name;
+  }
+}
+
+// Symptom: with one order by names and another by content, such files were taken for the first
+// format of that name.
+TEST_F(FindVolumeTest, ContentDecidesAmongFormatsThatShareNames) {
+  const auto format_of = [&](const std::string& path) {
+    const auto found = FindVolume(path);
+    return found.ok() ? std::string(found->format->name) : found.status().ToString();
+  };
+  const std::string dicom = std::string(128, '\0') + "DICM" + std::string(600, '\0');
+  EXPECT_EQ(format_of(Write("a.img", dicom)), "DICOM") << "without a header beside it";
+  EXPECT_EQ(format_of(Write("b.hdr", dicom)), "DICOM");
+  EXPECT_EQ(format_of(Write("c", dicom)), "DICOM");
+  EXPECT_EQ(format_of(Write("d.hdr", testing::NiftiHeaderBytes({.dims = kDims}))), "NIfTI-1");
+  EXPECT_EQ(format_of(Write("e.nii", testing::Nifti2Bytes({.dims = kDims}))), "NIfTI-2");
+  EXPECT_EQ(format_of(Write("f.nii", "text")), "NIfTI") << "its reader says why it is not";
+  EXPECT_EQ(format_of(Write("g", "NRRD0004\n")), "NRRD");
+  EXPECT_EQ(format_of(Write("h.mha", "NRRD0004\n")), "MetaImage") << "the name decides";
+}
+
+TEST_F(FindVolumeTest, AFormatIsForcedByItsNameInAnyCase) {
+  const std::string path = Write("a.mgz", "NRRD0004\n");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FoundVolume found, FindVolume(path, "NRRD"));
+  EXPECT_EQ(found.format->name, "NRRD");
+  for (const char* name : {"hdf5", "vti", "slices", "vdb"}) {
+    EXPECT_THAT(FindVolume(path, name),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("expected one of nifti, nrrd, metaimage, dicom, mrc")));
+  }
 }
 
 TEST_F(FindVolumeTest, ErrorsAreThoseOfTheFormat) {
