@@ -2,13 +2,10 @@
 // So both agree, and every member that the text needs is available to scripts, too.
 //
 //   Dataset, source or folder -> DatasetToJson, VolumeToJson, ... -> Json -> Describe... -> text
-//
-// Names and messages come from servers and files, so text passes through base::Printable.
 
 #include "client-cli/output/dataset_json.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -22,8 +19,9 @@
 #include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/info_lines.h"
 #include "client-cli/output/label_json.h"
-#include "core/base/printable.h"
+#include "client-cli/output/series_json.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/volume/label.h"
@@ -41,20 +39,6 @@ Json ToJson(const v1::Vec3& v) { return Json::array({v.x() + 0.0, v.y() + 0.0, v
 // "SAMPLE_TYPE_UINT8" becomes "uint8".
 std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
   return absl::AsciiStrToLower(absl::StripPrefix(name, prefix));
-}
-
-// "1 x 2 x 3": the numbers of an array, joined.
-std::string Joined(const Json& array, absl::string_view separator) {
-  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
-    // As JSON, an infinite number is null.
-    const bool is_infinite = element.is_number_float() && std::isinf(element.get<double>());
-    absl::StrAppend(out, is_infinite ? absl::StrCat(element.get<double>()) : element.dump());
-  });
-}
-
-// A text member made printable: names and messages come from servers and files.
-std::string Text(const Json& object, const char* key) {
-  return base::Printable(object.at(key).get<std::string>());
 }
 
 // Adds "sample_dims", "spacing", "origin", "direction".
@@ -85,8 +69,6 @@ void AddFiniteRange(const Message& message, Json* json) {
         Json::array({message.finite_range().min(), message.finite_range().max()});
   }
 }
-
-Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 // Adds "length_unit", "time_unit", "fields", "time_steps", as SeriesDirectoryToJson.
 void AddFields(const v1::Dataset& dataset, Json* json) {
@@ -122,16 +104,13 @@ void AddFields(const v1::Dataset& dataset, Json* json) {
   (*json)["time_unit"] = TextOrNull(dataset.time_unit());
 }
 
-void AddLine(absl::string_view name, const std::string& value, std::string* text) {
-  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
-}
-
 // Adds the lines for the members of AddGeometry and AddSamples.
-void AddGridLines(const Json& json, std::string* text) {
-  AddLine("samples",
-          absl::StrCat(Joined(json.at("sample_dims"), " x "), " of ", Text(json, "sample_type")),
+void AddGridLines(const Json& json, const std::string& unit, std::string* text) {
+  const std::string type =
+      json.contains("sample_type") ? absl::StrCat(" of ", TextOf(json, "sample_type")) : "";
+  AddLine("samples", absl::StrCat(Joined(json.at("sample_dims"), " x "), type), text);
+  AddLine("spacing", absl::StrCat(Joined(json.at("spacing"), ", "), unit.empty() ? "" : " ", unit),
           text);
-  AddLine("spacing", Joined(json.at("spacing"), ", "), text);
   AddLine("origin", Joined(json.at("origin"), ", "), text);
   AddLine("direction",
           absl::StrJoin(json.at("direction"), "; ",
@@ -139,6 +118,18 @@ void AddGridLines(const Json& json, std::string* text) {
                           absl::StrAppend(out, Joined(column, ", "));
                         }),
           text);
+}
+
+// The shards of a folder, which counts the blocks of each, or the volumes of a series.
+std::string DescribeShards(const Json& shards, bool is_series) {
+  Table table({"shard", is_series ? "volumes" : "blocks", "size"});
+  for (const Json& shard : shards) {
+    const Json& count = shard.at(is_series ? "volume_count" : "block_count");
+    const Json& bytes = shard.at(is_series ? "file_bytes" : "block_bytes");
+    table.AddRow({shard.at("shard").dump(), FormatCount(count.get<std::int64_t>()),
+                  FormatMebibytes(bytes.get<std::int64_t>())});
+  }
+  return table.ToString();
 }
 
 }  // namespace
@@ -267,30 +258,37 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
 
 std::string DescribeVolume(const Json& volume) {
   std::string text;
-  AddLine("volume", Text(volume, "name"), &text);
-  AddGridLines(volume, &text);
+  AddLine("volume", TextOf(volume, "name"), &text);
+  AddGridLines(volume, /*unit=*/"", &text);
   if (volume.contains("note")) {
-    AddLine("note", Text(volume, "note"), &text);
+    AddLine("note", TextOf(volume, "note"), &text);
   }
   return text;
 }
 
-std::string DescribeDataset(const Json& dataset) {
+std::string DescribeDataset(const Json& dataset, int max_width) {
   std::string text;
-  const auto line = [&text](absl::string_view name, const std::string& value) {
+  const auto line = [&](absl::string_view name, const std::string& value) {
     AddLine(name, value, &text);
   };
-  line("dataset", Text(dataset, "name"));
-  line("id", Text(dataset, "dataset_id"));
-  line("source", Text(dataset, "source"));
-  AddGridLines(dataset, &text);
-  absl::StrAppend(&text, DescribeValueRange(dataset));
-  if (dataset.at("max_gradient_magnitude").is_number()) {
-    line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
-                                  " per world unit"));
+  // Only a series in a folder tells which volumes it lacks.
+  const bool is_series_folder = dataset.contains("missing_volumes");
+  line("dataset", TextOf(dataset, "name"));
+  line("id", TextOf(dataset, "dataset_id"));
+  line("source", TextOf(dataset, "source"));
+  AddGridLines(dataset, is_series_folder ? TextOf(dataset, "length_unit") : "", &text);
+  if (!is_series_folder) {
+    absl::StrAppend(&text, DescribeValueRange(dataset));
+    if (dataset.at("max_gradient_magnitude").is_number()) {
+      line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
+                                    " per world unit"));
+    }
   }
   if (dataset.at("patient_frame").is_string()) {
-    line("patient", absl::StrCat(Text(dataset, "patient_frame"), " are world +x, +y, +z"));
+    line("patient", absl::StrCat(TextOf(dataset, "patient_frame"), " are world +x, +y, +z"));
+  }
+  if (is_series_folder) {
+    absl::StrAppend(&text, DescribeSteps(dataset), DescribeMissing(dataset));
   }
   line("blocks", absl::StrCat(FormatCount(dataset.at("block_count").get<std::int64_t>()), " of ",
                               Joined(dataset.at("block_cells"), " x "), " cells"));
@@ -299,25 +297,26 @@ std::string DescribeDataset(const Json& dataset) {
        absl::StrCat(
            dataset.at("shard_count").dump(),
            missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
-  if (dataset.contains("shards")) {
+  const bool is_folder = dataset.contains("shards");
+  if (is_folder) {
     line("distribution",
-         absl::StrCat(Text(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
-    Table table({"shard", "blocks", "size"});
-    for (const Json& shard : dataset.at("shards")) {
-      table.AddRow({shard.at("shard").dump(),
-                    FormatCount(shard.at("block_count").get<std::int64_t>()),
-                    FormatMebibytes(shard.at("block_bytes").get<std::int64_t>())});
-    }
-    absl::StrAppend(&text, "\n", table.ToString());
+         absl::StrCat(TextOf(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
   }
-  return text;
+  if (dataset.contains("fields")) {
+    absl::StrAppend(&text, is_series_folder ? "" : DescribeSteps(dataset), "\n",
+                    DescribeFields(dataset, max_width));
+  }
+  if (is_folder && !(is_series_folder && dataset.at("shards").empty())) {
+    absl::StrAppend(&text, "\n", DescribeShards(dataset.at("shards"), is_series_folder));
+  }
+  return absl::StrCat(text, DescribeLabels(dataset));
 }
 
 std::string DescribeAgents(const Json& agents, int max_width) {
   // The number of agents with the same message.
   std::map<std::string, int> agents_of;
   for (const Json& agent : agents) {
-    ++agents_of[Text(agent, "message")];
+    ++agents_of[TextOf(agent, "message")];
   }
   const auto is_shared = [&](const std::string& message) {
     return max_width > 0 && !message.empty() && agents_of[message] > 1;
@@ -327,9 +326,9 @@ std::string DescribeAgents(const Json& agents, int max_width) {
   for (const Json& agent : agents) {
     const std::string shards =
         absl::StrJoin(agent.at("shards"), ",", [](std::string* out, const Json& shard) {
-          absl::StrAppend(out, Text(shard, "dataset"), "/", shard.at("shard").dump());
+          absl::StrAppend(out, TextOf(shard, "dataset"), "/", shard.at("shard").dump());
         });
-    std::string message = Text(agent, "message");
+    std::string message = TextOf(agent, "message");
     if (is_shared(message)) {
       const auto known = std::find(shared.begin(), shared.end(), message);
       const std::ptrdiff_t index = known - shared.begin();
@@ -338,8 +337,8 @@ std::string DescribeAgents(const Json& agents, int max_width) {
       }
       message = absl::StrCat("[", index + 1, "]");
     }
-    table.AddRow({Text(agent, "address"), Text(agent, "state"), Text(agent, "version"), shards,
-                  Text(agent, "renderer"), message});
+    table.AddRow({TextOf(agent, "address"), TextOf(agent, "state"), TextOf(agent, "version"),
+                  shards, TextOf(agent, "renderer"), message});
   }
   std::string text = table.ToString(max_width);
   for (std::size_t i = 0; i < shared.size(); ++i) {
