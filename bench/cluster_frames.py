@@ -68,22 +68,25 @@ def await_ready(program, address):
 
 
 @contextlib.contextmanager
-def cluster(folder, dataset):
-    """The address of a coordinator with one agent for each shard of the dataset."""
+def cluster(folder, dataset, flags=('--renderer', 'cpu'), settling_seconds=SETTLING_SECONDS,
+            coordinator_flags=()):
+    """The address of a coordinator with one agent for each shard of the dataset, and those of the agents' metrics."""
     shards = sorted(path for path in dataset.iterdir() if path.is_dir())
     agents = [f'127.0.0.1:{free_port()}' for _ in shards]
+    metrics = [f'127.0.0.1:{free_port()}' for _ in shards]
     coordinator = f'127.0.0.1:{free_port()}'
     quiet = {'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
-    processes = [subprocess.Popen([folder / 'isoscope-agent', '--renderer', 'cpu', '--listen', address, shard], **quiet)
-                 for address, shard in zip(agents, shards)]
+    processes = [subprocess.Popen([folder / 'isoscope-agent', *flags, '--listen', address, '--metrics-listen', page, shard],
+                                  **quiet) for address, page, shard in zip(agents, metrics, shards)]
     dials = [word for address in agents for word in ('--agent', address)]
-    processes.append(subprocess.Popen([folder / 'isoscope-coordinator', '--listen', coordinator, *dials], **quiet))
     try:
         for address in agents:
             await_ready(folder / 'isoscope-agent', address)
+        processes.append(subprocess.Popen([folder / 'isoscope-coordinator', '--listen', coordinator, *dials,
+                                           *coordinator_flags], **quiet))
         await_ready(folder / 'isoscope-coordinator', coordinator)
-        time.sleep(SETTLING_SECONDS)
-        yield coordinator
+        time.sleep(settling_seconds)
+        yield coordinator, metrics
     finally:
         for process in processes:
             process.kill()
@@ -137,7 +140,7 @@ def measure(arguments, scratch):
                 if not dataset.exists():
                     row['partition_ms'] = timed([folder / 'isoscope', 'partition', arguments.volume, '--output', dataset,
                                                  '--shards', str(count)])
-                with cluster(folder, dataset) as coordinator:
+                with cluster(folder, dataset) as (coordinator, _):
                     row['cluster'] = figures(frames(folder, ['--server', coordinator], arguments, scratch))
                 row['one_process'] = figures(frames(folder, [dataset, '--renderer', 'cpu'], arguments, scratch))
                 rows.append(row)

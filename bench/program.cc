@@ -4,10 +4,9 @@ namespace isoscope::bench {
 
 cli::Program BenchProgram() {
   return {.name = "isoscope-bench",
-          .summary = "measures Isoscope: frames, its algorithm, clients, sliders, cancelling",
+          .summary = "measures Isoscope: frames, its algorithm",
           .example = "  isoscope-bench frame head.nii.gz --isovalue 60 --runs 5\n",
-          .commands = {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand(),
-                       DragBenchCommand(), SliderBenchCommand(), ClientsBenchCommand(),
+          .commands = {FrameBenchCommand(), PaperBenchCommand(),
                        cli::CompletionCommand("isoscope-bench")}};
 }
 

@@ -10,10 +10,6 @@ namespace isoscope::bench {
 
 cli::Command FrameBenchCommand();
 cli::Command PaperBenchCommand();
-cli::Command CancelBenchCommand();
-cli::Command DragBenchCommand();
-cli::Command SliderBenchCommand();
-cli::Command ClientsBenchCommand();
 
 cli::Program BenchProgram();
 

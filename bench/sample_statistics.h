@@ -9,8 +9,6 @@ namespace isoscope::bench {
 
 // The middle value, or the mean of the two in the middle; 0 of none.
 double Median(std::vector<double> values);
-// The smallest value that at least `share` of all values do not exceed, 0 < share <= 1; 0 of none.
-double Percentile(std::vector<double> values, double share);
 // To three decimals.
 double Rounded(double value);
 double Sum(const std::vector<double>& values);

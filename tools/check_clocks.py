@@ -27,6 +27,7 @@ DATED = {
     "client-cli/terminal/top_screen.h": "the screen shows the date",
     "client-cli/session/cache_entry.cc": "times of files",
     "client-cli/session/cache_entry.h": "times of files",
+    "bench/interactive.py": "results have dates",
     "bench/machine.cc": "results have dates",
     "scripts/package.sh": "times of files",
     "tests/unit/client-cli/session/cache_entry_test.cc": "times of files",

@@ -371,14 +371,7 @@ std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
         "\n");
   }
   for (const Json& dataset : json.at("datasets")) {
-    // Only a series in a folder tells which volumes it lacks.
-    absl::StrAppend(&text, text.empty() ? "" : "\n",
-                    dataset.contains("missing_volumes") ? DescribeSeries(dataset, max_width)
-                                                        : DescribeDataset(dataset));
-    if (dataset.contains("fields") && !dataset.contains("missing_volumes")) {
-      absl::StrAppend(&text, DescribeSteps(dataset), "\n", DescribeFields(dataset, max_width));
-    }
-    absl::StrAppend(&text, DescribeLabels(dataset));
+    absl::StrAppend(&text, text.empty() ? "" : "\n", DescribeDataset(dataset, max_width));
   }
   if (json.at("datasets").empty()) {
     absl::StrAppend(&text, "\nno dataset is served\n");

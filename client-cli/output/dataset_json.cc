@@ -2,8 +2,6 @@
 // So both agree, and every member that the text needs is available to scripts, too.
 //
 //   Dataset, source or folder -> DatasetToJson, VolumeToJson, ... -> Json -> Describe... -> text
-//
-// Names and messages come from servers and files, so text passes through base::Printable.
 
 #include "client-cli/output/dataset_json.h"
 
@@ -21,8 +19,9 @@
 #include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/output/json_lines.h"
+#include "client-cli/output/info_lines.h"
 #include "client-cli/output/label_json.h"
+#include "client-cli/output/series_json.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/volume/label.h"
@@ -106,11 +105,12 @@ void AddFields(const v1::Dataset& dataset, Json* json) {
 }
 
 // Adds the lines for the members of AddGeometry and AddSamples.
-void AddGridLines(const Json& json, std::string* text) {
-  AddLine("samples",
-          absl::StrCat(Joined(json.at("sample_dims"), " x "), " of ", Text(json, "sample_type")),
+void AddGridLines(const Json& json, const std::string& unit, std::string* text) {
+  const std::string type =
+      json.contains("sample_type") ? absl::StrCat(" of ", TextOf(json, "sample_type")) : "";
+  AddLine("samples", absl::StrCat(Joined(json.at("sample_dims"), " x "), type), text);
+  AddLine("spacing", absl::StrCat(Joined(json.at("spacing"), ", "), unit.empty() ? "" : " ", unit),
           text);
-  AddLine("spacing", Joined(json.at("spacing"), ", "), text);
   AddLine("origin", Joined(json.at("origin"), ", "), text);
   AddLine("direction",
           absl::StrJoin(json.at("direction"), "; ",
@@ -118,6 +118,18 @@ void AddGridLines(const Json& json, std::string* text) {
                           absl::StrAppend(out, Joined(column, ", "));
                         }),
           text);
+}
+
+// The shards of a folder, which counts the blocks of each, or the volumes of a series.
+std::string DescribeShards(const Json& shards, bool is_series) {
+  Table table({"shard", is_series ? "volumes" : "blocks", "size"});
+  for (const Json& shard : shards) {
+    const Json& count = shard.at(is_series ? "volume_count" : "block_count");
+    const Json& bytes = shard.at(is_series ? "file_bytes" : "block_bytes");
+    table.AddRow({shard.at("shard").dump(), FormatCount(count.get<std::int64_t>()),
+                  FormatMebibytes(bytes.get<std::int64_t>())});
+  }
+  return table.ToString();
 }
 
 }  // namespace
@@ -246,30 +258,37 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
 
 std::string DescribeVolume(const Json& volume) {
   std::string text;
-  AddLine("volume", Text(volume, "name"), &text);
-  AddGridLines(volume, &text);
+  AddLine("volume", TextOf(volume, "name"), &text);
+  AddGridLines(volume, /*unit=*/"", &text);
   if (volume.contains("note")) {
-    AddLine("note", Text(volume, "note"), &text);
+    AddLine("note", TextOf(volume, "note"), &text);
   }
   return text;
 }
 
-std::string DescribeDataset(const Json& dataset) {
+std::string DescribeDataset(const Json& dataset, int max_width) {
   std::string text;
-  const auto line = [&text](absl::string_view name, const std::string& value) {
+  const auto line = [&](absl::string_view name, const std::string& value) {
     AddLine(name, value, &text);
   };
-  line("dataset", Text(dataset, "name"));
-  line("id", Text(dataset, "dataset_id"));
-  line("source", Text(dataset, "source"));
-  AddGridLines(dataset, &text);
-  absl::StrAppend(&text, DescribeValueRange(dataset));
-  if (dataset.at("max_gradient_magnitude").is_number()) {
-    line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
-                                  " per world unit"));
+  // Only a series in a folder tells which volumes it lacks.
+  const bool is_series_folder = dataset.contains("missing_volumes");
+  line("dataset", TextOf(dataset, "name"));
+  line("id", TextOf(dataset, "dataset_id"));
+  line("source", TextOf(dataset, "source"));
+  AddGridLines(dataset, is_series_folder ? TextOf(dataset, "length_unit") : "", &text);
+  if (!is_series_folder) {
+    absl::StrAppend(&text, DescribeValueRange(dataset));
+    if (dataset.at("max_gradient_magnitude").is_number()) {
+      line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
+                                    " per world unit"));
+    }
   }
   if (dataset.at("patient_frame").is_string()) {
-    line("patient", absl::StrCat(Text(dataset, "patient_frame"), " are world +x, +y, +z"));
+    line("patient", absl::StrCat(TextOf(dataset, "patient_frame"), " are world +x, +y, +z"));
+  }
+  if (is_series_folder) {
+    absl::StrAppend(&text, DescribeSteps(dataset), DescribeMissing(dataset));
   }
   line("blocks", absl::StrCat(FormatCount(dataset.at("block_count").get<std::int64_t>()), " of ",
                               Joined(dataset.at("block_cells"), " x "), " cells"));
@@ -278,25 +297,26 @@ std::string DescribeDataset(const Json& dataset) {
        absl::StrCat(
            dataset.at("shard_count").dump(),
            missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
-  if (dataset.contains("shards")) {
+  const bool is_folder = dataset.contains("shards");
+  if (is_folder) {
     line("distribution",
-         absl::StrCat(Text(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
-    Table table({"shard", "blocks", "size"});
-    for (const Json& shard : dataset.at("shards")) {
-      table.AddRow({shard.at("shard").dump(),
-                    FormatCount(shard.at("block_count").get<std::int64_t>()),
-                    FormatMebibytes(shard.at("block_bytes").get<std::int64_t>())});
-    }
-    absl::StrAppend(&text, "\n", table.ToString());
+         absl::StrCat(TextOf(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
   }
-  return text;
+  if (dataset.contains("fields")) {
+    absl::StrAppend(&text, is_series_folder ? "" : DescribeSteps(dataset), "\n",
+                    DescribeFields(dataset, max_width));
+  }
+  if (is_folder && !(is_series_folder && dataset.at("shards").empty())) {
+    absl::StrAppend(&text, "\n", DescribeShards(dataset.at("shards"), is_series_folder));
+  }
+  return absl::StrCat(text, DescribeLabels(dataset));
 }
 
 std::string DescribeAgents(const Json& agents, int max_width) {
   // The number of agents with the same message.
   std::map<std::string, int> agents_of;
   for (const Json& agent : agents) {
-    ++agents_of[Text(agent, "message")];
+    ++agents_of[TextOf(agent, "message")];
   }
   const auto is_shared = [&](const std::string& message) {
     return max_width > 0 && !message.empty() && agents_of[message] > 1;
@@ -306,9 +326,9 @@ std::string DescribeAgents(const Json& agents, int max_width) {
   for (const Json& agent : agents) {
     const std::string shards =
         absl::StrJoin(agent.at("shards"), ",", [](std::string* out, const Json& shard) {
-          absl::StrAppend(out, Text(shard, "dataset"), "/", shard.at("shard").dump());
+          absl::StrAppend(out, TextOf(shard, "dataset"), "/", shard.at("shard").dump());
         });
-    std::string message = Text(agent, "message");
+    std::string message = TextOf(agent, "message");
     if (is_shared(message)) {
       const auto known = std::find(shared.begin(), shared.end(), message);
       const std::ptrdiff_t index = known - shared.begin();
@@ -317,8 +337,8 @@ std::string DescribeAgents(const Json& agents, int max_width) {
       }
       message = absl::StrCat("[", index + 1, "]");
     }
-    table.AddRow({Text(agent, "address"), Text(agent, "state"), Text(agent, "version"), shards,
-                  Text(agent, "renderer"), message});
+    table.AddRow({TextOf(agent, "address"), TextOf(agent, "state"), TextOf(agent, "version"),
+                  shards, TextOf(agent, "renderer"), message});
   }
   std::string text = table.ToString(max_width);
   for (std::size_t i = 0; i < shared.size(); ++i) {

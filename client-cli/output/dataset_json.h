@@ -7,8 +7,7 @@
 #include <optional>
 #include <string>
 
-#include <nlohmann/json_fwd.hpp>
-
+#include "client-cli/output/info_lines.h"
 #include "core/source/adapt/value_range.h"
 #include "core/source/volume_source.h"
 #include "core/store/shard_reader.h"
@@ -16,8 +15,6 @@
 #include "isoscope/v1/dataset.pb.h"
 
 namespace isoscope::cli {
-
-using Json = nlohmann::ordered_json;
 
 // {"name", "dataset_id", "source", "sample_dims", "spacing", "origin", "direction", "sample_type",
 // "value_range", "max_gradient_magnitude", "block_cells", "block_count", "shard_count",
@@ -45,7 +42,9 @@ std::string DescribeVolume(const Json& volume);
 std::string DescribeValueRange(const Json& json);
 // ", and 3 infinite samples"; "" of 0.
 std::string DescribeInfinite(std::int64_t count);
-std::string DescribeDataset(const Json& dataset);
+// A dataset of a server or of a folder, also of a series, with its labels. max_width: as
+// Table::ToString.
+std::string DescribeDataset(const Json& dataset, int max_width = 0);
 // Returns a table with one row for each agent. max_width: as Table::ToString. With a width, a
 // message that several agents share is printed once, below.
 std::string DescribeAgents(const Json& agents, int max_width = 0);

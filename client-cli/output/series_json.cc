@@ -14,9 +14,8 @@
 #include "absl/strings/str_join.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/output/json_lines.h"
+#include "client-cli/output/info_lines.h"
 #include "client-cli/output/label_json.h"
-#include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/io/file.h"
 #include "core/store/manifest.h"
@@ -140,39 +139,8 @@ std::string DescribeTimes(const Json& series) {
     }
     times.push_back(steps[i].at("value").dump());
   }
-  const std::string unit = Text(series, "time_unit");
+  const std::string unit = TextOf(series, "time_unit");
   return absl::StrCat(absl::StrJoin(times, ", "), unit.empty() ? "" : " ", unit);
-}
-
-// A line for each field, component and list of shards: "u x at steps 3, 4 in shards 0, 1".
-std::vector<std::string> DescribeMissing(const Json& missing) {
-  constexpr std::size_t kMaxSteps = 8;
-  std::vector<std::pair<std::string, std::vector<std::string>>> groups;
-  for (const Json& volume : missing) {
-    const std::string component = Text(volume, "component");
-    const std::string shards = Joined(volume.at("shards"), ", ");
-    const std::string what =
-        absl::StrCat(Text(volume, "field"), component.empty() ? "" : " ", component, "|",
-                     shards.empty() ? "" : absl::StrCat(" in shards ", shards));
-    auto group = std::find_if(groups.begin(), groups.end(),
-                              [&](const auto& known) { return known.first == what; });
-    if (group == groups.end()) {
-      group = groups.insert(groups.end(), {what, {}});
-    }
-    group->second.push_back(volume.at("step").dump());
-  }
-  std::vector<std::string> lines;
-  for (auto& [what, steps] : groups) {
-    const std::size_t count = steps.size();
-    if (count > kMaxSteps) {
-      steps.resize(kMaxSteps);
-      steps.push_back("...");
-    }
-    const std::size_t bar = what.rfind('|');
-    lines.push_back(absl::StrCat(what.substr(0, bar), count == 1 ? " at step " : " at steps ",
-                                 absl::StrJoin(steps, ", "), what.substr(bar + 1)));
-  }
-  return lines;
 }
 
 }  // namespace
@@ -187,6 +155,38 @@ std::string DescribeSteps(const Json& series) {
   return text;
 }
 
+std::string DescribeMissing(const Json& series) {
+  constexpr std::size_t kMaxSteps = 8;
+  std::vector<std::pair<std::string, std::vector<std::string>>> groups;
+  for (const Json& volume : series.at("missing_volumes")) {
+    const std::string component = TextOf(volume, "component");
+    const std::string shards = Joined(volume.at("shards"), ", ");
+    const std::string what =
+        absl::StrCat(TextOf(volume, "field"), component.empty() ? "" : " ", component, "|",
+                     shards.empty() ? "" : absl::StrCat(" in shards ", shards));
+    auto group = std::find_if(groups.begin(), groups.end(),
+                              [&](const auto& known) { return known.first == what; });
+    if (group == groups.end()) {
+      group = groups.insert(groups.end(), {what, {}});
+    }
+    group->second.push_back(volume.at("step").dump());
+  }
+  std::string text;
+  for (auto& [what, steps] : groups) {
+    const std::size_t count = steps.size();
+    if (count > kMaxSteps) {
+      steps.resize(kMaxSteps);
+      steps.push_back("...");
+    }
+    const std::size_t bar = what.rfind('|');
+    AddLine("missing",
+            absl::StrCat(what.substr(0, bar), count == 1 ? " at step " : " at steps ",
+                         absl::StrJoin(steps, ", "), what.substr(bar + 1)),
+            &text);
+  }
+  return text;
+}
+
 std::string DescribeFields(const Json& series, int max_width) {
   Table table = Table::OfColumns({{.title = "field", .is_left = true, .is_flexible = true},
                                   {.title = "component", .is_left = true},
@@ -195,14 +195,14 @@ std::string DescribeFields(const Json& series, int max_width) {
                                   {.title = "values", .is_left = true},
                                   {.title = "steps"}});
   for (const Json& field : series.at("fields")) {
-    const std::string long_name = Text(field, "long_name");
-    std::string name = absl::StrCat(Text(field, "name"),
+    const std::string long_name = TextOf(field, "long_name");
+    std::string name = absl::StrCat(TextOf(field, "name"),
                                     long_name.empty() ? "" : absl::StrCat(" (", long_name, ")"));
     std::string steps = absl::StrCat(field.at("time_steps").size());
     for (const Json& component : field.at("components")) {
       const Json& range = component.at("value_range");
       table.AddRow(
-          {name, Text(component, "name"), Text(field, "unit"), Text(component, "sample_type"),
+          {name, TextOf(component, "name"), TextOf(field, "unit"), TextOf(component, "sample_type"),
            range.is_null() ? "none that is finite"
                            : absl::StrCat(range[0].get<double>(), " to ", range[1].get<double>()),
            steps});
@@ -259,51 +259,6 @@ Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
   json["shards"] = std::move(shards);
   AddLabels(series.labels, &json);
   return json;
-}
-
-std::string DescribeSeries(const Json& series, int max_width) {
-  std::string text;
-  const auto line = [&text](absl::string_view name, const std::string& value) {
-    AddLine(name, value, &text);
-  };
-  line("dataset", Text(series, "name"));
-  line("id", Text(series, "dataset_id"));
-  line("source", Text(series, "source"));
-  line("samples", Joined(series.at("sample_dims"), " x "));
-  const std::string unit = Text(series, "length_unit");
-  line("spacing", absl::StrCat(Joined(series.at("spacing"), ", "), unit.empty() ? "" : " ", unit));
-  line("origin", Joined(series.at("origin"), ", "));
-  line("direction",
-       absl::StrJoin(series.at("direction"), "; ", [](std::string* out, const Json& column) {
-         absl::StrAppend(out, Joined(column, ", "));
-       }));
-  if (series.at("patient_frame").is_string()) {
-    line("patient", absl::StrCat(Text(series, "patient_frame"), " are world +x, +y, +z"));
-  }
-  absl::StrAppend(&text, DescribeSteps(series));
-  for (const std::string& missing : DescribeMissing(series.at("missing_volumes"))) {
-    line("missing", missing);
-  }
-  line("blocks", absl::StrCat(FormatCount(series.at("block_count").get<std::int64_t>()), " of ",
-                              Joined(series.at("block_cells"), " x "), " cells"));
-  const Json& missing = series.at("missing_shards");
-  line("shards",
-       absl::StrCat(
-           series.at("shard_count").dump(),
-           missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
-  line("distribution",
-       absl::StrCat(Text(series, "distribution"), ", seed ", series.at("seed").dump()));
-  absl::StrAppend(&text, "\n", DescribeFields(series, max_width));
-  if (!series.at("shards").empty()) {
-    Table table({"shard", "volumes", "size"});
-    for (const Json& shard : series.at("shards")) {
-      table.AddRow({shard.at("shard").dump(),
-                    FormatCount(shard.at("volume_count").get<std::int64_t>()),
-                    FormatMebibytes(shard.at("file_bytes").get<std::int64_t>())});
-    }
-    absl::StrAppend(&text, "\n", table.ToString());
-  }
-  return text;
 }
 
 }  // namespace isoscope::cli

@@ -5,9 +5,7 @@
 
 #include <string>
 
-#include <nlohmann/json_fwd.hpp>
-
-#include "client-cli/output/dataset_json.h"
+#include "client-cli/output/info_lines.h"
 #include "core/store/series_manifest.h"
 
 namespace isoscope::cli {
@@ -31,13 +29,11 @@ namespace isoscope::cli {
 //                       lack the volume; all if the series has none
 Json SeriesDirectoryToJson(const store::SeriesDescription& description);
 
-// The steps and the fields of a series for people, from this JSON or that of DatasetToJson.
-// max_width: as Table::ToString.
+// The steps and the fields of a series for people, from this JSON or that of DatasetToJson; what is
+// missing from this JSON. max_width: as Table::ToString.
 std::string DescribeSteps(const Json& series);
+std::string DescribeMissing(const Json& series);
 std::string DescribeFields(const Json& series, int max_width = 0);
-
-// The whole for people, from the JSON above. max_width: as Table::ToString.
-std::string DescribeSeries(const Json& series, int max_width = 0);
 
 }  // namespace isoscope::cli
 

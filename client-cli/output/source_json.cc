@@ -9,7 +9,7 @@
 #include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/output/json_lines.h"
+#include "client-cli/output/info_lines.h"
 #include "core/base/printable.h"
 #include "core/base/shell_word.h"
 #include "core/base/units.h"

@@ -169,14 +169,6 @@ int EmbeddedCluster::port() const { return coordinator_->port(); }
 
 std::string EmbeddedCluster::renderer_description() const { return renderer_->description(); }
 
-int EmbeddedCluster::frames_in_work() const {
-  int sum = 0;
-  for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {
-    sum += agent->frames_in_work();
-  }
-  return sum;
-}
-
 void EmbeddedCluster::Shutdown(absl::Duration grace) {
   coordinator_->Shutdown(grace);
   for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {

@@ -80,8 +80,6 @@ class EmbeddedCluster {
   // The bound port, or 0 without one.
   [[nodiscard]] int port() const;
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
-  // The sum of AgentServer::frames_in_work over all agents.
-  [[nodiscard]] int frames_in_work() const;
   // Names the back end and its device, for the user.
   [[nodiscard]] std::string renderer_description() const;
   // Lets frames in work finish for at most `grace`. Blocks.

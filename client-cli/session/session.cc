@@ -228,7 +228,8 @@ void AddInputFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& nam
   AddSourceFlags(set, &flags->source, names);
 }
 
-void AddServerFlags(FlagSet* set, SessionFlags* flags) {
+void AddSessionFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names) {
+  AddInputFlags(set, flags, names);
   AddFlag(set, "--server", "HOST[:PORT]", &flags->server, rpc::ParseCoordinatorAddress,
           "the coordinator to ask; its port may be left out if it is 50051");
   AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
@@ -237,11 +238,6 @@ void AddServerFlags(FlagSet* set, SessionFlags* flags) {
   AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
           "give up a request after this time (default: the server's limit, an hour at most; of a "
           "frame without --server 5 minutes)");
-}
-
-void AddSessionFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names) {
-  AddInputFlags(set, flags, names);
-  AddServerFlags(set, flags);
   AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,

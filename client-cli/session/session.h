@@ -55,10 +55,9 @@ struct SessionFlags {
   int expected_layers = 0;
 };
 
-// Register the flags of an input, of a server, or of both and of drawing here. `flags` must outlive
+// Register the flags of an input, or of an input, a server and drawing here. `flags` must outlive
 // the parsing.
 void AddInputFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names = {});
-void AddServerFlags(FlagSet* set, SessionFlags* flags);
 // `names` as AddSourceFlags has it.
 void AddSessionFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names = {});
 // Registers --cache-limit.

@@ -1,6 +1,5 @@
 // `isoscope-bench` as users run it, with programs of other people played by scripts.
 
-#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -175,92 +174,6 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
   EXPECT_EQ(exit_code, 130);
   EXPECT_THAT(process->err(), HasSubstr("CANCELLED"));
   EXPECT_TRUE(NothingIsLeftBehind());
-}
-
-TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
-  const CommandResult result = RunIsoscopeBench(
-      Arguments({"cancel"}, {"--isovalue", "128", "--shards", "2", "--cancels", "7",
-                             "--frames-per-start", "3", "--width", "256", "--height", "256",
-                             "--renderer", "cpu", "--json", folder_.Sub("cancel.json")}),
-      Options(kSystemPath));
-  ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("2 agents in this process"));
-  EXPECT_THAT(result.out, HasSubstr("idle ms, median"));
-  EXPECT_TRUE(NothingIsLeftBehind());
-  const json bench = json::parse(ReadFile("cancel.json"), nullptr, /*allow_exceptions=*/false);
-  ASSERT_EQ(bench["frames"].size(), 7);
-  EXPECT_EQ(bench["agents"], 2);
-  EXPECT_GT(bench["cold_ms"], 0.0);
-  double last_idle_ms = 0;
-  for (const json& frame : bench["frames"]) {
-    last_idle_ms = std::max(last_idle_ms, frame["idle_ms"].get<double>());
-    EXPECT_GE(frame["moment_ms"], 0.0);
-    EXPECT_GE(frame["answer_ms"], 0.0);
-  }
-  EXPECT_EQ(bench["idle_ms"]["max"], last_idle_ms);
-  EXPECT_LT(last_idle_ms, 60'000.0) << "agents go on with frames that nobody waits for";
-  const CommandResult refused =
-      RunIsoscopeBench(Arguments({"cancel"}, {"--cancels", "7"}), Options(kSystemPath));
-  EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("--isovalue V is missing"));
-}
-
-TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
-  const std::string dataset = folder_.Sub("dataset");
-  ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));
-  const CommandResult result =
-      RunIsoscopeBench({"drag", dataset, "--isovalue", "128", "--seconds", "1", "--width", "128",
-                        "--height", "128", "--renderer", "cpu", "--json", folder_.Sub("drag.json")},
-                       Options(kSystemPath));
-  ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("frames a second"));
-  EXPECT_THAT(result.out, HasSubstr(", the bytes of RenderIsosurface"));
-  const json bench = json::parse(ReadFile("drag.json"), nullptr, /*allow_exceptions=*/false);
-  EXPECT_GT(bench["frames_per_second"], 0.0);
-  EXPECT_EQ(bench["agents"], 2);
-
-  const CommandResult refused =
-      RunIsoscopeBench({"drag", dataset, "--isovalue", "128", "--rate", "0"}, Options(kSystemPath));
-  EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("--rate is 0: must lie in [1, 120]"));
-}
-
-// More clients than the coordinator has places: those that retry after its delay all get the
-// picture.
-TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
-  const std::string dataset = folder_.Sub("dataset");
-  ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto cluster,
-      testing::ProcessCluster::Start(dataset, 2,
-                                     {"--max-concurrent-frames", "1", "--max-queued-frames", "2"}));
-  const CommandResult result =
-      RunIsoscopeBench({"clients", "--server", cluster->address(), "--isovalue", "128", "--clients",
-                        "2,12", "--seconds", "3", "--width", "256", "--height", "256", "--json",
-                        folder_.Sub("clients.json")},
-                       Options(kSystemPath));
-  ASSERT_EQ(result.exit_code, 0) << result.err << result.out;
-  EXPECT_THAT(result.out, HasSubstr("refusals"));
-  const json bench = json::parse(ReadFile("clients.json"), nullptr, /*allow_exceptions=*/false);
-  ASSERT_EQ(bench["rounds"].size(), 2);
-  for (const json& round : bench["rounds"]) {
-    EXPECT_GT(round["frames"], 0);
-    EXPECT_GT(round["least_frames"], 0) << "a client was starved: " << round;
-    EXPECT_EQ(round["failed"], 0);
-    EXPECT_EQ(round["wrong"], 0);
-    EXPECT_EQ(round["refusals"], round["retries"]) << "each refusal is followed by another try";
-  }
-  EXPECT_EQ(bench["rounds"][0]["refusals"], 0);
-  EXPECT_GT(bench["rounds"][1]["refusals"], 0);
-
-  const CommandResult refused =
-      RunIsoscopeBench({"clients", "--isovalue", "128"}, Options(kSystemPath));
-  EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("--server is missing"));
-  const CommandResult useless =
-      RunIsoscopeBench({"clients", dataset, "--isovalue", "128"}, Options(kSystemPath));
-  EXPECT_EQ(useless.exit_code, 2);
-  EXPECT_THAT(useless.err, HasSubstr("one argument too many"));
 }
 
 TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {

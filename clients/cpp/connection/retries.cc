@@ -1,7 +1,6 @@
 #include "clients/cpp/connection/retries.h"
 
 #include <algorithm>
-#include <atomic>
 #include <optional>
 
 #include "core/base/monotonic_time.h"
@@ -11,9 +10,6 @@
 
 namespace isoscope::client {
 namespace {
-
-std::atomic<std::int64_t> refusal_count{0};
-std::atomic<std::int64_t> retry_count{0};
 
 // Returns CANCELLED if it is interrupted.
 absl::Status Sleep(absl::Duration duration, const base::Cancellation& interrupt) {
@@ -40,17 +36,11 @@ absl::Status CallWithRetries(base::MonotonicTime deadline, const base::Cancellat
     if (!delay.has_value()) {
       return status;
     }
-    ++refusal_count;
     if (base::MonotonicNow() + *delay >= last_try) {
       return status;
     }
     ISOSCOPE_RETURN_IF_ERROR(Sleep(*delay, interrupt));
-    ++retry_count;
   }
-}
-
-RetryCounts CountRetries() {
-  return {.refusals = refusal_count.load(), .retries = retry_count.load()};
 }
 
 }  // namespace isoscope::client

@@ -4,8 +4,6 @@
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_RETRIES_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_RETRIES_H_
 
-#include <cstdint>
-
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
@@ -23,13 +21,6 @@ inline constexpr absl::Duration kMaxRetryTime = absl::Minutes(5);
 // a wait. Thread-safe.
 absl::Status CallWithRetries(base::MonotonicTime deadline, const base::Cancellation& interrupt,
                              absl::FunctionRef<absl::Status()> once);
-
-// Counts over all calls of this process since its start.
-struct RetryCounts {
-  std::int64_t refusals = 0;
-  std::int64_t retries = 0;  // refusals followed by another attempt
-};
-RetryCounts CountRetries();
 
 }  // namespace isoscope::client
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Runs the tests of clients/python with an interpreter that has what they need.
+"""Runs the tests of clients/python, or other tests of pytest, with an interpreter that has what they need.
 
-    run_tests.py PROGRAMS [PYTEST-ARGUMENTS]
+    run_tests.py PROGRAMS [TESTS] [PYTEST-ARGUMENTS]
 
 PROGRAMS is the folder of isoscope. The interpreter is $ISOSCOPE_PYTHON, this one, or Debian's
 /usr/bin/python3: the first that imports grpc, protobuf, numpy and pytest. Without one it says so and
@@ -30,7 +30,8 @@ def main() -> int:
                 continue
         except OSError:
             continue
-        command = [python, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", TESTS, *arguments]
+        tests = [] if arguments and os.path.exists(arguments[0]) else [TESTS]
+        command = [python, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", *tests, *arguments]
         return subprocess.run(command, env=environment).returncode
     skips.skip_program(
         "python",

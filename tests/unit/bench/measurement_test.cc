@@ -51,25 +51,5 @@ TEST(MeasurementTest, AFileThatCannotBeWrittenIsFoundBeforeAnythingIsMeasured) {
   EXPECT_EQ(out.str(), "");
 }
 
-TEST(MeasurementTest, AFrameHasItsSizeAndItsDrawers) {
-  client::RequestFlags flags;
-  flags.width = 640;
-  flags.height = 480;
-  EXPECT_EQ(DescribeFrame(flags, {1, "cpu"}), "640 x 480 pixels, 1 agent");
-  EXPECT_EQ(DescribeFrame(flags, {2, "cpu"}), "640 x 480 pixels, 2 agents");
-  nlohmann::ordered_json json;
-  AddFrame(flags, {2, "cpu"}, &json);
-  EXPECT_EQ(json.dump(), R"({"width":640,"height":480,"agents":2,"renderer":"cpu"})");
-}
-
-TEST(MeasurementTest, AVolumeIsCalledAsItsFileElseAsItsDataset) {
-  cli::SessionFlags session;
-  EXPECT_EQ(VolumeOf(session), "");
-  session.dataset = "head";
-  EXPECT_EQ(VolumeOf(session), "head");
-  session.input = "/data/skull.nrrd";
-  EXPECT_EQ(VolumeOf(session), "skull.nrrd");
-}
-
 }  // namespace
 }  // namespace isoscope::bench

@@ -1,8 +1,5 @@
 #include "bench/sample_statistics.h"
 
-#include <numeric>
-#include <vector>
-
 #include "gtest/gtest.h"
 
 namespace isoscope::bench {
@@ -14,17 +11,6 @@ TEST(SampleStatisticsTest, MedianIsTheMiddleOrTheMeanOfTheTwoThere) {
   EXPECT_EQ(Median({9, 1, 5}), 5);
   EXPECT_EQ(Median({9, 1, 5, 4}), 4.5);
   EXPECT_EQ(Median({1e9, 3, 3, 3, 1}), 3) << "one that is far out does not count";
-}
-
-TEST(SampleStatisticsTest, PercentileIsTheSmallestThatCoversTheShare) {
-  EXPECT_EQ(Percentile({}, 0.99), 0);
-  EXPECT_EQ(Percentile({7}, 0.01), 7);
-  EXPECT_EQ(Percentile({4, 1, 3, 2}, 0.5), 2);
-  EXPECT_EQ(Percentile({4, 1, 3, 2}, 0.51), 3);
-  EXPECT_EQ(Percentile({4, 1, 3, 2}, 1), 4);
-  std::vector<double> hundred(100);
-  std::iota(hundred.begin(), hundred.end(), 1);
-  EXPECT_EQ(Percentile(hundred, 0.99), 99);
 }
 
 TEST(SampleStatisticsTest, MaxOverMeanIsOneOnlyInPerfectBalance) {

@@ -8,6 +8,7 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/dataset_json.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 
@@ -109,7 +110,7 @@ TEST_F(SeriesJsonTest, HasFieldsStepsAndWhatIsMissing) {
 }
 
 TEST_F(SeriesJsonTest, TextSaysTheSame) {
-  const std::string text = DescribeSeries(SeriesDirectoryToJson(description_));
+  const std::string text = DescribeDataset(SeriesDirectoryToJson(description_));
   for (const char* line :
        {"dataset       flow\n", "samples       17 x 17 x 9\n", "spacing       0.5, 0.5, 1.0 m\n",
         "steps         3\n", "times         0.0, 0.5, 2.0 s\n",
@@ -126,11 +127,11 @@ TEST_F(SeriesJsonTest, TextSaysTheSame) {
   for (int i = 0; i < 100; ++i) {
     description_.manifest.times.push_back(i);
   }
-  EXPECT_THAT(DescribeSeries(SeriesDirectoryToJson(description_)),
+  EXPECT_THAT(DescribeDataset(SeriesDirectoryToJson(description_)),
               HasSubstr("times         0.0, 1.0, 2.0, 3.0, ..., 99.0 s\n"));
   description_.manifest.times.clear();
   description_.manifest.volumes.resize(3);
-  EXPECT_THAT(DescribeSeries(SeriesDirectoryToJson(description_)),
+  EXPECT_THAT(DescribeDataset(SeriesDirectoryToJson(description_)),
               HasSubstr("steps         1, without a time\n"));
 }
 

@@ -39,15 +39,12 @@ class Answers {
 
 TEST(RetriesTest, ARefusedCallIsMadeAgainWhenItWasToldToCome) {
   const base::Cancellation never;
-  const RetryCounts before = CountRetries();
   Answers answers(
       {Refusal(absl::Milliseconds(30)), Refusal(absl::ZeroDuration()), absl::OkStatus()});
   EXPECT_THAT(CallWithRetries(base::MonotonicTime::InfiniteFuture(), never, std::ref(answers)),
               IsOk());
   ASSERT_EQ(answers.times.size(), 3U);
   EXPECT_GE(answers.times[1] - answers.times[0], absl::Milliseconds(29));
-  EXPECT_EQ(CountRetries().refusals - before.refusals, 2);
-  EXPECT_EQ(CountRetries().retries - before.retries, 2);
 }
 
 TEST(RetriesTest, OtherErrorsAndRefusalsWithoutATimeAreFinal) {

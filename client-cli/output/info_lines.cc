@@ -1,4 +1,4 @@
-#include "client-cli/output/json_lines.h"
+#include "client-cli/output/info_lines.h"
 
 #include <cmath>
 
@@ -12,6 +12,11 @@ namespace isoscope::cli {
 
 Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
+std::string TextOf(const Json& object, const char* key) {
+  const Json& value = object.at(key);
+  return value.is_null() ? "" : base::Printable(value.get<std::string>());
+}
+
 std::string Joined(const Json& array, absl::string_view separator) {
   return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
     // As JSON, an infinite number is null.
@@ -20,12 +25,7 @@ std::string Joined(const Json& array, absl::string_view separator) {
   });
 }
 
-std::string Text(const Json& object, const char* key) {
-  const Json& value = object.at(key);
-  return value.is_string() ? base::Printable(value.get<std::string>()) : std::string();
-}
-
-void AddLine(absl::string_view name, const std::string& value, std::string* text) {
+void AddLine(absl::string_view name, absl::string_view value, std::string* text) {
   absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
 }
 
