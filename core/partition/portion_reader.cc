@@ -37,14 +37,12 @@ PortionReader::PortionReader(source::VolumeSource* source, const volume::BlockLa
       plan_(plan),
       directory_(std::move(directory)),
       cancellation_(*cancellation),
-      row_bytes_(layout.sample_dims().x *
-                 static_cast<std::int64_t>(volume::SizeOf(source->info().type))) {}
+      row_bytes_(source->info().row_bytes()) {}
 
 std::int64_t PortionReader::StagingBytes(const source::VolumeSource& source) {
-  const math::Index3& dims = source.info().geometry.sample_dims;
-  const std::int64_t row_bytes =
-      dims.x * static_cast<std::int64_t>(volume::SizeOf(source.info().type));
-  return std::min(std::max(kStageBytes, row_bytes), row_bytes * dims.y);
+  const std::int64_t row_bytes = source.info().row_bytes();
+  return std::min(std::max(kStageBytes, row_bytes),
+                  row_bytes * source.info().geometry.sample_dims.y);
 }
 
 absl::Status PortionReader::Read(std::int64_t i, const char* previous, char* out) {

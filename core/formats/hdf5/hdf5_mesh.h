@@ -39,9 +39,7 @@ struct Hdf5MeshField {
 
 struct Hdf5MeshFile {
   std::vector<Hdf5MeshField> fields{};  // on any grids
-  std::vector<double> times{};
-  std::string time_unit{};
-  std::string length_unit{};
+  SeriesInfo info{};                    // but its name and fields
 };
 
 // A constant component of openPMD: a group that says its samples by their value and number.

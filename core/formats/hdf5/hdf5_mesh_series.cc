@@ -101,9 +101,7 @@ absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
       most = alike;
     }
   }
-  WalledFile file{.info = {.times = meshes->times,
-                           .time_unit = meshes->time_unit,
-                           .length_unit = meshes->length_unit}};
+  WalledFile file{.info = meshes->info};
   for (std::size_t i = 0; i < meshes->fields.size(); ++i) {
     const Hdf5MeshField& field = meshes->fields[i];
     if (field.geometry == chosen->geometry) {

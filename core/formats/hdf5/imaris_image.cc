@@ -113,7 +113,7 @@ std::optional<double> ImarisSeconds(const std::string& text) {
 // Seconds since the first step; numbers of steps if the file does not tell ascending times.
 void TakeImarisTimes(hid_t file, std::int64_t steps, Hdf5MeshFile* meshes) {
   const Hdf5Handle info(H5Gopen2(file, "DataSetInfo/TimeInfo", H5P_DEFAULT), H5Gclose);
-  std::vector<double>& times = meshes->times;
+  std::vector<double>& times = meshes->info.times;
   double first = 0;
   for (std::int64_t i = 0; i < steps; ++i) {
     const std::optional<double> time =
@@ -129,7 +129,7 @@ void TakeImarisTimes(hid_t file, std::int64_t steps, Hdf5MeshFile* meshes) {
     times.clear();
   }
   const bool has_times = !times.empty();
-  meshes->time_unit = has_times ? "s" : "";
+  meshes->info.time_unit = has_times ? "s" : "";
   for (std::int64_t i = 0; !has_times && steps > 1 && i < steps; ++i) {
     times.push_back(static_cast<double>(i));
   }
@@ -172,7 +172,7 @@ absl::StatusOr<Hdf5MeshFile> FindImarisImage(hid_t file) {
   Hdf5MeshFile meshes;
   const std::string unit = ImarisText(image.get(), "Unit");
   const std::optional<LengthUnit> known = LengthUnitOf(unit);
-  meshes.length_unit = known.has_value() ? known->name : unit;
+  meshes.info.length_unit = known.has_value() ? known->name : unit;
   TakeImarisTimes(file, steps, &meshes);
   std::set<std::string> names;
   for (std::int64_t channel = 0; channel < channels; ++channel) {

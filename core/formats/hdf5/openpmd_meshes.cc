@@ -376,9 +376,9 @@ absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file) {
   bool has_times = true;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<OpenPmdStep> steps,
                             FindOpenPmdSteps(file, &has_times));
-  Hdf5MeshFile meshes{.time_unit = has_times ? "s" : "", .length_unit = "m"};
+  Hdf5MeshFile meshes{.info = {.time_unit = has_times ? "s" : "", .length_unit = "m"}};
   for (const OpenPmdStep& step : steps) {
-    meshes.times.push_back(step.time);
+    meshes.info.times.push_back(step.time);
   }
   std::string folder = Hdf5Text(file, {"meshesPath"});
   if (folder.empty()) {

@@ -171,7 +171,7 @@ absl::Status AddVtkHdfArrays(hid_t root, const VtkHdfGrid& grid, bool is_of_cell
                              Hdf5MeshFile* meshes) {
   VtkHdfPart part{.group = is_of_cells ? "CellData" : "PointData",
                   .is_of_cells = is_of_cells,
-                  .step_count = meshes->times.size()};
+                  .step_count = meshes->info.times.size()};
   if (H5Lexists(root, part.group.c_str(), H5P_DEFAULT) <= 0) {
     return absl::OkStatus();
   }
@@ -194,7 +194,7 @@ absl::Status AddVtkHdfArrays(hid_t root, const VtkHdfGrid& grid, bool is_of_cell
 absl::StatusOr<Hdf5MeshFile> FindVtkHdfImage(hid_t root) {
   ISOSCOPE_ASSIGN_OR_RETURN(const VtkHdfGrid grid, ReadVtkHdfGrid(root));
   Hdf5MeshFile meshes;
-  ISOSCOPE_ASSIGN_OR_RETURN(meshes.times, ReadVtkHdfTimes(root));
+  ISOSCOPE_ASSIGN_OR_RETURN(meshes.info.times, ReadVtkHdfTimes(root));
   for (const bool is_of_cells : {false, true}) {
     if (meshes.fields.empty()) {
       ISOSCOPE_RETURN_IF_ERROR(AddVtkHdfArrays(root, grid, is_of_cells, &meshes));

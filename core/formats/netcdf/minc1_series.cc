@@ -64,9 +64,7 @@ struct Minc1File {
   std::unique_ptr<NetcdfFile> file;
   NetcdfVariable image{};
   volume::GridGeometry geometry{};
-  std::vector<double> times{};
-  std::string time_unit{};
-  std::string length_unit{};
+  SeriesInfo info{};       // but its name and field
   bool is_scaled = false;  // else the members below are not set
   std::array<double, 2> valid{};
   Minc1Limits least{};
@@ -179,7 +177,7 @@ absl::Status SetMinc1Grid(Minc1File* minc) {
     axes.at(index) = axis;
     units.push_back(MincUnitOf(axis));
   }
-  minc->length_unit = units[0];
+  minc->info.length_unit = units[0];
   for (std::size_t index = 0; index < 3; ++index) {
     const auto factor = MincUnitFactor(units.at(2 - index), units[0]);
     ISOSCOPE_RETURN_IF_ERROR(NamedMinc1(*minc, factor.status()));
@@ -199,9 +197,9 @@ absl::Status SetMinc1Grid(Minc1File* minc) {
         time.has_step && time.step > 0 && std::isfinite(time.step) && std::isfinite(time.start);
     for (std::int64_t i = 0; i < minc->step_count(); ++i) {
       const auto step = static_cast<double>(i);
-      minc->times.push_back(has_times ? time.start + step * time.step : step);
+      minc->info.times.push_back(has_times ? time.start + step * time.step : step);
     }
-    minc->time_unit = has_times ? time.unit : "";
+    minc->info.time_unit = has_times ? time.unit : "";
   }
   return absl::OkStatus();
 }
@@ -354,8 +352,7 @@ class Minc1Source final : public VolumeSource {
 absl::StatusOr<std::vector<std::string>> DescribeMinc1(const std::string& path,
                                                        const std::string& part) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Minc1File minc, ReadMinc1(path));
-  WalledFile described{
-      .info = {.times = minc.times, .time_unit = minc.time_unit, .length_unit = minc.length_unit}};
+  WalledFile described{.info = minc.info};
   described.Add({.name = part}, 0);
   return WalledTexts(described);
 }

@@ -34,33 +34,24 @@ namespace {
 
 constexpr std::size_t kMaxPvdSteps = 100'000;
 
-// The base of both kinds of series.
-class VtkSeries : public VolumeSeries {
- protected:
-  VtkSeries(const std::string& name, const VtkImage& first, std::vector<double> times)
-      : VolumeSeries(InfoOf(name, first, std::move(times))) {}
-
- private:
-  static SeriesInfo InfoOf(const std::string& name, const VtkImage& first,
-                           std::vector<double> times) {
-    SeriesInfo info{.name = name,
-                    .times = std::move(times),
-                    .time_unit = first.time_unit(),
-                    .length_unit = first.length_unit()};
-    for (const VtiArray& array : first.arrays()) {
-      info.fields.push_back(FieldOfVtiArray(array));
-    }
-    if (first.component().has_value()) {
-      info.fields.front().components = {""};
-    }
-    return info;
+SeriesInfo InfoOf(const std::string& name, const VtkImage& first, std::vector<double> times) {
+  SeriesInfo info{.name = name,
+                  .times = std::move(times),
+                  .time_unit = first.time_unit(),
+                  .length_unit = first.length_unit()};
+  for (const VtiArray& array : first.arrays()) {
+    info.fields.push_back(FieldOfVtiArray(array));
   }
-};
+  if (first.component().has_value()) {
+    info.fields.front().components = {""};
+  }
+  return info;
+}
 
-class ImageSeries final : public VtkSeries {
+class ImageSeries final : public VolumeSeries {
  public:
   ImageSeries(std::unique_ptr<VtkImage> image, std::vector<double> times)
-      : VtkSeries(image->path(), *image, std::move(times)), image_(std::move(image)) {}
+      : VolumeSeries(InfoOf(image->path(), *image, std::move(times))), image_(std::move(image)) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_CHECK(step == 0);
@@ -71,11 +62,10 @@ class ImageSeries final : public VtkSeries {
   const std::unique_ptr<VtkImage> image_;
 };
 
-class PvdSeries final : public VtkSeries {
+class PvdSeries final : public VolumeSeries {
  public:
-  PvdSeries(const std::string& path, GridRules rules, std::vector<PvdStep> steps,
-            std::vector<double> times, const VtkImage& first)
-      : VtkSeries(path, first, std::move(times)),
+  PvdSeries(SeriesInfo info, GridRules rules, std::vector<PvdStep> steps, const VtkImage& first)
+      : VolumeSeries(std::move(info)),
         rules_(std::move(rules)),
         steps_(std::move(steps)),
         arrays_(first.arrays()),
@@ -222,7 +212,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& p
   for (const PvdStep& step : steps) {
     times.push_back(step.time);
   }
-  return std::make_unique<PvdSeries>(path, rules, std::move(steps), std::move(times), *first);
+  return std::make_unique<PvdSeries>(InfoOf(path, *first, std::move(times)), rules,
+                                     std::move(steps), *first);
 }
 
 }  // namespace isoscope::source

@@ -24,7 +24,7 @@ struct WalledLibrary {
                                                         const std::string& part) = nullptr;
   Texts (*find_files)(const std::string& path) = nullptr;
   Texts (*describe)(const std::string& path, const std::string& part) = nullptr;  // none empty
-  // Address space for all that VolumeSource::memory_bytes does not count.
+  // Address space for all that SourceInfo::memory_bytes does not count.
   std::int64_t memory_bytes = base::kGiB;
 };
 
