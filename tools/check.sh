@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs a reviewer's checks besides the tests: format, floors, clocks, and clang-tidy on changed files.
+# Runs a reviewer's checks besides the tests: format, floors, imports, clocks, and clang-tidy on changed files.
 #
 #   tools/check.sh [--all | BASE]   files changed since BASE (default: main), or all of them
 set -euo pipefail
@@ -8,6 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 base="${1:-main}"
 tools/format.sh --check
 python3 tools/check_layers.py
+python3 tools/check_imports.py
 python3 tools/check_clocks.py
 
 # clang-tidy needs compile_commands.json and generated headers.

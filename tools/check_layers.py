@@ -4,7 +4,7 @@
     tools/check_layers.py [ROOT]     checks the tree
     tools/check_layers.py --draw     prints the drawing of the floors that core/README.md has
 
-Six rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
+Eight rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
 1. A room (a folder) includes itself and rooms on lower floors (FLOORS), never one on its own floor or above: so there
    is no circle. The three services (SERVICES) never include each other.
@@ -14,6 +14,9 @@ Six rules, each printed as `file:line: what is wrong`; exit code 1 if any is bro
 5. core, server and partition-agent call no elementary function of libm, whose bits depend on the
    machine: core/math/elementary.h has them. LIBM_FILES lists the exceptions with their reasons.
 6. core/README.md has the drawing that --draw prints.
+7. A room of a format (core/formats/x) is included by itself and core/formats alone: all others know the opener. Nor do
+   others include the parts of readers (READER_ROOMS), but the contract (core/source) and the adapters.
+8. A room has at most MAX_SOURCES sources (.cc).
 """
 
 import pathlib
@@ -69,6 +72,12 @@ FLOORS = [
 ROOMS = {room: floor for floor, rooms in enumerate(reversed(FLOORS)) for room in rooms}
 
 SERVICES = {"partition-agent", "server", "web-gateway"}
+
+# The parts of readers, which only core/formats, its rooms, and each other may include.
+READER_ROOMS = ("core/source/bytes", "core/source/child", "core/source/hdf5")
+FORMAT_ROOM = re.compile(r"core/formats/[^/]+$")
+
+MAX_SOURCES = 30  # of a room: more are a room of their own
 
 # Rooms that may include gRPC's headers and the generated service stubs (*.grpc.pb.h).
 GRPC_ROOMS = {
@@ -227,6 +236,11 @@ def check_include(file, included):
         return f"product code includes {included}"
     if of_included is None or of_file == of_included:
         return None
+    if not of_file.startswith("core/formats"):
+        if FORMAT_ROOM.match(of_included):
+            return f"{of_file} includes {included}: formats are for core/formats, the opener, alone"
+        if of_included in READER_ROOMS and not of_file.startswith("core/source"):
+            return f"{of_file} includes {included}: parts of readers are for core/formats; see READER_ROOMS"
     services = {room.partition("/")[0] for room in (of_file, of_included)}
     if len(services) == 2 and services <= SERVICES:
         return f"{of_file} includes {included}: services do not know each other"
@@ -257,6 +271,9 @@ def check(root):
     """Returns all faults of the tree below `root`."""
     complaints = []
     for room in ROOMS:
+        sources = len(list((root / room).glob("*.cc")))
+        if sources > MAX_SOURCES:
+            complaints.append(f"{room}:1: has {sources} sources, more than {MAX_SOURCES}: split the room")
         for path in sorted((root / room).glob("*")):
             if path.suffix not in (".h", ".cc"):
                 continue

@@ -28,9 +28,7 @@ namespace {
 
 constexpr std::size_t kHeadBytes = 1024;
 
-using MaybeFound = absl::StatusOr<std::optional<FoundVolume>>;
-
-FoundVolume FoundFile(const Format& format, const std::string& path) {
+FoundVolume WholeFile(const Format& format, const std::string& path) {
   return {.format = &format, .request = {.path = path, .file = path, .files = {path}}};
 }
 
@@ -110,7 +108,7 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, absl::string_v
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
   }
   if (format != nullptr && format->is_forceable) {
-    return FoundFile(*format, path);
+    return WholeFile(*format, path);
   }
   std::vector<std::string> names;
   for (const FormatName& known : FormatNames(formats)) {
@@ -124,7 +122,8 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, absl::string_v
 
 }  // namespace
 
-MaybeFound FindByName(const std::string& path, absl::Span<const Format> formats) {
+absl::StatusOr<std::optional<FoundVolume>> FindByName(const std::string& path,
+                                                      absl::Span<const Format> formats) {
   for (const Format& format : formats) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileRequest> request, FindOfFormat(format, path));
     if (!request.has_value()) {
@@ -151,11 +150,11 @@ std::optional<FoundVolume> FindByContent(const std::string& path,
   if (const std::string header = LayoutHeaderPath(path); format == nullptr && header != path) {
     format = FormatOfHead(header, formats);
   }
-  return format == nullptr ? std::nullopt : std::optional(FoundFile(*format, path));
+  return format == nullptr ? std::nullopt : std::optional(WholeFile(*format, path));
 }
 
 bool NamesFormat(const std::string& path, absl::Span<const Format> formats) {
-  const MaybeFound found = FindByName(path, formats);
+  const auto found = FindByName(path, formats);
   return !found.ok() || found->has_value();
 }
 

@@ -216,8 +216,8 @@ Format LayoutRow(absl::string_view name, bool (*is_content)(absl::string_view),
 // The content says which version of NIfTI a file is, or Analyze. The reader of NIfTI says of others
 // why they are not.
 absl::StatusOr<FileLayout> ReadNiftiOrAnalyze(const std::string& header) {
-  constexpr std::size_t kHeadBytes = 1024;
-  const auto head = ReadFileStart(header, kHeadBytes);
+  constexpr std::size_t kNiftiHeadBytes = 1024;
+  const auto head = ReadFileStart(header, kNiftiHeadBytes);
   const bool is_analyze = head.ok() && !IsNifti1Header(head->bytes) &&
                           !IsNifti2Header(head->bytes) && IsAnalyzeHeader(head->bytes);
   return is_analyze ? ReadAnalyzeLayout(header) : ReadNiftiHeaderLayout(header);

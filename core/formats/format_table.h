@@ -37,18 +37,17 @@ struct Format {
   absl::string_view name;              // "MRC"
   std::vector<std::string> endings{};  // in lower case: ".mrc", or HasEnding; a part may be behind
   std::string more_names{};            // what else a path may be, for people
-  bool is_forceable =
-      true;  // else the name must say it, because a path can name a part of the file
+  // By --format; else the name must say it, because a path can name a part of the file.
+  bool is_forceable = true;
 
-  // The flags that it takes.
   bool has_field_names = false;   // else the only field has the name of the file
   absl::string_view axes_for{};   // what of it takes --axes; "": none, the files say what they mean
   absl::string_view only_axes{};  // the only ones that it takes; "": any
   bool shows_pictures = false;    // its files are pictures, which other programs show
   bool opens_parts = false;       // `open` takes the part; else it is one of the fields opened
 
-  // How its files are known beside their endings; null: not so.
-  // A name that tells more than an ending. Errors stop the search.
+  // How its files are known beside their endings; null: not so. First by a name that tells more
+  // than an ending; errors stop the search.
   absl::StatusOr<std::optional<FileRequest>> (*find)(const std::string& path) = nullptr;
   // Files of other formats have such names, too: theirs are those whose content is.
   bool shares_names = false;
@@ -72,8 +71,8 @@ struct Format {
   // The names of labels in files; null: the header file has them (source_labels.h).
   absl::StatusOr<std::vector<volume::Label>> (*read_labels)(const std::string& path) = nullptr;
 
-  // Series among which --series chooses; null: there are none.
-  // Empty if the path is one file of a series.
+  // The series among which --series chooses; null: there are none. It returns none for a path that
+  // is one file of a series.
   absl::StatusOr<std::vector<SeriesEntry>> (*list_series)(const std::string& path) = nullptr;
   // A file of the series of that number or UID.
   absl::StatusOr<std::string> (*find_series_file)(const std::string& path,

@@ -52,6 +52,28 @@ class CheckIncludeTest(unittest.TestCase):
         ]:
             self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
 
+    def test_formats_are_known_to_their_opener_alone(self):
+        for file, included in [
+            ("core/formats/a.cc", "core/formats/dicom/b.h"),
+            ("core/formats/dicom/a.cc", "core/formats/dicom/b.h"),
+            ("core/formats/dicom/a.cc", "core/source/bytes/b.h"),
+            ("core/source/hdf5/a.cc", "core/source/child/b.h"),
+            ("client-cli/session/a.cc", "core/formats/open_request.h"),
+            ("client-cli/output/a.h", "core/source/volume_series.h"),
+            ("client-cli/output/a.h", "core/source/adapt/value_range.h"),
+        ]:
+            self.assertIsNone(check_layers.check_include(file, included), (file, included))
+        for file, included in [
+            ("client-cli/session/a.cc", "core/formats/vtk/vtk_image.h"),
+            ("client-cli/session/a.cc", "core/source/hdf5/hdf5_path.h"),
+            ("bench/a.cc", "core/source/bytes/raw_file.h"),
+            ("core/partition/a.cc", "core/formats/dicom/dicom_folder.h"),
+            ("core/formats/dicom/a.cc", "core/formats/hdf5/b.h"),
+            ("core/formats/dicom/a.cc", "core/formats/open_volume.h"),
+            ("core/source/a.cc", "core/formats/dicom/b.h"),
+        ]:
+            self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
+
     def test_grpc_messages_and_cli11_stay_in_their_rooms(self):
         for file, included in [
             ("core/store/a.cc", "isoscope/v1/frame.pb.h"),
@@ -108,6 +130,9 @@ class CheckTreeTest(unittest.TestCase):
             (root / "core/README.md").write_text("# core\n")
             (root / "core/attic/c.h").write_text("\n")
             (root / "server/interact").mkdir(parents=True)
+            (root / "wire").mkdir()
+            for number in range(check_layers.MAX_SOURCES + 1):
+                (root / f"wire/s{number}.cc").write_text("int x;\n")
             (root / "server/interact/rate_control.cc").write_text("int x;\n")
             complaints = "\n".join(check_layers.check(root))
         self.assertIn("core/base/a.h:2: core/base (floor 0) includes core/math/vec.h", complaints)
@@ -115,6 +140,7 @@ class CheckTreeTest(unittest.TestCase):
         self.assertIn("core/base/b.cc:2: calls cos of libm", complaints)
         self.assertIn("server/interact/rate_control.cc:1: may call libm but does not", complaints)
         self.assertIn("core/attic/c.h:1: stands on no floor", complaints)
+        self.assertIn("wire:1: has 31 sources, more than 30", complaints)
         self.assertIn("core/README.md:1: has another drawing", complaints)
 
 

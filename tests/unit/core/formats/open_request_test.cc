@@ -2,6 +2,7 @@
 
 #include "core/formats/open_request.h"
 
+#include <algorithm>
 #include <cstring>
 #include <filesystem>
 #include <set>
@@ -97,6 +98,19 @@ TEST(OpenRequestTest, EachMemberAndEachPartOfItChangesTheDescription) {
     EXPECT_TRUE(known.insert(text).second) << text;
     EXPECT_EQ(Describe(request).value(), text);
   }
+}
+
+// The cache of datasets and --resume have their keys from Describe alone.
+TEST(OpenRequestTest, EachMemberHasItsLineOfTheDescription) {
+  const OpenRequest request{.path = "v"};
+  // A new member does not compile here until it is named. Then it is counted.
+  const auto& [path, raw, format, dicom_series, axes, ignores_shear, resamples, grid, crop, stride,
+               fill, fields, steps, time, label_names] = request;
+  constexpr int kMembers = 15;
+  constexpr int kLinesOfProgram = 2;
+  const std::string text = Describe(request).value();
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), kMembers + kLinesOfProgram) << text;
+  EXPECT_EQ(path, "v");
 }
 
 TEST(OpenRequestTest, TheSameFileByAnotherPathHasOneDescription) {
