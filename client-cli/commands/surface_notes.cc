@@ -9,6 +9,7 @@
 #include "client-cli/output/note_lines.h"
 #include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/frame/frame_spec.h"
@@ -64,10 +65,10 @@ absl::Status WriteNotesOnMesh(const v1::ExportIsosurfaceRequest& request,
                               const std::function<bool(int)>& has_triangles, Session* session,
                               const Context& context) {
   v1::RenderIsosurfaceRequest frame;
-  v1::Surface only;
-  only.set_isovalue(request.isovalue());
-  for (int i = 0; i < std::max(request.surfaces_size(), 1); ++i) {
-    const v1::Surface& surface = request.surfaces().empty() ? only : request.surfaces(i);
+  v1::ExportIsosurfaceRequest whole = request;
+  client::PromoteIsovalue(&whole);
+  for (int i = 0; i < whole.surfaces_size(); ++i) {
+    const v1::Surface& surface = whole.surfaces(i);
     if ((!has_triangles(i) || surface.labels_size() > 1) &&
         frame.surfaces_size() < static_cast<int>(frame::kMaxSurfaces)) {
       v1::Surface* const plain = frame.add_surfaces();

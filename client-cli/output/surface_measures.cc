@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
+#include "clients/cpp/request/render_request.h"
 #include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
@@ -68,13 +69,11 @@ nlohmann::ordered_json SurfaceToJson(const MeasuredSurface& of) {
 std::vector<MeasuredSurface> MeasuredSurfaces(
     const isoscope::v1::ExportIsosurfaceRequest& request, const std::vector<std::string>& names,
     const std::vector<client::SurfaceMeasures>& measures) {
+  isoscope::v1::ExportIsosurfaceRequest whole = request;
+  client::PromoteIsovalue(&whole);
   std::vector<MeasuredSurface> list(measures.size());
   for (std::size_t i = 0; i < list.size(); ++i) {
-    if (request.surfaces().empty()) {
-      list[i].surface.set_isovalue(request.isovalue());
-    } else {
-      list[i].surface = request.surfaces(static_cast<int>(i));
-    }
+    list[i].surface = whole.surfaces(static_cast<int>(i));
     list[i].measures = measures[i];
   }
   const std::size_t count = std::min(names.size(), list.size());

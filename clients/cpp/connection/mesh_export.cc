@@ -8,8 +8,10 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "clients/cpp/connection/features.h"
 #include "clients/cpp/mesh_file/mesh_writer.h"
 #include "clients/cpp/request/label_flags.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/status_macros.h"
 #include "core/io/atomic_file.h"
 #include "wire/field_selection.h"
@@ -154,15 +156,13 @@ absl::StatusOr<MeshFileSummary> WriteMeshFile(const v1::ExportIsosurfaceRequest&
                                               const std::optional<MeshField>& field) {
   MeshFileOptions options{.path = path, .field = field};
   ISOSCOPE_ASSIGN_OR_RETURN(options.format, MeshFormatOf(path, std::nullopt));
-  options.surfaces[0].isovalue = request.isovalue();
-  if (request.surfaces_size() > 0) {
-    options.surfaces.clear();
-    for (const auto& surface : request.surfaces()) {
-      options.surfaces.push_back(
-          {.isovalue = surface.isovalue(),
-           .name =
-               NameOfLabels({surface.labels().begin(), surface.labels().end()}, v1::Dataset())});
-    }
+  v1::ExportIsosurfaceRequest whole = request;
+  PromoteIsovalue(&whole);
+  options.surfaces.clear();
+  for (const auto& surface : whole.surfaces()) {
+    options.surfaces.push_back(
+        {.isovalue = surface.isovalue(),
+         .name = NameOfLabels({surface.labels().begin(), surface.labels().end()}, v1::Dataset())});
   }
   ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(path));
   ISOSCOPE_ASSIGN_OR_RETURN(const bool knows_origin, HasFeature("closed_meshes", timeout, client));

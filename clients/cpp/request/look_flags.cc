@@ -310,15 +310,7 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
   if (flags.color_by.empty()) {
     return;
   }
-  if (request->surfaces().empty()) {
-    isoscope::v1::Surface* const surface = request->add_surfaces();
-    surface->set_isovalue(request->isovalue());
-    request->clear_isovalue();
-    if (request->has_base_color()) {
-      *surface->mutable_color() = request->base_color();
-      request->clear_base_color();
-    }
-  }
+  PromoteIsovalue(request);
   for (int i = 0; i < request->surfaces_size(); ++i) {
     const ColorByValue& value =
         flags.color_by[flags.color_by.size() == 1 ? 0 : static_cast<std::size_t>(i)];

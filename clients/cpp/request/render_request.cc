@@ -38,20 +38,34 @@ void AddLabels(bool has_isovalue, const LabelFlags& label,
     return;
   }
   if (has_isovalue) {
-    isoscope::v1::Surface* const first = request->add_surfaces();
-    first->set_isovalue(request->isovalue());
-    if (request->has_base_color()) {
-      *first->mutable_color() = request->base_color();
-    }
+    PromoteIsovalue(request);
   }
-  request->clear_isovalue();
-  request->clear_base_color();
   for (const LabelSurface& surface : label.surfaces) {
     AddTo(surface, request->add_surfaces());
   }
 }
 
 }  // namespace
+
+void PromoteIsovalue(isoscope::v1::RenderIsosurfaceRequest* request) {
+  if (!request->surfaces().empty()) {
+    return;
+  }
+  isoscope::v1::Surface* const surface = request->add_surfaces();
+  surface->set_isovalue(request->isovalue());
+  request->clear_isovalue();
+  if (request->has_base_color()) {
+    *surface->mutable_color() = request->base_color();
+    request->clear_base_color();
+  }
+}
+
+void PromoteIsovalue(isoscope::v1::ExportIsosurfaceRequest* request) {
+  if (request->surfaces().empty()) {
+    request->add_surfaces()->set_isovalue(request->isovalue());
+    request->clear_isovalue();
+  }
+}
 
 isoscope::v1::Color ToProto(const frame::Color& color) {
   isoscope::v1::Color proto;
@@ -221,8 +235,7 @@ isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<doub
     request.add_surfaces()->set_isovalue(surface.isovalue);
   }
   if (!label.surfaces.empty() && isovalue) {
-    request.add_surfaces()->set_isovalue(*isovalue);
-    request.clear_isovalue();
+    PromoteIsovalue(&request);
   }
   for (const LabelSurface& surface : label.surfaces) {
     AddTo(surface, request.add_surfaces());

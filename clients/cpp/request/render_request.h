@@ -87,6 +87,11 @@ isoscope::v1::ExportIsosurfaceRequest MakeExportRequest(const std::optional<doub
                                                         const std::string& dataset,
                                                         const LabelFlags& label = {});
 
+// Makes the only surface of a request, by its isovalue, the first of `surfaces`, which have all others
+// that requests have. Does nothing if there are surfaces.
+void PromoteIsovalue(isoscope::v1::RenderIsosurfaceRequest* request);
+void PromoteIsovalue(isoscope::v1::ExportIsosurfaceRequest* request);
+
 isoscope::v1::Color ToProto(const frame::Color& color);
 
 }  // namespace isoscope::client

@@ -178,9 +178,9 @@ def test_color_by_a_field_is_in_the_request_and_comes_back():
 
 
 def frame_of(response):
-    parts = _answer.FrameParts(_request.frame(series(), 1, time=0.4))
-    parts.add(pb.RenderIsosurfaceStreamResponse(part=response))
-    return parts.result(None)
+    call = _core.frame(_request.frame(series(), 1, time=0.4))
+    call.add(pb.RenderIsosurfaceStreamResponse(part=response))
+    return call.result(None)
 
 
 def test_a_frame_says_what_was_drawn_and_its_planes_and_picks_mean_that():

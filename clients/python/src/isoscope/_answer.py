@@ -18,7 +18,7 @@ from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_pb2, frame_pb2, geometry_pb2
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
-from isoscope._messages import MAPS, QUANTITIES
+from isoscope._messages import MAPS, QUANTITIES, surfaces_of
 from isoscope._request import PLANES
 from isoscope._warn import warn_of_surface
 from isoscope.camera import Camera
@@ -331,9 +331,7 @@ class MeshParts:
     """Puts the chunks of ExportIsosurface together."""
 
     def __init__(self, request: pb.ExportIsosurfaceRequest) -> None:
-        self._isovalues = tuple(math.nan if one.labels else one.isovalue for one in request.surfaces) or (
-            request.isovalue,
-        )
+        self._isovalues = tuple(math.nan if one.labels else one.isovalue for one in surfaces_of(request))
         self._parts: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
         self._surfaces: list[int] = []
         self._origin: tuple[float, float, float] | None = None

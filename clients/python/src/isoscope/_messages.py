@@ -109,6 +109,16 @@ def set_effect(message: Any, effect: Any, name: str) -> None:
             setattr(message, field.name, as_number(value, what))
 
 
+def surfaces_of(request: Any) -> list[pb.Surface]:
+    """Returns the surfaces of a frame or a mesh, also the only one of an isovalue."""
+    if request.surfaces:
+        return list(request.surfaces)
+    only = pb.Surface(isovalue=request.isovalue)
+    if isinstance(request, pb.RenderIsosurfaceRequest) and request.HasField("base_color"):
+        only.color.CopyFrom(request.base_color)
+    return [only]
+
+
 def as_pair(values: Sequence[float], name: str) -> tuple[float, float]:
     try:
         lower, upper = (float(value) for value in values)

@@ -31,6 +31,7 @@ from isoscope._messages import (
     selection_message,
     set_effect,
     surface_message,
+    surfaces_of,
 )
 from isoscope._proto import dataset_pb2, geometry_pb2
 from isoscope._proto import dataset_service_pb2 as datasets_pb
@@ -53,7 +54,7 @@ from isoscope.look import (
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
 # The side of a picture that is drawn for its notes alone, in pixels.
 _EMPTY_SIDE = 64
-#: The most surfaces of a frame; servers of 0.1 take 16.
+#: The most surfaces of a frame.
 MAX_SURFACES = 128
 #: Type and components of a pixel of each plane.
 PLANES: dict[str, tuple[str, int]] = {
@@ -190,11 +191,9 @@ def set_appearance(
 def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: pb.ColorBy) -> None:
     """Colours all surfaces that have no color_by of their own."""
     if not request.surfaces:
-        surface = request.surfaces.add(isovalue=request.isovalue)
+        request.surfaces.extend(surfaces_of(request))
         request.ClearField("isovalue")
-        if request.HasField("base_color"):
-            surface.color.CopyFrom(request.base_color)
-            request.ClearField("base_color")
+        request.ClearField("base_color")
     for surface in request.surfaces:
         if not surface.HasField("color_by"):
             surface.color_by.CopyFrom(color_by)
@@ -288,8 +287,7 @@ def measure(request: pb.ExportIsosurfaceRequest) -> pb.ExportIsosurfaceRequest:
 
 def frame_of_empty(request: pb.ExportIsosurfaceRequest, filled: set[int]) -> pb.RenderIsosurfaceRequest:
     """Returns the request for a small picture of those surfaces of a mesh that are not among `filled`."""
-    surfaces = list(request.surfaces) or [pb.Surface(isovalue=request.isovalue)]
-    empty = [surface for at, surface in enumerate(surfaces) if at not in filled]
+    empty = [surface for at, surface in enumerate(surfaces_of(request)) if at not in filled]
     frame = pb.RenderIsosurfaceRequest(
         dataset=request.dataset, dataset_id=request.dataset_id, surfaces=empty[:MAX_SURFACES],
         viewport=geometry_pb2.Viewport(width_px=_EMPTY_SIDE, height_px=_EMPTY_SIDE),

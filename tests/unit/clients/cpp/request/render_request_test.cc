@@ -104,5 +104,19 @@ TEST(RenderRequestTest, SurfacesExcludeTheFlagsOfASingleOne) {
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(many)));
 }
 
+TEST(PromoteIsovalueTest, TheOnlySurfaceKeepsItsColorAndSurfacesStayAsTheyAre) {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.set_isovalue(7);
+  request.mutable_base_color()->set_red(1);
+  PromoteIsovalue(&request);
+  ASSERT_EQ(request.surfaces_size(), 1);
+  EXPECT_EQ(request.surfaces(0).isovalue(), 7);
+  EXPECT_EQ(request.surfaces(0).color().red(), 1);
+  EXPECT_EQ(request.isovalue(), 0);
+  EXPECT_FALSE(request.has_base_color());
+  PromoteIsovalue(&request);
+  EXPECT_EQ(request.surfaces_size(), 1);
+}
+
 }  // namespace
 }  // namespace isoscope::client
