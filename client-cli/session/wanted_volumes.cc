@@ -130,7 +130,7 @@ ChosenVolumes Finish(std::set<std::pair<int, int>> volumes, const VolumeSeries& 
   return chosen;
 }
 
-// Of what no flag has chosen.
+// Returns a note on the choices that no flag has made.
 std::string NoteOf(const WantedVolumes& wanted, int field, const std::vector<int>& steps,
                    const VolumeSeries& source) {
   const std::vector<SourceField>& fields = source.info().fields;

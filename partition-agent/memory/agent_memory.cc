@@ -92,7 +92,8 @@ std::size_t AgentMemory::read_bytes() const { return ReadBytesOf(limit_bytes_, s
 
 absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
   if (base::ResidentBytes() > limit_bytes_ / 4) {
-    // Of the opening, and of a partitioning before. Where there is room, frames use it again.
+    // The opening, and a partitioning before it, have freed memory. With less in use, frames use
+    // it again instead.
     base::ReturnFreedMemory();
   }
   const std::size_t in_use = base::ResidentBytes();
