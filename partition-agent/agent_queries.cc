@@ -1,3 +1,13 @@
+// Questions of the coordinator that are no frames. Each AnswerQuery converts and checks its request
+// before it looks for the shards, and counts nothing: the service does.
+//
+//   GetShardHistogram   counts by value, costs of isovalues, the label values of the samples
+//   GetActiveBox        one shard is enough, because each has the ranges of all blocks
+//   GetGradients        gradient, shard, values and label of picked points; a point is answered by
+//                       the shard that has its block
+//
+// DescribePlain, AddSeries, AddOpening and AddDamages make the answer of DescribeShards.
+
 #include "partition-agent/agent_queries.h"
 
 #include <algorithm>

@@ -1,3 +1,13 @@
+// An agent comes up in these steps, of which Listen does 1 and 2 and its caller 3:
+//
+//   1. Plan resolves the given folders to shard directories.
+//   2. Bind starts the gRPC server. It answers that shards are being opened.
+//   3. Open opens them, checks that no shard comes twice and no name means two datasets, lets the
+//      caller settle its memory, and serves. Health turns to SERVING.
+//
+// Start opens before it listens, so nobody sees it without its shards. AnnounceDrain and Shutdown
+// turn health to NOT_SERVING first, so that the coordinator sends no more frames.
+
 #include "partition-agent/agent_server.h"
 
 #include <algorithm>

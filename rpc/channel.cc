@@ -1,3 +1,14 @@
+// The settings of all channels and servers, in one place because both ends must agree:
+//
+//   keepalive   a client pings after 10 s of a call and waits 5 s; servers allow pings twice as
+//               often, because clocks and queues jitter
+//   sizes       HTTP/2 windows and frames for messages of up to 1 MiB from the first frame on
+//   agents      a channel for frames reads 4 MiB ahead of each stream, one for exports 256 KiB;
+//               without the bandwidth probe, which would widen that
+//   limits      metadata, streams of a connection, idle time, handshake time
+//
+// A fresh channel has connections of its own: gRPC else shares them between channels.
+
 #include "rpc/channel.h"
 
 #include <memory>

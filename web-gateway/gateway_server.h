@@ -39,7 +39,7 @@ struct GatewayLimits {
   absl::Duration idle_timeout = absl::Seconds(60);
   // A client must take a piece of an answer, or a frame, within this time.
   absl::Duration write_timeout = absl::Seconds(20);
-  // Of an answer, on average, after write_timeout.
+  // The least rate of an answer, on average, after write_timeout.
   double min_bytes_per_second = 4 * 1024;
 };
 

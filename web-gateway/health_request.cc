@@ -1,3 +1,10 @@
+// One GET /healthz, with one time limit for all of it:
+//
+//   resolve the name -> connect, address by address -> TLS -> write -> read the whole answer
+//
+// Each step is an asynchronous operation. Run starts it, and runs the context until it ends or the
+// time is over. So no thread waits without a limit.
+
 #include "web-gateway/health_request.h"
 
 #include <chrono>

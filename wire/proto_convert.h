@@ -81,7 +81,7 @@ absl::StatusOr<volume::ScalarType> ScalarTypeFromProto(isoscope::v1::SampleType 
 // samples are NaN.
 isoscope::v1::Dataset ToProto(const store::Manifest& manifest);
 isoscope::v1::Label ToProto(const volume::Label& label);
-// Of alpha no use is made. Errors also as volume::ValidateLabels.
+// Alpha is ignored. Errors also as volume::ValidateLabels.
 absl::StatusOr<std::vector<volume::Label>> LabelsFromProto(
     const google::protobuf::RepeatedPtrField<isoscope::v1::Label>& proto, absl::string_view path);
 // Checks an agent's description of its dataset: name, id, geometry, blocks, shard count, labels.

@@ -423,7 +423,7 @@ WantedVolumes WantedOf(const RenderFlags& flags) {
   return wanted;
 }
 
-// Of the record of a picture.
+// Returns the volumes that the record of a picture needs.
 WantedVolumes WantedOf(const v1::RenderIsosurfaceRequest& request) {
   WantedVolumes wanted;
   const v1::FieldSelection& selection = request.selection();

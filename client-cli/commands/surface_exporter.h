@@ -24,7 +24,7 @@
 
 namespace isoscope::cli {
 
-// What is done to each surface before it is written.
+// The filters of each surface before it is written.
 struct MeshFilters {
   std::optional<std::int64_t> min_component;
   std::optional<double> simplify_share;
@@ -53,7 +53,7 @@ class SurfaceExporter {
   // scratch_folder: for these files
   absl::Status Run(const std::string& scratch_folder);
 
-  // Of what was written, by surface; empty if the request did not ask for measures.
+  // The measures of what was written, by surface; empty if the request did not ask for them.
   [[nodiscard]] const std::vector<client::SurfaceMeasures>& measures() const { return measures_; }
 
  private:

@@ -21,7 +21,7 @@ absl::Status WriteNotesOf(const isoscope::v1::RenderIsosurfaceRequest& frame,
                           Session* session, const Context& context);
 
 // Writes to standard error why surfaces of an export have no triangles, and which of their labels
-// no sample has. Of many such surfaces the first 128. `has_triangles` is asked by surface.
+// no sample has, for the first 128 such surfaces. `has_triangles` is asked by surface.
 absl::Status WriteNotesOnMesh(const isoscope::v1::ExportIsosurfaceRequest& request,
                               const std::function<bool(int)>& has_triangles, Session* session,
                               const Context& context);

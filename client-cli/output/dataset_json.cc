@@ -178,7 +178,7 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   if (!dataset.fields().empty()) {
     AddFields(dataset, &json);
   }
-  // Of a server whose labels are damaged, the rest is told all the same.
+  // If the labels of a server are damaged, the rest is told all the same.
   AddLabels(
       wire::LabelsFromProto(dataset.labels(), "labels").value_or(std::vector<volume::Label>()),
       &json);

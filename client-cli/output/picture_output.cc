@@ -1,3 +1,14 @@
+// Write, for each frame:
+//
+//   1. Skip a frame that a later one would overwrite: one name without a number.
+//   2. Draw the annotations, if any, over the decoded picture, and encode it again.
+//   3. Add it to the animation, or
+//   4. add the record to the PNG (docs/format/picture.md), and write it to the file or to standard
+//      output. Masks and partial pictures have no record, because none could reproduce them.
+//
+// The record of an annotated picture has the digest of the plain PNG and the boxes that were drawn
+// over, so that `render --like` can compare all other pixels.
+
 #include "client-cli/output/picture_output.h"
 
 #include <optional>

@@ -84,7 +84,7 @@ void AddRangeLines(const Json& volume, std::string* text) {
   }
 }
 
-// What to draw of several volumes: the first component with an isovalue that has a surface.
+// The volume to draw among several: the first component with an isovalue that has a surface.
 struct DrawnField {
   std::string flag{};      // " --field u:x"; "" if there is no choice
   std::string isovalue{};  // "VALUE" if no values were read; "" if none has a surface

@@ -35,13 +35,17 @@ struct SourceRanges {
   std::vector<std::vector<source::ValueRange>> ranges{};  // [field][component], if any was read
 };
 
-// Adds to `volume`, the JSON of the first volume (VolumeToJson): "fields": [{"name", "unit",
-// "components", "value_ranges", "infinite_counts"}], "time_steps", "time_unit", "length_unit",
-// "partition": {"disk_bytes", "memory_bytes", "seconds"} and "commands". Of several volumes, also
-// "value_range_steps"; without any step there are no value_ranges. Commands have DIR for a folder,
-// and VALUE for an isovalue if no values were read; there are none if no isovalue has a surface.
-// `input` is the path with the flags that it needs, as one types them; `drawn_input` that of
-// `isoscope render`.
+// Adds to `volume`, the JSON of the first volume (VolumeToJson):
+//
+//   "fields"              [{"name", "unit", "components", "value_ranges", "infinite_counts"}]
+//   "time_steps", "time_unit", "length_unit"
+//   "partition"           {"disk_bytes", "memory_bytes", "seconds"}
+//   "commands"            with DIR for a folder, and VALUE for an isovalue if no values were read;
+//                         none if no isovalue has a surface
+//   "value_range_steps"   if there are several volumes; without any step no field has value_ranges
+//
+// input:       the path with the flags that it needs, as one types them
+// drawn_input: that of `isoscope render`
 void AddSource(const source::VolumeSeries& series, const source::VolumeSource& first,
                const SourceRanges& ranges, const std::string& input, const std::string& drawn_input,
                Json* volume);

@@ -1,3 +1,14 @@
+// A sweep is one command that renders several frames:
+//
+//   --isovalue 20:100:10    9 frames, of 20, 30, ... 100
+//   --step 0:10:5           the steps 0, 5 and 10, as far as they are served
+//   --repeat 12 --orbit 30  12 frames of a camera that turns
+//
+// Isovalues are START + i * STEP, rounded to 15 digits, so that 0.1:0.3:0.1 has 0.3 and not
+// 0.30000000000000004. The stop belongs to the sweep if it is a whole number of steps away, up to
+// 1e-9. The number of steps is known only with the dataset: CheckUsage checks flags before the
+// connection, ResolveSteps makes the list after it.
+
 #include "client-cli/output/sweep.h"
 
 #include <algorithm>

@@ -1,3 +1,16 @@
+// A coordinator and an agent for each shard, in this process. They share one arena of threads, one
+// memory limit, one renderer and one executor of frames; images go from agents to the coordinator
+// through mailboxes, without being encoded.
+//
+// Start:
+//
+//   1. All shards must be there, because no other machine could serve them.
+//   2. With at least two shards a thread, each step draws with one thread; else with all.
+//   3. Agents open their shards, then AgentMemory::Settle sizes the cache.
+//   4. The coordinator starts, and waits until it knows all agents.
+//
+// Invariant: the coordinator ends before the agents, because it calls them.
+
 #include "client-cli/session/embedded_cluster.h"
 
 #include <algorithm>

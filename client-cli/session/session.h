@@ -69,9 +69,9 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 absl::Status CheckUsage(const SessionFlags& flags);
 
 // Returns the dataset directory of flags.input: itself, or the cache entry of a source, which is
-// partitioned first if needed. Of a source of several volumes it has those that are `wanted`; null:
-// all. Says on standard error what a dataset directory lacks, and what is taken of a source without
-// a choice. UsageError if --shards differs from the dataset's. Other errors as
+// partitioned first if needed. The entry of a source of several volumes has the `wanted` ones;
+// null: all. Says on standard error what a dataset directory lacks, and what is taken of a source
+// without a choice. UsageError if --shards differs from the dataset's. Other errors as
 // source::OpenIdentified, ChooseVolumes and partition::Partition.
 absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const WantedVolumes* wanted,
                                            const Context& context);

@@ -1,3 +1,9 @@
+// The flags that say how a file is read. They are declared in three groups (raw files, world
+// positions, parts of a source), become an OpenRequest (RequestOf), and are typed again in advice
+// (AsTyped). A new flag must stand in all of AddSourceFlags, FirstGiven, RequestOf and AsTyped.
+//
+// CheckUsage knows only names and flags. Errors that need the content come from the reader.
+
 #include "client-cli/session/source_flags.h"
 
 #include <cstddef>

@@ -1,3 +1,14 @@
+// A source may have many fields and steps; a command needs some of them. ChooseVolumes:
+//
+//   1. Find the field and component of --field; the first field without it.
+//   2. Choose the steps: those of a sweep, --time (the nearest), --step, or the last.
+//   3. Add the volumes of the field and of the fields that colour surfaces. Colours without a range
+//      need all steps, because their range is that of all.
+//   4. Say in a note what no flag has chosen.
+//
+// The text of the choice is a part of the name in the cache. It is "" for the first field at the
+// last step, and counts the bytes of names, so that no two choices have one text.
+
 #include "client-cli/session/wanted_volumes.h"
 
 #include <algorithm>
@@ -119,7 +130,7 @@ ChosenVolumes Finish(std::set<std::pair<int, int>> volumes, const VolumeSeries& 
   return chosen;
 }
 
-// Of what no flag has chosen.
+// Returns a note on the choices that no flag has made.
 std::string NoteOf(const WantedVolumes& wanted, int field, const std::vector<int>& steps,
                    const VolumeSeries& source) {
   const std::vector<SourceField>& fields = source.info().fields;

@@ -1,3 +1,12 @@
+// The screen is text, made of two answers of the coordinator: this one, and the one before it.
+//
+//   AppendHead     coordinator: uptime, memory, network, frames
+//   AppendAgents   a line for each agent
+//   AppendFrames   a line for each frame in work, as many as fit; the last line counts the others
+//
+// Rates are the growth of counters between the answers, by the clock of the process that counts. A
+// process that has restarted counts from 0, and its rates are those since then.
+
 #include "client-cli/terminal/top_screen.h"
 
 #include <algorithm>

@@ -126,7 +126,7 @@ std::string CutText(absl::string_view text, std::size_t max_bytes) {
   if (text.size() <= max_bytes) {
     return std::string(text);
   }
-  // Of a character that would be cut, the first byte is at most three bytes before the cut.
+  // A character that would be cut begins at most three bytes before the cut.
   constexpr std::size_t kMaxLaterBytes = 3;
   std::size_t end = max_bytes;
   for (std::size_t back = 1; back <= std::min(kMaxLaterBytes, max_bytes); ++back) {

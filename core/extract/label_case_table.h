@@ -1,9 +1,9 @@
 // The marching cubes table of labels: as case_table.h, but with another rule for ambiguous faces,
 // by which the surfaces of two labels that meet in a cell are the same triangles.
 //
-// Of the two diagonals of an ambiguous face, the one that lacks the face's lowest corner is joined:
-// its ends are connected across the face, be they inside or outside. So the segments of a face
-// follow from its signs alone, and stay where they are when inside and outside change places, with
+// An ambiguous face has two diagonals. The one that lacks the face's lowest corner is joined: its
+// ends are connected across the face, be they inside or outside. So the segments of a face follow
+// from its signs alone. If inside and outside change places, they stay where they are, with
 // opposite directions. So do the triangles of a cell (docs/numerics.md, "Labels").
 
 #ifndef ISOSCOPE_CORE_EXTRACT_LABEL_CASE_TABLE_H_

@@ -8,8 +8,8 @@
 // Nobody knows who calls before a header is there. So a new connection always finds a place, as
 // long as another one waits: of the address that has most waiting strangers, the one that has
 // waited longest is dropped. So whoever opens connections and sends nothing drops his own.
-// Connections whose last request was a known caller's are dropped after all strangers. What works
-// is not dropped; what would work beyond a limit is refused, and the client gets an answer.
+// Connections whose last request was a known caller's are dropped after all strangers. A
+// connection that works is not dropped. A request beyond a limit is refused with an answer.
 
 #ifndef ISOSCOPE_CORE_HTTP_CONNECTIONS_H_
 #define ISOSCOPE_CORE_HTTP_CONNECTIONS_H_

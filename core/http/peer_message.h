@@ -71,7 +71,7 @@ struct PeerAnswer {
   AnswerFile file = {};  // replaces `body` if it is open
 };
 
-// The bytes of an answer that are not sent yet. Of a file, it has a piece at a time in memory.
+// The bytes of an answer that are not sent yet. A file is in memory a piece at a time.
 // Thread-compatible.
 class UnsentAnswer {
  public:

@@ -25,7 +25,7 @@ struct FileStamp {
   friend bool operator==(const FileStamp&, const FileStamp&) = default;
 };
 
-// Of the file that a link leads to. All 0 if there is no such file.
+// Returns the stamp of the file that a link leads to. All 0 if there is no such file.
 FileStamp StampOf(const std::string& path);
 
 }  // namespace isoscope::io

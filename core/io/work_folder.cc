@@ -93,7 +93,7 @@ absl::Time LastChangeOf(const fs::path& path) {
              : absl::InfinitePast();
 }
 
-// Of the folder and all in it.
+// Returns the last change of the folder or of anything in it.
 absl::Time LastChangeIn(const fs::path& folder) {
   absl::Time last = LastChangeOf(folder);
   std::error_code error;

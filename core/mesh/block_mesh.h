@@ -27,8 +27,8 @@ struct BlockMesh {
   // Empty, or one for each position: the key of the grid edge that the vertex lies on,
   // 3 * (linear index of the edge's lower sample in the volume) + axis. Equal keys mean one vertex.
   std::vector<std::int64_t> edge_keys;
-  // Of a mesh for exports (core/solid): vertices of equal position and copy number are one, in all
-  // blocks. One number for each position, or empty: all are 0.
+  // Copy numbers of a mesh for exports (core/solid): vertices of equal position and copy number are
+  // one, in all blocks. One number for each position, or empty: all are 0.
   std::vector<std::uint8_t> copies;
   // Crossed grid edges that count for this block. Their sum over all blocks is the number of unique
   // vertices (docs/numerics.md, "Unique vertex count").

@@ -107,7 +107,8 @@ class Verifier {
     }
   }
 
-  // A dataset of version 1. What is no dataset, or one of a newer version, is an error, no damage.
+  // Verifies a dataset of version 1. A folder that is no dataset, or one of a newer version, is an
+  // error and no damage.
   absl::Status VerifyVolume(const std::string& directory) {
     const absl::StatusOr<store::DatasetDescription> dataset = store::OpenDataset(directory);
     if (absl::IsNotFound(dataset.status()) || absl::IsFailedPrecondition(dataset.status())) {

@@ -35,8 +35,8 @@ absl::StatusOr<std::vector<VolumeTask>> PlanVolumes(const source::VolumeSeries& 
                                                     const store::SeriesManifest& series,
                                                     const WantsVolume& wants = nullptr);
 
-// Returns the tasks of appending, and adds the new steps to `series`. What the series has already
-// is left out if the run `resumes`; else it is ALREADY_EXISTS. FAILED_PRECONDITION: the series has
+// Returns the tasks of appending, and adds the new steps to `series`. A run that `resumes` leaves
+// out volumes that the series has; for others they are ALREADY_EXISTS. FAILED_PRECONDITION: it has
 // no times. INVALID_ARGUMENT: fields, components, units or times do not fit, or are too many.
 absl::StatusOr<std::vector<VolumeTask>> PlanAppending(const source::VolumeSeries& source,
                                                       bool resumes, store::SeriesManifest* series);

@@ -1,4 +1,5 @@
-// What the pixels of a frame show: for legends, and for notes on surfaces.
+// Finds the surfaces and values that the pixels of a frame show: for legends, and for notes on
+// surfaces.
 
 #ifndef ISOSCOPE_CORE_PICTURE_PICTURE_CONTENTS_H_
 #define ISOSCOPE_CORE_PICTURE_PICTURE_CONTENTS_H_

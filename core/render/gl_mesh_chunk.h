@@ -35,7 +35,7 @@ struct DrawItem {
   std::optional<image::PixelMask> open;
 };
 
-// Of the buffers, in elements.
+// The sizes of the buffers, in elements.
 struct ChunkSize {
   std::size_t items = 0;
   std::size_t vertices = 0;

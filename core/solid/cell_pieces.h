@@ -24,7 +24,7 @@
 
 namespace isoscope::solid {
 
-// What a triangle belongs to: the surface, a closing face, a cap.
+// The part of a solid that a triangle belongs to: the surface, a closing face, a cap.
 using Tag = std::uint8_t;
 inline constexpr Tag kSurfaceTag = 0;
 // Faces are numbered 2 * axis + side; half-spaces as in view::Clipper.

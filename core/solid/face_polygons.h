@@ -1,4 +1,4 @@
-// What is inside on a face of a cell: one or two polygons, between the face's inside corners and
+// The inside part of a face of a cell: one or two polygons, between the face's inside corners and
 // the vertices on its crossed edges. The sides between two such vertices are the segments that the
 // triangles of both cells have (docs/numerics.md, "Case table" and "Labels").
 //

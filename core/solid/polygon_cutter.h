@@ -30,10 +30,11 @@ struct PlaneSide {
 struct Cut {
   const view::HalfSpace* half_space = nullptr;
   int rank = 1;  // of the half-space, from 1
-  // What a corner on the border is. kInside: as one that lies a little inside, so that every edge
-  // that leaves the half-space gets a vertex. The cut of a closed solid is closed then, with parts
-  // that have no area. kBorder: a part that only touches the border is dropped, a corner stays as
-  // it is.
+  // A corner on the border counts as:
+  //
+  //   kInside   a little inside, so that every edge that leaves the half-space gets a vertex. The
+  //             cut of a closed solid is closed then, with parts that have no area.
+  //   kBorder   on it: a part that only touches the border is dropped, a corner stays as it is
   enum class OnBorder { kInside, kBorder };
   OnBorder on_border = OnBorder::kBorder;
 };
@@ -52,7 +53,7 @@ void CutPolygon(const Points& polygon, const Cut& cut, VertexPool* pool, std::ve
 std::vector<Points> LinkSides(std::vector<PlaneSide> sides);
 
 // Splits a polygon of `size` points into triangles, so that the least of their qualities is as
-// large as possible. Of equal choices the first is taken. Returns three points for each. O(size^3).
+// large as possible; the first of equal choices. Returns three points for each. O(size^3).
 std::vector<std::array<std::size_t, 3>> SplitByQuality(
     std::size_t size, absl::FunctionRef<double(std::size_t, std::size_t, std::size_t)> quality);
 

@@ -57,7 +57,7 @@ class Seams {
 
  private:
   enum class State : char { kUnasked, kKept, kDropped };
-  // What a seam makes of a side.
+  // The parts that a seam makes of a side.
   struct Split {
     std::vector<VertexId> inner;   // corners between its ends
     std::vector<PartId> partners;  // of its parts

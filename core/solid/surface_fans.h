@@ -91,8 +91,8 @@ class SurfaceFans {
 
   // The sum of the places of a piece's corners.
   math::Vec3d TriplePlaceOf(PieceId piece);
-  // Of the edges between fans at a position and a place: all but the first of those that join the
-  // same two, by rank.
+  // Returns the edges between fans at a position and a place, by rank, but for the first of those
+  // that join the same two fans.
   std::vector<Rank> LaterEdges(const math::Vec3f& near, const math::Vec3d& far);
 
   const BlockField& field_;

@@ -25,8 +25,8 @@ struct SolidVertex {
   math::Vec3f position;  // index space
   // Two vertices coincide iff these are equal: the position as a file has it.
   math::Vec3d place;
-  // Of the surface, world space. Known on grid edges of the block's own cells, and on cuts between
-  // such; else (0, 0, 0).
+  // The normal of the surface, world space. Known on grid edges of the block's own cells, and on
+  // cuts between such; else (0, 0, 0).
   math::Vec3f normal;
   // Order of vertices in a mesh: those of the grid as the extractor has them, then those of the
   // first half-space, of the second, ...

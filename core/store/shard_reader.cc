@@ -47,6 +47,16 @@ namespace {
 
 constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
+absl::Status CheckFileCrc32c(const std::string& path, absl::string_view bytes,
+                             std::uint32_t expected, absl::string_view expected_by,
+                             absl::string_view suspicion) {
+  const std::uint32_t computed = base::Crc32c(bytes);
+  return computed == expected ? absl::OkStatus()
+                              : absl::DataLossError(absl::StrFormat(
+                                    "%s: crc32c of the file 0x%08x, %s expects 0x%08x: it is %s",
+                                    path, computed, expected_by, expected, suspicion));
+}
+
 }  // namespace
 
 absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory) {
@@ -108,6 +118,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   auto reader = std::unique_ptr<ShardReader>(new ShardReader);
   reader->directory_ = directory;
   reader->open_file_ = open_file;
+  // 1 and 2: manifest and ranges.
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions, ReadDescriptions(directory, open_file));
   reader->manifest_ = std::move(descriptions.manifest);
   reader->manifest_crc32c_ = descriptions.manifest_crc32c;
@@ -119,6 +130,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
 }
 
 absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
+  // 3: shard.json.
   const std::string path = PathIn(directory_, kShardFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
                             ReadRequiredJson(path, kMaxShardFileBytes, open_file));
@@ -160,6 +172,7 @@ absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
         manifest_shard_count, manifest_crc32c_));
   }
 
+  // 4: the head of the interval tree.
   const std::string tree_path = PathIn(directory_, kIntervalTreeFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const auto tree_file, OpenRequired(tree_path, open_file));
   if (tree_file->size_bytes() != tree_bytes) {
@@ -184,11 +197,8 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadRequired(path, size, open_file));
   ISOSCOPE_ASSIGN_OR_RETURN(const BinaryHeader header,
                             DecodeBinaryFile(kBlockIndexMagic, bytes, path));
-  if (const std::uint32_t crc32c = base::Crc32c(bytes); crc32c != expected.block_index_crc32c) {
-    return absl::DataLossError(absl::StrFormat(
-        "%s: crc32c of the file 0x%08x, the manifest expects 0x%08x: it is of another shard", path,
-        crc32c, expected.block_index_crc32c));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckFileCrc32c(path, bytes, expected.block_index_crc32c, "the manifest",
+                                           "of another shard"));
   if (header.scalar_type != static_cast<std::uint32_t>(manifest_.scalar_type) ||
       header.entry_size != kBlockIndexEntryBytes || header.count != expected.block_count ||
       header.data_size != expected.block_bytes) {
@@ -280,11 +290,8 @@ absl::StatusOr<std::optional<volume::SampleHistogram>> ShardReader::ReadHistogra
   const std::string path = PathIn(directory_, kHistogramFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
                             ReadRequired(path, histogram_bytes_, open_file_));
-  if (const std::uint32_t crc32c = base::Crc32c(bytes); crc32c != *histogram_crc32c_) {
-    return absl::DataLossError(absl::StrFormat(
-        "%s: crc32c of the file 0x%08x, %s expects 0x%08x: it is damaged or of another shard", path,
-        crc32c, kShardFileName, *histogram_crc32c_));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckFileCrc32c(path, bytes, *histogram_crc32c_, kShardFileName,
+                                           "damaged or of another shard"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::SampleHistogram histogram,
                             DecodeHistogram(bytes, manifest_.scalar_type, path));
   // Infinite samples do not count for the range of the bins.
@@ -381,41 +388,46 @@ absl::Status ShardReader::VisitDiskRun(
   if (!read_status.ok()) {
     return {read_status.code(), absl::StrCat(Where(), ": ", read_status.message())};
   }
-  std::string decoded;
-  std::string scratch;
+  BlockBuffers buffers;
   for (const std::uint32_t ordinal : ordinals.subspan(run.first, run.count)) {
     ISOSCOPE_CHECK_LT(ordinal, entries_.size());
     const Entry& entry = entries_[ordinal];
     ISOSCOPE_CHECK_GE(entry.offset, run.offset);
     ISOSCOPE_CHECK_LE(entry.offset + entry.size, run.offset + run.size);
-    const char* stored = bytes + (entry.offset - run.offset);
-    const std::uint32_t computed = base::ExtendCrc32c(0, stored, entry.size);
-    if (computed != entry.crc32c) {
-      return absl::DataLossError(absl::StrFormat(
-          "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "
-          "the shard again or partition anew",
-          Where(), entry.block_id, entry.size, entry.offset, blocks_file_->path(), entry.crc32c,
-          computed));
-    }
-    const char* samples = stored;
-    if (entry.encoding != BlockEncoding::kRaw) {
-      const std::size_t raw_size =
-          volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
-      decoded.resize(raw_size);
-      const absl::Status status =
-          DecodeBlock(entry.encoding, manifest_.scalar_type, {stored, entry.size}, raw_size,
-                      &scratch, decoded.data());
-      if (!status.ok()) {
-        return absl::DataLossError(absl::StrFormat("%s: block %d at offset %d of %s: %s", Where(),
-                                                   entry.block_id, entry.offset,
-                                                   blocks_file_->path(), status.message()));
-      }
-      samples = decoded.data();
-    }
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const char* const samples,
+        VerifyAndDecode(entry, bytes + (entry.offset - run.offset), &buffers));
     ISOSCOPE_RETURN_IF_ERROR(
         visit({.block_id = entry.block_id, .type = manifest_.scalar_type, .bytes = samples}));
   }
   return absl::OkStatus();
+}
+
+absl::StatusOr<const char*> ShardReader::VerifyAndDecode(const Entry& entry, const char* stored,
+                                                         BlockBuffers* buffers) const {
+  const std::uint32_t computed = base::ExtendCrc32c(0, stored, entry.size);
+  if (computed != entry.crc32c) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "
+        "the shard again or partition anew",
+        Where(), entry.block_id, entry.size, entry.offset, blocks_file_->path(), entry.crc32c,
+        computed));
+  }
+  if (entry.encoding == BlockEncoding::kRaw) {
+    return stored;
+  }
+  const std::size_t raw_size =
+      volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
+  buffers->samples.resize(raw_size);
+  const absl::Status status =
+      DecodeBlock(entry.encoding, manifest_.scalar_type, {stored, entry.size}, raw_size,
+                  &buffers->scratch, buffers->samples.data());
+  if (!status.ok()) {
+    return absl::DataLossError(absl::StrFormat("%s: block %d at offset %d of %s: %s", Where(),
+                                               entry.block_id, entry.offset, blocks_file_->path(),
+                                               status.message()));
+  }
+  return buffers->samples.data();
 }
 
 }  // namespace isoscope::store

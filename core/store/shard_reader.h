@@ -142,6 +142,14 @@ class ShardReader {
     std::uint32_t crc32c = 0;
     BlockEncoding encoding = BlockEncoding::kRaw;
   };
+  struct BlockBuffers {
+    std::string samples;
+    std::string scratch;
+  };
+  // Returns the samples of the block that lies at `stored`: these bytes, or decoded ones in
+  // `buffers`. DATA_LOSS if its checksum is wrong, or if it can't be decoded.
+  absl::StatusOr<const char*> VerifyAndDecode(const Entry& entry, const char* stored,
+                                              BlockBuffers* buffers) const;
 
   std::string directory_;
   Manifest manifest_;

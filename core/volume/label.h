@@ -16,7 +16,7 @@ namespace isoscope::volume {
 
 inline constexpr std::size_t kMaxNamedLabels = 65536;   // of a dataset
 inline constexpr std::size_t kMaxLabelNameBytes = 256;  // of UTF-8
-// Of all names together, so that a manifest stays below its limit.
+// The bytes of all names together, so that a manifest stays below its limit.
 inline constexpr std::size_t kMaxLabelTextBytes = std::size_t{4} << 20;
 
 // sRGB.

@@ -110,7 +110,8 @@ struct HistogramPart {
   std::vector<std::int64_t> estimated_triangle_counts;
   // Not set if the samples of some blocks were not counted (datasets of earlier versions).
   std::optional<SampleHistogram> samples;
-  // Of all samples of the volume that are not NaN; empty as well in a part of an earlier version.
+  // The range of all samples of the volume that are not NaN; also empty in a part of an earlier
+  // version.
   ScalarSpan value_range;
   // Not set unless asked for.
   std::optional<LabelValues> label_values = std::nullopt;

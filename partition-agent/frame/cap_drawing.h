@@ -21,11 +21,11 @@
 
 namespace isoscope::agent {
 
-// Adds the caps in the blocks of `shards` to `image`, which the view drew. Of two fragments of a
-// pixel the first in the order of the frame stays. Reads each block that the cut meets at most
-// once, and so each of their blocks in the volumes of `colors` that caps show; those that the spans
-// of blocks decide not at all. Returns the bytes read. Blocks; works in
-// the arena. DATA_LOSS if a block is damaged; the error of `cancellation` if it fires.
+// Adds the caps in the blocks of `shards` to `image`, which the view drew. The first of two
+// fragments of a pixel, in the order of the frame, stays. Each block that the cut meets is read at
+// most once, also in the volumes of `colors` that caps show. Blocks that their spans decide are not
+// read. Returns the bytes read. Blocks; works in the arena. DATA_LOSS if a block is damaged; the
+// error of `cancellation` if it fires.
 //
 // spec:     has caps
 // drawn_by: the back end that drew the image; decides the tie rule and the margin of caps

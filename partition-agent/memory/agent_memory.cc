@@ -1,3 +1,17 @@
+// The memory limit is split when the process starts, and the cache when its shards are open:
+//
+//   1/4          steps in work: ReserveStep waits until a step's bytes fit
+//   1/16, 1/32   images and layers that wait for the next step
+//   1/32         open volumes, if there are series
+//   the rest     in use with the shards open; the cache gets half of what is left, and allocators,
+//                stacks and messages the other half (Settle)
+//
+// A step's bytes are those of its pixels, and fixed shares for its meshes and reads. The shares get
+// smaller with step_count, so that this many steps fit at a time.
+//
+// Example: of 1 GiB, all steps together have 256 MiB. A viewport of 1024 x 1024 without layers
+// needs 32 bytes a pixel, 32 MiB, and the fixed shares.
+
 #include "partition-agent/memory/agent_memory.h"
 
 #include <algorithm>
@@ -78,7 +92,8 @@ std::size_t AgentMemory::read_bytes() const { return ReadBytesOf(limit_bytes_, s
 
 absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
   if (base::ResidentBytes() > limit_bytes_ / 4) {
-    // Of the opening, and of a partitioning before. Where there is room, frames use it again.
+    // The opening, and a partitioning before it, have freed memory. With less in use, frames use
+    // it again instead.
     base::ReturnFreedMemory();
   }
   const std::size_t in_use = base::ResidentBytes();

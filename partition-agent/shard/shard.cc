@@ -21,13 +21,13 @@ namespace {
 // needed.
 constexpr std::int64_t kPageCacheBytes = 4 * base::kMiB;
 
-// A query of the tree reads a page for each 170 blocks that it finds. Of this many blocks that one
-// is asked for whose query finds the fewest.
+// A query of the tree reads a page for each 170 blocks that it finds. So the query that finds the
+// fewest among this many is made.
 constexpr std::int64_t kCandidateCount = 8;
 
-// A block to ask the tree for: the first of the shard, or of some others that lie far apart, that
-// an isovalue finds. Of those the one whose greatest value finds the fewest blocks. Not set: none
-// is found by any isovalue. O(blocks), in memory.
+// Returns a block to ask the tree for. The candidates are the first block of the shard, and some
+// others that lie far apart, that an isovalue finds. The one whose greatest value finds the fewest
+// blocks is taken. Not set: no isovalue finds any block. O(blocks), in memory.
 std::optional<std::uint32_t> BlockToAskFor(const store::ShardReader& reader) {
   std::optional<std::uint32_t> best;
   std::int64_t fewest = 0;

@@ -1,3 +1,12 @@
+// Find, for each shard and each surface:
+//
+//   1. The list of active blocks may be in the cache, from an earlier frame.
+//   2. For an isovalue, the interval tree is queried. The blocks come in any order; the rank of an
+//      id in the set of all is its index in the list, which is cheaper than sorting.
+//   3. For labels, the range table in memory is scanned once.
+//
+// Invariant: a list is ascending by block id, and its ordinals agree with the block index.
+
 #include "partition-agent/supply/surface_blocks.h"
 
 #include <algorithm>

@@ -1,3 +1,11 @@
+// Parameters of an address are the flags of the command line without their dashes, and are parsed
+// by the same FlagSet:
+//
+//   ?isovalue=128&clip_plane=1,0,0,20  ->  --isovalue=128 --clip-plane=1,0,0,20
+//
+// Underscores count as dashes. Errors speak of flags; WithoutDashes makes them speak of parameters,
+// but leaves commands in backticks as they are typed.
+
 #include "web-gateway/api/render_query.h"
 
 #include <algorithm>

@@ -1,3 +1,15 @@
+// A request passes these checks, in this order; access.h has the reason of each:
+//
+//   CheckDataSource   of data: CheckSource, and Sec-Fetch-Site of pages without an Origin
+//   CheckSource       Origin: of this host, or allowed. Host: on the loopback address without a
+//                     token, an address, localhost, or the host of an allowed origin
+//   CheckToken        the gateway's token, as parameter or "Authorization: Bearer"; compared in
+//                     constant time
+//   UserToken         a gateway without a token passes the user's token on to the coordinator
+//
+// WebSockets of browsers can't set Authorization. They offer the protocol
+// isoscope.bearer.BASE64URL, which TokenOfProtocols decodes.
+
 #include "web-gateway/http/access.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// What a server can do beyond its first version (GetCapabilities.features).
+// The features of a server beyond its first version (GetCapabilities.features).
 
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_FEATURES_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_FEATURES_H_

@@ -1,3 +1,12 @@
+// ReceiveMesh asks for the surfaces in groups, as many in a call as the server allows:
+//
+//   1. Each call streams chunks. MeshDecoder checks and decodes a chunk to a piece.
+//   2. GroupReceiver moves the piece's surface and vertices behind those of earlier calls, so that
+//      the sink sees one mesh. A mesh file has 32-bit vertices: more are an error.
+//   3. With measures, each surface must have had them by the end.
+//
+// PinSelection resolves field and step before the first call, so that all calls have the same.
+
 #include "clients/cpp/connection/mesh_export.h"
 
 #include <algorithm>

@@ -43,7 +43,7 @@ constexpr std::size_t kFileHeadBytes = 12;
 constexpr std::size_t kChunkHeadBytes = 8;
 // Bytes reserved for the common part, and for each surface.
 constexpr std::size_t kJsonBytes = 1024;
-// Of a part: a name whose every byte is escaped.
+// Room for the name of a part, each of whose bytes may be escaped.
 constexpr std::size_t kNameBytes = 2 * volume::kMaxLabelNameBytes;
 // Three floats of a vertex, three indices of a triangle.
 constexpr std::int64_t kGlbVectorBytes = 3 * sizeof(float);

@@ -28,8 +28,8 @@ class MeshStore : public MeshSink {
   absl::Status Add(const MeshPiece& piece) override;
   absl::Status Finish() override { return absl::OkStatus(); }
 
-  // Adds a vertex whose position and normal are the mean of those of some vertices. Of one vertex
-  // it is a copy. REQUIRES: at least one.
+  // Adds a vertex whose position and normal are the mean of those of some vertices; a copy, if
+  // there is one vertex. REQUIRES: at least one.
   absl::StatusOr<std::uint32_t> AddMean(std::initializer_list<std::uint32_t> vertices);
 
   // Passes the mesh to `sink`, all vertices first, without those that no triangle uses; does not
@@ -39,7 +39,7 @@ class MeshStore : public MeshSink {
   absl::Status Emit(MeshSink* sink, std::int64_t first_vertex = 0, int surface_index = 0) const;
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
-  // Of positions, as MeshPiece::origin.
+  // The origin of positions, as MeshPiece::origin.
   [[nodiscard]] const std::optional<math::Vec3d>& origin() const { return origin_; }
   [[nodiscard]] io::FileArray<float>& positions() { return positions_; }
   [[nodiscard]] io::FileArray<std::uint32_t>& triangles() { return triangles_; }

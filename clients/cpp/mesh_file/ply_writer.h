@@ -19,7 +19,7 @@ namespace isoscope::client {
 // MeshWriter::Create for PLY.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreatePly(const MeshFileOptions& options);
 
-// What the vertices of a file have.
+// The properties of the vertices of a file.
 struct PlyVertex {
   bool has_doubles = false;  // x, y, z
   bool has_colors = false;

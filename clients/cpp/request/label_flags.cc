@@ -1,3 +1,16 @@
+// A set of labels is text: values, ranges and names, with commas between.
+//
+//   3,7-9              the values 3, 7, 8 and 9
+//   left lung:teal     the label of that name, in a colour
+//   3:#ff0000:0.5      with a colour and an opacity
+//
+// ParseLabel takes colour and opacity from the end, because names may have colons. ResolveLabels
+// looks names up once the dataset is known: first the whole text, because a name may have commas,
+// then item by item. A name in another case counts if only one label has it so.
+//
+// The colour is the given one, else that of the set's first label in the dataset, else one of 16 by
+// its value.
+
 #include "clients/cpp/request/label_flags.h"
 
 #include <algorithm>
