@@ -41,6 +41,7 @@ using ::testing::AllOf;
 using ::testing::AnyOf;
 using testing::CommandResult;
 using ::testing::HasSubstr;
+using testing::Join;
 using testing::RunIsoscope;
 using testing::StatusIs;
 
@@ -48,11 +49,6 @@ constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 constexpr int kInterrupted = 130;
 constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
-
-std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
-  a.insert(a.end(), b.begin(), b.end());
-  return a;
-}
 
 // One bad command: its exit code, and what its one line on standard error must say.
 void ExpectFailure(const std::vector<std::string>& arguments, int exit_code,

@@ -25,11 +25,7 @@ inline constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
 // As --isovalue, and what the reference takes.
 inline constexpr char kIsovalue[] = "128";
 
-inline std::vector<std::string> Join(std::vector<std::string> a,
-                                     const std::vector<std::string>& b) {
-  a.insert(a.end(), b.begin(), b.end());
-  return a;
-}
+using testing::Join;
 
 inline std::string ReadFile(const std::string& path) {
   absl::StatusOr<std::string> bytes = io::ReadWholeFile(path, kMaxFileBytes);

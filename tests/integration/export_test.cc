@@ -24,11 +24,7 @@ namespace isoscope {
 namespace {
 
 using testing::CommandResult;
-
-std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
-  a.insert(a.end(), b.begin(), b.end());
-  return a;
-}
+using testing::Join;
 
 // The indices of a binary PLY of this program, by its header.
 struct PlyCounts {

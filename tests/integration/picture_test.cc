@@ -24,12 +24,8 @@ namespace isoscope {
 namespace {
 
 using testing::CommandResult;
+using testing::Join;
 using testing::RunIsoscope;
-
-std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
-  a.insert(a.end(), b.begin(), b.end());
-  return a;
-}
 
 class PictureTest : public ::testing::Test {
  protected:

@@ -423,14 +423,14 @@ TEST_F(PatternTest, EachStepOfAPatternGivesThePictureOfItsSamples) {
                                                     volume::ScalarType::kInt16, 300, 0),
                         .before = ""};
   ASSERT_NO_FATAL_FAILURE(WriteOpenPmd(folder, samples));
-  const std::string nrrd = directory_.Sub("reference.nrrd");
-  WriteFile(nrrd,
-            absl::StrCat("NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\n"
-                         "sizes: ",
-                         kDims.x, " ", kDims.y, " ", kDims.z,
-                         "\nspace directions: (1.5,0,0) (0,2,0) (0,0,3)\nspace origin: "
-                         "(10,20,30)\nendian: little\nencoding: raw\n\n",
-                         samples.now));
+  const std::string nrrd = directory_.Write(
+      "reference.nrrd",
+      absl::StrCat("NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\n"
+                   "sizes: ",
+                   kDims.x, " ", kDims.y, " ", kDims.z,
+                   "\nspace directions: (1.5,0,0) (0,2,0) (0,0,3)\nspace origin: "
+                   "(10,20,30)\nendian: little\nencoding: raw\n\n",
+                   samples.now));
   const std::string dataset = directory_.Sub("dataset");
   const CommandResult partitioned =
       testing::RunIsoscope({"partition", folder + "/data%T.h5", "--shards", "3", "--memory-limit",

@@ -21,6 +21,13 @@ namespace isoscope::testing {
 // For anything that must happen sooner or later, on a slow machine under sanitizers too.
 inline constexpr absl::Duration kPatience = absl::Seconds(120);
 
+// Returns the arguments `a` and then `b`.
+inline std::vector<std::string> Join(std::vector<std::string> a,
+                                     const std::vector<std::string>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
 struct ProcessOptions {
   // "NAME=VALUE", in addition to the environment of the test.
   std::vector<std::string> environment;

@@ -17,6 +17,8 @@ class TempDir {
   [[nodiscard]] const std::string& path() const { return path_; }
   // `path()/name`.
   [[nodiscard]] std::string Sub(const std::string& name) const { return path_ + "/" + name; }
+  // Writes a file, and the folders above it. Returns its path.
+  std::string Write(const std::string& name, const std::string& bytes) const;
 
  private:
   std::string path_;

@@ -67,10 +67,6 @@ class InteractStreamImpl final : public InteractStream {
   }
   bool Read(v1::InteractResponse* response) override { return stream_->Read(response); }
   void Cancel() override { context_.get()->TryCancel(); }
-  void CloseWrites() override ABSL_LOCKS_EXCLUDED(write_mutex_) {
-    const base::MutexLock lock(&write_mutex_);
-    stream_->WritesDone();
-  }
   absl::Status Finish() override { return rpc::ToAbslStatus(stream_->Finish()); }
 
  private:

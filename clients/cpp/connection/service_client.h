@@ -64,8 +64,6 @@ class InteractStream {
   virtual bool Write(const isoscope::v1::InteractRequest& request) = 0;
   virtual bool Read(isoscope::v1::InteractResponse* response) = 0;
   virtual void Cancel() = 0;
-  // Ends the writes. Read then returns false soon.
-  virtual void CloseWrites() = 0;
   // Returns the status of the service. REQUIRES: Read has returned false.
   virtual absl::Status Finish() = 0;
 };

@@ -25,8 +25,7 @@ class SourceJsonTest : public ::testing::Test {
  protected:
   // A series of 4 x 3 x 2 samples.
   Json Describe(const std::string& name, const std::string& bytes) {
-    const std::string path = dir_.Sub(name);
-    testing::WriteFile(path, bytes);
+    const std::string path = dir_.Write(name, bytes);
     const auto series = source::OpenVolumeSeries(path).value();
     const auto first = series->Open(0, 0, 0).value();
     Json volume = VolumeToJson(*first, source::ValueRange{{-1, 4}, 0});
@@ -66,12 +65,12 @@ TEST_F(SourceJsonTest, SeveralArePartitionedFirst) {
 }
 
 TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {
-  const std::string path = dir_.Sub("v.nrrd");
-  testing::WriteFile(path,
-                     "NRRD0004\ntype: short\ndimension: 4\nsizes: 2 4 3 2\nspace dimension: 3\n"
-                     "kinds: vector domain domain domain\nspace directions: none (1,0,0) (0,1,0) "
-                     "(0,0,1)\nspace origin: (0,0,0)\nendian: little\nencoding: raw\n\n" +
-                         std::string(96, 'x'));
+  const std::string path =
+      dir_.Write("v.nrrd",
+                 "NRRD0004\ntype: short\ndimension: 4\nsizes: 2 4 3 2\nspace dimension: 3\n"
+                 "kinds: vector domain domain domain\nspace directions: none (1,0,0) (0,1,0) "
+                 "(0,0,1)\nspace origin: (0,0,0)\nendian: little\nencoding: raw\n\n" +
+                     std::string(96, 'x'));
   const auto series = source::OpenVolumeSeries(path).value();
   const auto first = series->Open(0, 0, 0).value();
   const auto describe = [&](const SourceRanges& ranges) {
@@ -96,8 +95,8 @@ TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {
 }
 
 TEST_F(SourceJsonTest, InfiniteSamplesAreNoPartOfRangeAndIsovalue) {
-  const std::string path = dir_.Sub("a.nii");
-  testing::WriteFile(path, testing::NiftiHeaderBytes({.dims = {4, 3, 2}}) + std::string(48, 'x'));
+  const std::string path =
+      dir_.Write("a.nii", testing::NiftiHeaderBytes({.dims = {4, 3, 2}}) + std::string(48, 'x'));
   const auto series = source::OpenVolumeSeries(path).value();
   const auto first = series->Open(0, 0, 0).value();
   const auto describe = [&](const source::ValueRange& range) {

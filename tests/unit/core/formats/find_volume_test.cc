@@ -11,10 +11,10 @@
 
 #include "core/formats/open_volume.h"
 #include "core/source/volume_series.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/medical_files.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/stacks/tiff_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
@@ -25,9 +25,7 @@ namespace {
 using ::isoscope::testing::Noise;
 using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
-using ::isoscope::testing::TempDir;
 using ::isoscope::testing::VtiBytes;
-using ::isoscope::testing::WriteFile;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -35,14 +33,7 @@ using volume::ScalarType;
 
 constexpr math::Index3 kDims{4, 3, 2};
 
-class FindVolumeTest : public ::testing::Test {
- protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
-  TempDir dir_;
-};
+class FindVolumeTest : public testing::FolderTest {};
 
 // Symptom: a folder of slices was taken for a file of the format that its name ends with.
 TEST_F(FindVolumeTest, AFolderIsAFolderWhateverItsName) {

@@ -27,11 +27,11 @@
 #include "core/base/coding.h"
 #include "core/source/bytes/raw_file.h"
 #include "core/source/volume_source.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 
 namespace isoscope::source {
@@ -47,8 +47,6 @@ using ::isoscope::testing::NrrdHeader;
 using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::Swapped;
-using ::isoscope::testing::TempDir;
-using ::isoscope::testing::WriteFile;
 using ::testing::_;
 using ::testing::AllOf;
 using ::testing::AnyOf;
@@ -112,14 +110,7 @@ void ExpectObliqueGeometry(const std::string& path) {
   expect_near(source->info().geometry.spacing, {1.5, 2, 3});
 }
 
-class OpenVolumeTest : public ::testing::Test {
- protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
-  TempDir dir_;
-};
+class OpenVolumeTest : public testing::FolderTest {};
 
 TEST_F(OpenVolumeTest, NiftiSamplesOfEveryTypePlainGzipPairAndBigEndian) {
   for (const TypeNames& t : kTypes) {

@@ -13,9 +13,9 @@
 #include "core/source/bytes/file_content.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 
 namespace isoscope::source {
@@ -29,13 +29,8 @@ using ::testing::Not;
 
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 
-class RefusedFormatsTest : public ::testing::Test {
+class RefusedFormatsTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    std::filesystem::create_directories(std::filesystem::path(dir_.Sub(name)).parent_path());
-    testing::WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
   // The message of all ways to open a path: what it is, and what to do. FilesOfVolume may list a
   // file by its name alone.
   static void Expect(const std::string& path, const std::string& format,
@@ -49,7 +44,6 @@ class RefusedFormatsTest : public ::testing::Test {
                                                    HasSubstr(advice), Not(EndsWith(".")))));
     }
   }
-  const testing::TempDir dir_;
 };
 
 TEST_F(RefusedFormatsTest, FoldersOfArraysAreKnownByTheirFiles) {

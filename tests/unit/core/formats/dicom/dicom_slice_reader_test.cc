@@ -51,8 +51,7 @@ class DicomSliceReaderTest : public ::testing::Test {
   std::string Write(const std::string& name, testing::DicomSlice slice, const std::string& pixels) {
     slice.width = 4;
     slice.height = 3;
-    WriteFile(dir_.Sub(name), DicomBytes(slice, pixels));
-    return dir_.Sub(name);
+    return dir_.Write(name, DicomBytes(slice, pixels));
   }
   // Two frames, images 0 and 1, of which the second has slope 0.5 and intercept -5.
   std::string WriteFrames(const std::string& name, bool first_has_values = true) {

@@ -46,10 +46,7 @@ std::string Numbers(int count) {
 
 class CubeSeriesTest : public ::testing::Test {
  protected:
-  std::string Write(const std::string& bytes) {
-    testing::WriteFile(dir_.Sub("water.cube"), bytes);
-    return dir_.Sub("water.cube");
-  }
+  std::string Write(const std::string& bytes) { return dir_.Write("water.cube", bytes); }
   testing::TempDir dir_;
 };
 

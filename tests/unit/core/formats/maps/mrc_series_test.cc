@@ -14,9 +14,9 @@
 
 #include "core/formats/open_volume.h"
 #include "core/source/volume_source.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/maps/mrc_bytes.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
@@ -58,18 +58,13 @@ void ExpectNear(const math::Vec3d& a, const math::Vec3d& b) {
   EXPECT_LT(math::Length(a - b), 1e-5) << a.x << " " << a.y << " " << a.z;
 }
 
-class MrcSeriesTest : public ::testing::Test {
+class MrcSeriesTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    testing::WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
   absl::Status Error(const MrcWords& words, const std::string& samples = "") {
     const std::string path = Write("bad.mrc", MrcBytes(words, samples));
     const auto series = OpenVolumeSeries(path);
     return series.ok() ? (*series)->Open(0, 0, 0).status() : series.status();
   }
-  testing::TempDir dir_;
 };
 
 TEST_F(MrcSeriesTest, EveryModeInBothByteOrdersPlainAndCompressed) {

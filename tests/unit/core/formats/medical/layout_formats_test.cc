@@ -18,10 +18,10 @@
 #include "core/source/grid/affine_grid.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/medical_files.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
@@ -62,12 +62,8 @@ std::string Volumes(int count) {
   return BytesOf(values);
 }
 
-class LayoutFormatsTest : public ::testing::Test {
+class LayoutFormatsTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    testing::WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
   // All volumes in their order, and the corners of the grid, in LPS.
   static void Expect(const std::string& path, int volumes, const math::Vec3d& first,
                      const math::Vec3d& last, double slope = 1, double intercept = 0) {
@@ -113,7 +109,6 @@ class LayoutFormatsTest : public ::testing::Test {
     const auto source = (*series)->Open(0, 0, 0);
     return source.ok() ? ReadAll(**source, 1).status() : source.status();
   }
-  testing::TempDir dir_;
 };
 
 // Has rows (0, -2, 0, 10), (1.5, 0, 0, 20), (0, 0, 3, 30), in RAS.

@@ -28,10 +28,9 @@ constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 class NrrdLayoutTest : public ::testing::Test {
  protected:
   std::string Write(const std::string& lines) {
-    testing::WriteFile(dir_.Sub("a.nrrd"),
-                       absl::StrCat("NRRD0005\ntype: short\nencoding: raw\nendian: little\n", lines,
-                                    "\n", std::string(4096, 'x')));
-    return dir_.Sub("a.nrrd");
+    return dir_.Write("a.nrrd",
+                      absl::StrCat("NRRD0005\ntype: short\nencoding: raw\nendian: little\n", lines,
+                                   "\n", std::string(4096, 'x')));
   }
   testing::TempDir dir_;
 };

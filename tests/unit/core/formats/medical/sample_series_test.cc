@@ -12,9 +12,9 @@
 #include "gtest/gtest.h"
 
 #include "core/formats/open_volume.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
@@ -60,12 +60,8 @@ std::string Tuples(int count) {
   return BytesOf(values);
 }
 
-class SampleSeriesTest : public ::testing::Test {
+class SampleSeriesTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    testing::WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
   // Volume v of the file, by its component and step, in rows of any order.
   static void ExpectVolume(VolumeSeries& series, int component, int step, int v) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series.Open(0, component, step));
@@ -75,7 +71,6 @@ class SampleSeriesTest : public ::testing::Test {
       EXPECT_EQ(bytes, Volumes(v + 1).substr(static_cast<std::size_t>(v) * kSamples * 2));
     }
   }
-  testing::TempDir dir_;
 };
 
 TEST_F(SampleSeriesTest, NiftiStepsAndComponents) {

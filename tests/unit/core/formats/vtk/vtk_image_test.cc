@@ -12,8 +12,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "tests/support/folder_test.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
@@ -23,12 +23,10 @@ namespace {
 using ::isoscope::testing::BytesOf;
 using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
-using ::isoscope::testing::TempDir;
 using ::isoscope::testing::ValuesOf;
 using ::isoscope::testing::VtiBytes;
 using ::isoscope::testing::VtiField;
 using ::isoscope::testing::VtiImageFile;
-using ::isoscope::testing::WriteFile;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -43,12 +41,8 @@ std::vector<float> Ramp(std::size_t count, float first = 0) {
   return values;
 }
 
-class VtkImageTest : public ::testing::Test {
+class VtkImageTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
   std::vector<double> Read(VtkImage& image, std::size_t array, std::int64_t component) {
     auto source = image.Open(array, component);
     EXPECT_TRUE(source.ok()) << source.status();
@@ -66,7 +60,6 @@ class VtkImageTest : public ::testing::Test {
     }
     return values;
   }
-  TempDir dir_;
 };
 
 // 4 x 3 x 2 points.

@@ -10,8 +10,8 @@
 #include "gtest/gtest.h"
 
 #include "core/formats/open_volume.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 
@@ -21,11 +21,9 @@ namespace {
 using ::isoscope::testing::BytesOf;
 using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
-using ::isoscope::testing::TempDir;
 using ::isoscope::testing::ValuesOf;
 using ::isoscope::testing::VtiBytes;
 using ::isoscope::testing::VtiImageFile;
-using ::isoscope::testing::WriteFile;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -56,12 +54,8 @@ std::string PvdBytes(const std::vector<std::pair<std::string, std::string>>& ste
   return text + "</Collection>\n</VTKFile>\n";
 }
 
-class VtkSeriesTest : public ::testing::Test {
+class VtkSeriesTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
   // The first sample; -1 and a failure if it can't be read.
   static float First(VolumeSeries& series, int field, int component, int step) {
     auto source = series.Open(field, component, step);
@@ -69,7 +63,6 @@ class VtkSeriesTest : public ::testing::Test {
     auto bytes = source.ok() ? ReadAll(**source, 2) : source.status();
     return bytes.ok() ? ValuesOf<float>(*bytes)[0] : -1;
   }
-  TempDir dir_;
 };
 
 TEST_F(VtkSeriesTest, ImageHasOneStepWithItsTime) {

@@ -6,24 +6,16 @@
 #include "gtest/gtest.h"
 #include <sys/stat.h>
 
-#include "tests/support/temp_dir.h"
+#include "tests/support/folder_test.h"
 #include "tests/support/volume_files.h"
 
 namespace isoscope::source {
 namespace {
 
-using ::isoscope::testing::TempDir;
-using ::isoscope::testing::WriteFile;
-
 const std::string kSignature("\x89HDF\r\n\x1a\n", 8);
 
-class Hdf5PathTest : public ::testing::Test {
+class Hdf5PathTest : public testing::FolderTest {
  protected:
-  std::string Write(const std::string& name, const std::string& bytes) {
-    WriteFile(dir_.Sub(name), bytes);
-    return dir_.Sub(name);
-  }
-  const TempDir dir_;
 };
 
 TEST_F(Hdf5PathTest, ColonsInFoldersAndDatasetsAreNoEndOfTheFile) {
