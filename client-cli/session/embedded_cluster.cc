@@ -88,6 +88,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     const EmbeddedClusterOptions& options) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
                             store::ShardDirectoriesOf(options.dataset_directory));
+  // 1. All shards are there.
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shard_directories, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
