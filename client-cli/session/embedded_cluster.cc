@@ -88,13 +88,14 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     const EmbeddedClusterOptions& options) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
                             store::ShardDirectoriesOf(options.dataset_directory));
+  // 1. All shards are there.
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shard_directories, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
   const std::shared_ptr<base::TaskArena> arena =
       std::make_shared<base::TaskArena>(options.thread_count);
 
-  // With at least two agents a thread, no thread is idle for long while the last one draws.
+  // 2. With at least two agents a thread, no thread is idle for long while the last one draws.
   const bool one_thread_a_step =
       shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
   arena->SetSharesThreads(one_thread_a_step);
@@ -137,6 +138,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   agent_options.frame_executor = frame_executor;
   agent_options.one_thread_a_step = one_thread_a_step;
   agent_options.hides_paths = !options.listen_address.empty();
+  // 3. Agents open their shards; then the cache gets its size.
   for (const std::string& directory : shard_directories) {
     agent_options.directories = {directory};
     ISOSCOPE_ASSIGN_OR_RETURN(cluster->agents_.emplace_back(),
@@ -155,6 +157,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),
                                 2 * cluster->shard_count());
   }
+  // 4. The coordinator waits for all agents.
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,
                             server::CoordinatorServer::Start(coordinator_options));
   ISOSCOPE_RETURN_IF_ERROR(

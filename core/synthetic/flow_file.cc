@@ -245,6 +245,7 @@ absl::StatusOr<std::int64_t> WriteFlow(const FlowFileOptions& options,
   ISOSCOPE_RETURN_IF_ERROR(CheckOptions(options));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry grid, FlowGrid(options.dims));
   ISOSCOPE_RETURN_IF_ERROR(CheckNoFolder(options.path));
+  // 1. The bytes of all files.
   StepFiles steps(options);
   const std::string collection = steps.Collection();
   auto total_bytes = static_cast<std::int64_t>(collection.size());
@@ -257,6 +258,7 @@ absl::StatusOr<std::int64_t> WriteFlow(const FlowFileOptions& options,
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckFreeSpace(options.path, total_bytes,
                                           "free some, or give smaller --dims or fewer --steps"));
+  // 2. Each step to a partial file.
   std::int64_t done_bytes = 0;
   for (std::int64_t step = 0; step < steps.step_count(); ++step) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
@@ -273,6 +275,7 @@ absl::StatusOr<std::int64_t> WriteFlow(const FlowFileOptions& options,
     ISOSCOPE_RETURN_IF_ERROR(file->Close());
   }
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  // 3 and 4. The steps get their names, then the .pvd that names them.
   ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(options.path));
   ISOSCOPE_RETURN_IF_ERROR(steps.GiveNames());
   ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(options.path, collection));

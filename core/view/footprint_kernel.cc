@@ -113,6 +113,7 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewp
       max[axis] = hn::Load(d, batch->max[axis].data() + i);
       reach[axis] = hn::Max(hn::Abs(min[axis]), hn::Abs(max[axis]));
     }
+    // Step 1: project.
     Row rows[4];
     for (std::size_t row = 0; row < 4; ++row) {
       Project(clip_from_index, row, min, max, reach, &rows[row]);
@@ -170,6 +171,7 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewp
                 hn::And(hn::Le(margin_x, max_margin), hn::Le(margin_y, max_margin)));
     const auto is_decided = hn::And(is_within_float, hn::AndNot(is_near, is_sure));
 
+    // Step 4: the pixels of the box, and its nearest depth.
     CoverPixels(hn::Mul(half_width, hn::Add(x.min, one)), hn::Mul(half_width, hn::Add(x.max, one)),
                 margin_x, region.x, region.width_px, batch->begin_x.data() + i,
                 batch->end_x.data() + i);
