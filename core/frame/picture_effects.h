@@ -51,8 +51,8 @@ static_assert(Silhouette{.width_px = Silhouette::kMaxWidthPx}.margin_px() <= kMa
 struct PictureEffects {
   // A pixel is the mean of samples_per_side x samples_per_side drawn ones: 1 .. kMaxSamplesPerSide.
   int samples_per_side = 1;
-  std::optional<AmbientOcclusion> ambient_occlusion;
-  std::optional<Silhouette> silhouette;
+  std::optional<AmbientOcclusion> ambient_occlusion = std::nullopt;
+  std::optional<Silhouette> silhouette = std::nullopt;
 
   static constexpr int kMaxSamplesPerSide = 4;
   [[nodiscard]] int samples() const { return samples_per_side * samples_per_side; }
